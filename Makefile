@@ -1,0 +1,35 @@
+# Everything a newcomer needs: Python 3.11+ and make.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: map test bench docs validate clean
+
+map: $(STAMP)
+	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
+
+test: $(STAMP)
+	$(BIN)/ruff check fieldmap tests scripts
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels -m "not slow"
+	$(BIN)/pytest -q -n 2
+
+bench: $(STAMP)
+	$(BIN)/python scripts/benchmark.py
+
+docs: $(VENV)/.installed-docs
+	$(BIN)/mkdocs build --strict
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
+	touch $@
+
+$(VENV)/.installed-docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) maps/out build dist site

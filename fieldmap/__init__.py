@@ -1,0 +1,36 @@
+"""Magnetic fields, gradients and forces of coils with soft iron, without finite elements.
+
+The public doors are imported on first use, so that a simulation which only opens a map
+never loads the mesher or magpylib.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fieldmap.device import read_device as read_device
+    from fieldmap.iron import solve_linear as solve_linear
+    from fieldmap.levitation import find_equilibrium as find_equilibrium
+    from fieldmap.lookup import open_map as open_map
+    from fieldmap.maps import generate as generate
+
+__version__ = "0.1.0"
+
+_DOORS = {
+    "read_device": "fieldmap.device",
+    "solve_linear": "fieldmap.iron",
+    "generate": "fieldmap.maps",
+    "open_map": "fieldmap.lookup",
+    "find_equilibrium": "fieldmap.levitation",
+}
+__all__ = [*_DOORS, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _DOORS:
+        return getattr(import_module(_DOORS[name]), name)
+    raise AttributeError(f"module 'fieldmap' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

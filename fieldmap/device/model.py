@@ -1,0 +1,324 @@
+"""What a machine is: frozen data, SI units, right-handed frame with z up.
+
+Nothing here reads, checks, computes or draws. `fieldmap.device.read_device` makes these from a file
+and checks them; the rooms below only read them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_EMPTY: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """global = rotation @ local + position. position (3,) in m; rotation (3, 3), orthonormal, determinant +1."""
+
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+
+
+# ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ----------------
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Solid cylinder, 0 <= z <= height."""
+
+    radius: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Hollow cylinder, 0 <= z <= height."""
+
+    inner_radius: float
+    outer_radius: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Box:
+    """|x| <= size[0]/2, |y| <= size[1]/2, 0 <= z <= size[2]."""
+
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Centred at the local origin (not on the plane z = 0)."""
+
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class ExtrudedPolygon:
+    """Simple polygon `points` (n, 2) in the x-y plane, extruded over 0 <= z <= height."""
+
+    points: Array
+    height: float
+
+
+@dataclass(frozen=True, eq=False)
+class RevolvedProfile:
+    """Simple polygon `points` (n, 2) of (r, z), r >= 0, turned fully about the local z axis."""
+
+    points: Array
+
+
+@dataclass(frozen=True)
+class StepFile:
+    """Solid(s) of a STEP file; `scale` turns the file's length unit into metres."""
+
+    path: Path
+    scale: float
+
+
+Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile
+
+
+@dataclass(frozen=True)
+class Part:
+    """One shape of a body; `operation` is "add" or "cut", applied in order."""
+
+    shape: Shape
+    placement: Placement = field(default_factory=Placement)
+    operation: str = "add"
+
+
+@dataclass(frozen=True)
+class Body:
+    """A named piece of one material. Bodies that touch become one magnetic body.
+
+    mesh_size: largest element edge, m. edge_size: size of the first element layer at sharp edges, m,
+    or None for no grading.
+    """
+
+    name: str
+    material: str
+    parts: tuple[Part, ...]
+    mesh_size: float
+    edge_size: float | None = None
+
+
+# ---- materials ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LinearMaterial:
+    """Constant relative permeability."""
+
+    name: str
+    mu_r: float
+
+
+@dataclass(frozen=True, eq=False)
+class BHTable:
+    """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
+
+    below: law from the origin to the first point ("straight line to the origin" is the only one so far);
+    above: law past the last point ("slope mu0": saturated). Both are named assumptions, printed with results.
+    """
+
+    name: str
+    h: Array
+    b: Array
+    below: str
+    above: str
+    initial_mu_r: float
+
+
+@dataclass(frozen=True)
+class FluxBarrier:
+    """Ideal flux barrier, mu -> 0: no flux passes its surface."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class PermanentMagnet:
+    """Remanence (3,) in T, in the global frame, and recoil permeability."""
+
+    name: str
+    remanence: Array
+    mu_r: float
+
+
+Material = LinearMaterial | BHTable | FluxBarrier | PermanentMagnet
+
+
+# ---- coils: axis along local z, winding centred at the local origin, positive current counter-clockwise ------
+
+
+@dataclass(frozen=True)
+class CircularCoil:
+    """Rectangular winding section: inner_radius <= r <= outer_radius, |z| <= height/2."""
+
+    name: str
+    inner_radius: float
+    outer_radius: float
+    height: float
+    turns: float
+    polarity: int = 1
+    placement: Placement = field(default_factory=Placement)
+    resistance: float | None = None
+    inductance: float | None = None
+
+
+@dataclass(frozen=True)
+class RoundedRectangleCoil:
+    """Rounded rectangle. half_width_x, half_width_y and corner_radius are those of the winding's middle line;
+    `thickness` is the winding's width in the plane, `height` along the axis. corner_radius >= thickness/2."""
+
+    name: str
+    half_width_x: float
+    half_width_y: float
+    corner_radius: float
+    thickness: float
+    height: float
+    turns: float
+    polarity: int = 1
+    placement: Placement = field(default_factory=Placement)
+    resistance: float | None = None
+    inductance: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PathCoil:
+    """Plane closed path: corner points (n, 2) of the middle line in order (counter-clockwise = positive current
+    at polarity +1), every corner rounded with corner_radius >= thickness/2."""
+
+    name: str
+    corners: Array
+    corner_radius: float
+    thickness: float
+    height: float
+    turns: float
+    polarity: int = 1
+    placement: Placement = field(default_factory=Placement)
+    resistance: float | None = None
+    inductance: float | None = None
+
+
+Coil = CircularCoil | RoundedRectangleCoil | PathCoil
+
+
+# ---- what is levitated, what drives it, where ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class MagnetCylinder:
+    """Axially magnetised cylinder; remanence in T."""
+
+    diameter: float
+    height: float
+    remanence: float
+
+
+@dataclass(frozen=True)
+class MagnetSphere:
+    """Uniformly magnetised sphere; remanence in T."""
+
+    diameter: float
+    remanence: float
+
+
+@dataclass(frozen=True)
+class MagnetBlock:
+    """Block magnetised along its z edge; remanence in T."""
+
+    size: tuple[float, float, float]
+    remanence: float
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What is levitated. moment: magnitude in A m^2 (from the magnet if it is given).
+
+    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption, printed
+    with every result that uses it). inertia (3,) kg m^2 or None. drag: N s/m.
+    """
+
+    mass: float
+    moment: float
+    magnet: MagnetCylinder | MagnetSphere | MagnetBlock | None = None
+    magnet_offset: float = 0.0
+    inertia: tuple[float, float, float] | None = None
+    drag: float = 0.0
+
+
+@dataclass(frozen=True)
+class Driver:
+    """Current amplifier: gain in A/V, limits in A, supply limit in V."""
+
+    gain: float
+    current_limit: float
+    supply_voltage: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceBox:
+    """Axis-parallel box, corners (3,) in m."""
+
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceCylinder:
+    """Upright cylinder: centre of its lower face (3,), radius and height in m."""
+
+    base: Array
+    radius: float
+    height: float
+
+
+Workspace = WorkspaceBox | WorkspaceCylinder
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A known value to hold results against: flux density component or gradient entry at a point.
+
+    quantity: "Bx", "By", "Bz" (T) or "dBx/dx" ... "dBz/dz" (T/m); currents (n_coils,) in A; mu_r: the iron's
+    relative permeability for which the value holds, or None; tolerance: relative, of the value itself.
+    """
+
+    quantity: str
+    at: Array
+    currents: Array
+    value: float
+    source: str
+    mu_r: float | None = None
+    tolerance: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """A whole machine. `provenance` maps key paths of the file to where the number comes from; `text` is the
+    file as read (for the map file's record)."""
+
+    name: str
+    title: str
+    coils: tuple[Coil, ...]
+    bodies: tuple[Body, ...] = ()
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    payload: Payload | None = None
+    driver: Driver | None = None
+    workspace: Workspace | None = None
+    references: tuple[Reference, ...] = ()
+    provenance: Mapping[str, str] = _EMPTY
+    source: Path | None = None
+    text: str = ""
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return tuple(coil.name for coil in self.coils)

@@ -1,0 +1,72 @@
+"""One exception family. Every message says where, what must hold, what was received, and the remedy."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong.
+
+    where: file and key path, or the function and argument; must_hold: the condition that was broken;
+    received: what was given instead; remedy: what the user can do.
+    """
+
+    where: str
+    must_hold: str
+    received: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.must_hold}; received {self.received}; {self.remedy}"
+
+
+class FieldmapError(Exception):
+    """Base of all errors raised on purpose. `problems` holds one entry per thing that is wrong."""
+
+    exit_code = 1
+
+    def __init__(self, *problems: Problem) -> None:
+        self.problems = problems
+        super().__init__("\n".join(str(problem) for problem in problems))
+
+
+class InputError(FieldmapError, ValueError):
+    """Something the user gave (a file, an argument) cannot be used."""
+
+    exit_code = 2
+
+
+class DeviceFileError(InputError):
+    """A device file is wrong; `problems` lists every error of the file."""
+
+
+class RecipeError(InputError):
+    """A map recipe is wrong; `problems` lists every error of the file."""
+
+
+class GeometryError(InputError):
+    """Bodies, coils and workspace cannot be built, overlap, or touch where they must not."""
+
+
+class MapFileError(InputError):
+    """A file is not a complete, valid map."""
+
+
+class OutsideMapError(InputError):
+    """A point lies outside the box in which the map holds."""
+
+
+class NotConverged(FieldmapError):  # noqa: N818 - a name fixed by the public interface
+    """A solver stopped before its tolerance; `residuals` is its history."""
+
+    def __init__(self, *problems: Problem, residuals: tuple[float, ...] = ()) -> None:
+        super().__init__(*problems)
+        self.residuals = residuals
+
+
+class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
+    """No point with balanced forces was found; `problems` says where it was looked for."""
+
+
+class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public interface
+    """No currents within the limits give what was asked for."""
