@@ -314,7 +314,7 @@ class Device:
     driver: Driver | None = None
     workspace: Workspace | None = None
     references: tuple[Reference, ...] = ()
-    provenance: Mapping[str, str] = _EMPTY
+    provenance: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
     source: Path | None = None
     text: str = ""
 

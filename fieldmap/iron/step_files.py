@@ -1,0 +1,52 @@
+"""Solids of STEP files, in the length unit that the device file gives them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from netgen import occ
+
+_SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")
+_SI_PREFIX = {"$": 1.0, ".MILLI.": 1e-3, ".CENTI.": 1e-2, ".DECI.": 1e-1, ".MICRO.": 1e-6, ".KILO.": 1e3}
+_CONVERTED = re.compile(r"CONVERSION_BASED_UNIT\s*\(\s*'\s*(\w+)")
+_CONVERTED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048}
+
+
+def declared_step_unit(path: Path) -> float | None:
+    """The length unit that a STEP file (ISO 10303-21) declares, in metres; None where it declares none.
+
+    Raises OSError where the file cannot be read and ValueError where it declares an unknown length unit or
+    several different ones.
+    """
+    entities = [e for e in path.read_text(encoding="latin-1").split(";") if "LENGTH_UNIT" in e]
+    converted = {name.upper() for e in entities for name in _CONVERTED.findall(e)}
+    prefixes = {prefix for e in entities for prefix in _SI_LENGTH.findall(e)}
+    # A converted unit is defined through an SI unit, which is then only its base.
+    names, table = (converted, _CONVERTED_UNIT) if converted else (prefixes, _SI_PREFIX)
+    if len(names) > 1 or not names <= table.keys():
+        raise ValueError(f"the STEP file {path} must declare one known length unit, not {sorted(names)}")
+    return table[names.pop()] if names else None
+
+
+def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
+    """The solid of a STEP file, or a compound of its solids, in mm: numbers in the file times `scale` are metres.
+
+    The device file's scale decides; the kernel's own conversion from the unit that the STEP file declares is
+    undone. Raises ValueError where the file cannot be read or holds no solid.
+    """
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"the scale of a STEP file must be above zero, not {scale}")
+    if not path.is_file():
+        raise ValueError(f"there is no STEP file {path}")
+    unit = declared_step_unit(path)
+    try:
+        shape = occ.OCCGeometry(str(path)).shape
+    except Exception as error:  # the reader's exception type is not exported
+        raise ValueError(f"the STEP file {path} cannot be read") from error
+    pieces = list(shape.solids)
+    if not pieces:
+        raise ValueError(f"the STEP file {path} holds no solid (surfaces and curves have no volume)")
+    solid = pieces[0] if len(pieces) == 1 else occ.Compound(pieces)
+    # The kernel has turned the declared unit into mm, and takes numbers without a unit as mm.
+    factor = scale / (1e-3 if unit is None else unit)
+    return solid if abs(factor - 1.0) < 1e-12 else solid.Scale(occ.Pnt(0.0, 0.0, 0.0), factor)
