@@ -1,1 +1,37 @@
-"""TODO"""
+"""Force balance, stiffness and lift current of a levitated magnet in any map of a field.
+
+Depends on: errors, device (payload), scipy.optimize. Never on the rooms that make maps: every function here
+takes an object with `field`, `gradient`, `second_gradient`, `coil_names`, `lower` and `upper`
+(`LevitationField`).
+"""
+
+from fieldmap.levitation.conventions import (
+    GRAVITY,
+    SENSOR_ZERO_DEPTH,
+    magnet_height,
+    sensor_reading,
+    thesis_lift_current,
+)
+from fieldmap.levitation.differences import DifferencedField
+from fieldmap.levitation.dipole import dipole_force, dipole_stiffness
+from fieldmap.levitation.equilibrium import find_equilibrium
+from fieldmap.levitation.interface import LevitationField
+from fieldmap.levitation.lift import LiftCurrent, lift_current
+from fieldmap.levitation.result import Equilibrium, SearchReport
+
+__all__ = [
+    "GRAVITY",
+    "SENSOR_ZERO_DEPTH",
+    "DifferencedField",
+    "Equilibrium",
+    "LevitationField",
+    "LiftCurrent",
+    "SearchReport",
+    "dipole_force",
+    "dipole_stiffness",
+    "find_equilibrium",
+    "lift_current",
+    "magnet_height",
+    "sensor_reading",
+    "thesis_lift_current",
+]

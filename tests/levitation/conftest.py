@@ -1,0 +1,56 @@
+"""Fields with closed-form derivatives, seen through the interface that the levitation room asks for."""
+
+import numpy as np
+import pytest
+from numpy.polynomial import polynomial
+
+
+class AxisymmetricField:
+    """B = I grad(phi) for the harmonic potential phi whose values on the axis are sum_n c_n z^n, n <= 4.
+
+    Solid harmonics by hand: 1: z; 2: z^2 - r^2/2; 3: z^3 - 3 z r^2/2; 4: z^4 - 3 z^2 r^2 + 3 r^4/8.
+    Derivatives come from the exact polynomial algebra of numpy, not from the code under test.
+    """
+
+    coil_names = ("only",)
+
+    def __init__(self, c, lower=(-0.02, -0.02, -0.1), upper=(0.02, 0.02, 0.1)):
+        self.lower, self.upper = np.array(lower), np.array(upper)
+        t = np.zeros((5, 5, 5))  # exponents of x, y, z
+        c1, c2, c3, c4 = c
+        t[0, 0, 1] += c1
+        t[0, 0, 2] += c2
+        t[2, 0, 0] -= c2 / 2
+        t[0, 2, 0] -= c2 / 2
+        t[0, 0, 3] += c3
+        t[2, 0, 1] -= 1.5 * c3
+        t[0, 2, 1] -= 1.5 * c3
+        t[0, 0, 4] += c4
+        t[2, 0, 2] -= 3 * c4
+        t[0, 2, 2] -= 3 * c4
+        t[4, 0, 0] += 3 / 8 * c4
+        t[0, 4, 0] += 3 / 8 * c4
+        t[2, 2, 0] += 3 / 4 * c4
+        self.potential = t
+
+    def derivative(self, points, axes):
+        t = self.potential
+        for axis in axes:
+            t = polynomial.polyder(t, axis=axis)
+        return polynomial.polyval3d(*np.atleast_2d(points).T, t)
+
+    def field(self, points, currents):
+        return currents[0] * np.stack([self.derivative(points, [i]) for i in range(3)], axis=-1)
+
+    def gradient(self, points, currents):
+        rows = [[self.derivative(points, [i, j]) for j in range(3)] for i in range(3)]
+        return currents[0] * np.moveaxis(np.array(rows), -1, 0)
+
+    def second_gradient(self, points, currents):
+        rows = [[[self.derivative(points, [i, j, k]) for k in range(3)] for j in range(3)] for i in range(3)]
+        return currents[0] * np.moveaxis(np.array(rows), -1, 0)
+
+
+@pytest.fixture
+def axisymmetric():
+    return AxisymmetricField

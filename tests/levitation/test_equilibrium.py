@@ -1,0 +1,153 @@
+import magpylib
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError
+from fieldmap.levitation import DifferencedField, find_equilibrium
+
+PAYLOAD = Payload(mass=0.01119, moment=0.813)
+WEIGHT = 0.01119 * 9.80665
+
+
+def test_closed_form_position_and_stiffness(axisymmetric):
+    """phi = c2 (z^2 - r^2/2) + c3 (z^3 - 3 z r^2/2): F_z = I D (2 c2 + 6 c3 z), K = I D c3 diag(3, 3, -6)."""
+    c2, c3, current = 0.03, 0.6, 1.5
+    found = find_equilibrium(axisymmetric((0.02, c2, c3, 0.0)), [current], PAYLOAD)
+    height = (WEIGHT / (current * PAYLOAD.moment) - 2 * c2) / (6 * c3)
+    np.testing.assert_allclose(found.position, [0, 0, height], atol=1e-9)
+    np.testing.assert_allclose(
+        found.stiffness, current * PAYLOAD.moment * c3 * np.diag([3, 3, -6]), rtol=1e-9, atol=1e-12
+    )
+    assert found.stable.tolist() == [False, True, True]
+    assert found.stable_axes == {"x": True, "y": True, "z": False}
+    assert np.linalg.norm(found.force_residual) < 1e-8 * WEIGHT
+    assert abs(found.trace) < 1e-9 * np.linalg.norm(found.stiffness)
+    np.testing.assert_allclose(found.moment, [0, 0, PAYLOAD.moment])
+
+
+def test_a_gradient_that_falls_upward_is_stable_along_z_only(axisymmetric):
+    found = find_equilibrium(axisymmetric((0.02, 0.06, -0.2, 0.0)), [1.5], PAYLOAD)
+    assert found.stable_axes == {"x": False, "y": False, "z": True}
+    assert found.stable.tolist() == [False, False, True]
+    np.testing.assert_allclose(np.abs(found.directions[:, 2]), [0, 0, 1], atol=1e-9)
+
+
+def test_reversed_currents_turn_the_magnet_around(axisymmetric):
+    up = find_equilibrium(axisymmetric((0.02, 0.03, 0.6, 0.0)), [1.5], PAYLOAD)
+    down = find_equilibrium(axisymmetric((0.02, 0.03, 0.6, 0.0)), [-1.5], PAYLOAD)
+    np.testing.assert_allclose(down.position, up.position, atol=1e-12)
+    np.testing.assert_allclose(down.moment, -up.moment)
+    assert up.angle_to_field == pytest.approx(0.0, abs=1e-5)
+
+
+def test_of_two_equilibria_the_one_near_the_start_is_taken(axisymmetric):
+    """phi = c4 z^4 + ...: F_z = 12 I D c4 z^2, balanced at +-z0; stable sideways above, upward below."""
+    c4, current = 5.0, 1.0
+    source = axisymmetric((0.0, 0.0, 0.0, c4))
+    height = np.sqrt(WEIGHT / (12 * current * PAYLOAD.moment * c4))
+    assert height < 0.1
+    for side in (1.0, -1.0):
+        found = find_equilibrium(source, [current], PAYLOAD, start=[1e-3, 0, side * 0.9 * height])
+        np.testing.assert_allclose(found.position, [0, 0, side * height], atol=1e-9)
+    whole = find_equilibrium(source, [current], PAYLOAD)
+    np.testing.assert_allclose(whole.position, [0, 0, height], atol=1e-9)  # two stable directions against one
+    assert any(np.allclose(other, [0, 0, -height], atol=1e-7) for other in whole.others)
+
+
+def test_an_aligned_moment_follows_the_field(axisymmetric):
+    source = axisymmetric((0.02, 0.03, 0.6, 0.0))
+    source.potential[1, 0, 0] += 0.004  # a uniform sideways field tilts the magnet
+    found = find_equilibrium(source, [1.5], PAYLOAD, moment="aligned")
+    assert found.angle_to_field < 1e-5
+    assert found.moment[0] > 0.05 * PAYLOAD.moment
+    assert found.trace < 0.0
+    # The balance, from |B| alone.
+    h = 1e-5
+    rise = [
+        np.linalg.norm(source.field((found.position + s)[None, :], [1.5])[0])
+        - np.linalg.norm(source.field((found.position - s)[None, :], [1.5])[0])
+        for s in h * np.eye(3)
+    ]
+    np.testing.assert_allclose(PAYLOAD.moment * np.array(rise) / (2 * h), [0, 0, WEIGHT], atol=1e-6 * WEIGHT)
+
+
+class Loop:
+    """A loop of 44 mm radius in the plane z = 0 through magpylib; gradient by fourth-order differences."""
+
+    coil_names = ("loop",)
+
+    def field(self, points, currents):
+        loop = magpylib.current.Circle(current=currents[0], diameter=0.088)
+        return loop.getB(np.atleast_2d(points)).reshape(-1, 3)
+
+    def gradient(self, points, currents):
+        h = 5e-4
+        columns = [
+            (
+                8 * (self.field(points + h * e, currents) - self.field(points - h * e, currents))
+                - (self.field(points + 2 * h * e, currents) - self.field(points - 2 * h * e, currents))
+            )
+            / (12 * h)
+            for e in np.eye(3)
+        ]
+        return np.stack(columns, axis=-1)
+
+
+def test_on_the_axis_of_a_loop():
+    """The root of D d/dz [mu0 I R^2 / 2 (R^2 + z^2)^1.5] = m g below the loop, found by bisection."""
+    radius, current, mu0 = 0.044, 3000.0, 4e-7 * np.pi
+
+    def slope(z):
+        return -1.5 * mu0 * current * radius**2 * z / (radius**2 + z**2) ** 2.5
+
+    height = brentq(lambda z: PAYLOAD.moment * slope(z) - WEIGHT, -0.2, -0.03, xtol=1e-14)
+    source = DifferencedField(Loop(), [-0.01, -0.01, -0.2], [0.01, 0.01, -0.03])
+    found = find_equilibrium(source, [current], PAYLOAD)
+    np.testing.assert_allclose(found.position, [0, 0, height], atol=1e-7)
+    second = (slope(height + 1e-6) - slope(height - 1e-6)) / 2e-6
+    np.testing.assert_allclose(
+        found.stiffness, PAYLOAD.moment * second * np.diag([0.5, 0.5, -1]), rtol=1e-5, atol=1e-5
+    )
+    assert found.stable_axes == {"x": True, "y": True, "z": False}
+
+
+def test_too_little_current_says_how_much_is_missing(axisymmetric):
+    source = axisymmetric((0.02, 0.03, 0.1, 0.1))
+    # dBz/dz = 2 c2 + 6 c3 z + c4 (12 z^2 - 6 r^2), largest on the axis at the upper face
+    most = 0.5 * PAYLOAD.moment * (2 * 0.03 + 6 * 0.1 * 0.1 + 12 * 0.1 * 0.1**2)
+    with pytest.raises(NoEquilibrium) as caught:
+        find_equilibrium(source, [0.5], PAYLOAD)
+    problem = caught.value.problems[0]
+    assert f"{1e3 * most:.4g} mN at (0.0, 0.0, 100.0) mm" in problem.received
+    assert f"{1e3 * WEIGHT:.4g} mN" in problem.must_hold
+    assert f"{WEIGHT / most:.3g} times" in problem.remedy
+    assert caught.value.exit_code == 1
+
+
+def test_too_much_current_and_no_current(axisymmetric):
+    with pytest.raises(NoEquilibrium, match="lower the currents"):
+        find_equilibrium(axisymmetric((0.02, 0.5, 0.1, 0.0)), [5.0], PAYLOAD)
+    with pytest.raises(NoEquilibrium, match="turn the currents on"):
+        find_equilibrium(axisymmetric((0.02, 0.5, 0.1, 0.0)), [0.0], PAYLOAD)
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"currents": [1.0, 2.0]}, InputError),
+        ({"currents": [np.nan]}, InputError),
+        ({"start": [0, 0, 0.5]}, OutsideMapError),
+        ({"start": [0, 0]}, InputError),
+        ({"payload": None}, InputError),
+        ({"payload": Payload(mass=0.0, moment=-1.0)}, InputError),
+        ({"moment": "free"}, InputError),
+    ],
+)
+def test_bad_input(axisymmetric, change, error):
+    arguments = {"currents": [1.5], "payload": PAYLOAD} | change
+    with pytest.raises(error) as caught:
+        find_equilibrium(axisymmetric((0.02, 0.03, 0.6, 0.0)), **arguments)
+    assert caught.value.exit_code == 2
+    assert all(p.where and p.must_hold and p.received and p.remedy for p in caught.value.problems)
