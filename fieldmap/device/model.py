@@ -302,8 +302,9 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Device:
-    """A whole machine. `provenance` maps key paths of the file to where the number comes from; `text` is the
-    file as read (for the map file's record)."""
+    """A whole machine. `provenance` maps key paths of the file to where the number comes from. For the map file's
+    record: `text` is the file as read; `included` maps each file that it names to its text (material files) or to
+    "sha256:..." of its bytes (STEP files)."""
 
     name: str
     title: str
@@ -317,6 +318,7 @@ class Device:
     provenance: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
     source: Path | None = None
     text: str = ""
+    included: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
 
     @property
     def coil_names(self) -> tuple[str, ...]:

@@ -1,0 +1,103 @@
+"""Rules that tie one table of a device file to another.
+
+They look at the raw data, so that they speak even where the schema has already found something else wrong.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from fieldmap.device.findings import Finding, closest, one_of, shown
+from fieldmap.device.key_paths import dotted, matches, tables
+
+
+def cross_findings(data: dict[str, Any], folder: Path) -> list[Finding]:
+    """Everything wrong between the tables of a device file in `folder`."""
+    found = [*_duplicate_names(data, "body"), *_duplicate_names(data, "coil"), *_unknown_materials(data)]
+    found += [*_numbers_of_currents(data), *_unsourced_keys(data), *_missing_step_files(data, folder)]
+    return [*found, *_nothing_to_compute(data)]
+
+
+def _duplicate_names(data: dict[str, Any], key: str) -> Iterator[Finding]:
+    first: dict[str, int] = {}
+    for location, table in tables(data, key):
+        name, number = table.get("name"), int(location[1]) + 1
+        if isinstance(name, str) and first.setdefault(name, number) != number:
+            received = f'"{name}" for {key} {first[name]} and {key} {number}'
+            yield Finding((*location, "name"), f"every {key} needs a name of its own", received, "rename one")
+
+
+def _unknown_materials(data: dict[str, Any]) -> Iterator[Finding]:
+    known = list(data["material"]) if isinstance(data.get("material"), dict) else []
+    for location, table in tables(data, "body"):
+        name = table.get("material")
+        if isinstance(name, str) and name not in known:
+            guess = closest(name, known)
+            remedy = f'did you mean "{guess}"?' if guess else f"add a [material.{name}] table"
+            allowed = f"material must be one of the file's materials: {one_of(known) or 'there are none'}"
+            yield Finding((*location, "material"), allowed, shown(name), remedy)
+
+
+def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:
+    coils = data.get("coil", [])
+    for location, table in tables(data, "reference"):
+        currents = table.get("currents_A")
+        if isinstance(coils, list) and isinstance(currents, list) and len(currents) != len(coils):
+            yield Finding(
+                (*location, "currents_A"),
+                f"one current for each of the {len(coils)} coils",
+                f"{len(currents)} currents",
+                "list one number for each [[coil]], in the order of the file (0 for a coil that is off)",
+            )
+
+
+def _unsourced_keys(data: dict[str, Any]) -> Iterator[Finding]:
+    provenance = data.get("provenance")
+    if not isinstance(provenance, dict):
+        return
+    paths: list[str] | None = None
+    for path, text in provenance.items():
+        if isinstance(text, str) and not matches(data, path):
+            paths = _all_paths(data) if paths is None else paths
+            guess = closest(path, paths)
+            remedy = f'did you mean "{guess}"?' if guess else "correct the path or remove the line"
+            yield Finding(("provenance", path), "the key path must exist in this file", shown(path), remedy)
+
+
+def _all_paths(data: dict[str, Any]) -> list[str]:
+    """Dotted paths of all keys, for a guess at what was meant."""
+    paths: list[str] = []
+    waiting: list[tuple[str | int, ...]] = [()]
+    while waiting:
+        location = waiting.pop()
+        here: Any = data
+        for step in location:
+            here = here[step]
+        entries = list(here) if isinstance(here, dict) else range(len(here)) if isinstance(here, list) else []
+        below = [(*location, entry) for entry in entries if (location or entry != "provenance")]
+        waiting += below
+        paths += [dotted(data, entry) for entry in below]
+    return paths
+
+
+def _missing_step_files(data: dict[str, Any], folder: Path) -> Iterator[Finding]:
+    for location, body in tables(data, "body"):
+        for part_location, part in [(location, body), *_parts(location, body)]:
+            name = part.get("file")
+            if part.get("shape") == "step_file" and isinstance(name, str) and not (folder / name).is_file():
+                yield Finding(
+                    (*part_location, "file"),
+                    "the STEP file must exist; its path is relative to the device file",
+                    shown(name),
+                    f"put the file at {folder / name} or correct the path",
+                )
+
+
+def _parts(location: tuple[str | int, ...], body: dict[str, Any]) -> Iterator[tuple[Any, dict[str, Any]]]:
+    for (key, k), part in tables(body, "part"):
+        yield (*location, key, k), part
+
+
+def _nothing_to_compute(data: dict[str, Any]) -> Iterator[Finding]:
+    if not data.get("coil") and not data.get("body"):
+        yield Finding((), "a device has at least one [[coil]] or [[body]]", "neither", "add a [[coil]] table")

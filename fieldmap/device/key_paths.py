@@ -1,0 +1,79 @@
+"""Key paths of a file: from a position in the data to the dotted path that a person reads, and back."""
+
+from collections.abc import Iterator
+from typing import Any
+
+Step = str | int
+Location = tuple[Step, ...]
+
+
+def value_at(data: Any, location: Location) -> Any:
+    """The value at a location, or None where there is none."""
+    for step in location:
+        try:
+            data = data[step]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def has(data: Any, step: Step) -> bool:
+    """Does this table have the key, or this array the index?"""
+    if isinstance(data, dict):
+        return step in data
+    return isinstance(data, list) and isinstance(step, int) and step < len(data)
+
+
+def dotted(data: Any, location: Location) -> str:
+    """Readable path: entries of an array by their name if they have one, else counted from 1.
+
+    >>> dotted({"body": [{"name": "disk", "radius_mm": 66}]}, ("body", 0, "radius_mm"))
+    'body.disk.radius_mm'
+    """
+    return ".".join(_label(data, location, k) for k in range(len(location)))
+
+
+def _label(data: Any, location: Location, k: int) -> str:
+    step = location[k]
+    if isinstance(step, str):
+        return step
+    name = value_at(data, (*location[: k + 1], "name"))
+    return name if isinstance(name, str) and _alone(data, location[:k], name) else str(step + 1)
+
+
+def _alone(data: Any, array: Location, name: str) -> bool:
+    entries = value_at(data, array)
+    return sum(isinstance(entry, dict) and entry.get("name") == name for entry in entries) == 1
+
+
+def matches(data: Any, pattern: str) -> list[Location]:
+    """All locations that a dotted path names. A step is a key, the name of an array's entry, an entry's number
+    from 1 (if no entry has that name), or * for any."""
+    found: list[tuple[Location, Any]] = [((), data)]
+    for step in pattern.split("."):
+        found = [
+            ((*location, key), value_at(here, (key,))) for location, here in found for key in _keys(here, step)
+        ]
+    return [location for location, _ in found]
+
+
+def _keys(here: Any, step: str) -> list[Step]:
+    if isinstance(here, dict):
+        return list(here) if step == "*" else [step] if step in here else []
+    if not isinstance(here, list):
+        return []
+    if step == "*":
+        return list(range(len(here)))
+    named = [k for k, entry in enumerate(here) if isinstance(entry, dict) and entry.get("name") == step]
+    if named or not step.isdigit():
+        return list(named)
+    return [int(step) - 1] if 1 <= int(step) <= len(here) else []
+
+
+def tables(data: Any, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:
+    """The entries of an array of tables, skipping what is not a table."""
+    entries = data.get(key)
+    if isinstance(entries, list):
+        for k, entry in enumerate(entries):
+            if isinstance(entry, dict):
+                yield (key, k), entry

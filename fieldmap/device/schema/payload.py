@@ -1,0 +1,161 @@
+"""What is levitated, [payload], and what drives the coils, [driver]."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, Tag, field_validator
+from scipy.constants import mu_0
+
+from fieldmap.device import model
+from fieldmap.device.schema.base import (
+    MILLI,
+    Coordinate,
+    Length,
+    NotNegative,
+    Positive,
+    Size,
+    Table,
+    broken,
+    chosen_by,
+    chosen_with,
+)
+
+GRAM_SQUARE_MILLIMETRE = 1e-9
+Inertia = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+
+
+class MagnetCylinderKeys(Table):
+    """Axially magnetised cylinder."""
+
+    shape: Literal["cylinder"] = Field(description="axially magnetised cylinder")
+    diameter_mm: Length = Field(description="diameter")
+    height_mm: Length = Field(description="height")
+    remanence_T: Positive = Field(description="remanence")
+
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 4 * (self.diameter_mm * MILLI) ** 2 * self.height_mm * MILLI
+
+    def to_model(self) -> model.MagnetCylinder:
+        """In SI."""
+        return model.MagnetCylinder(self.diameter_mm * MILLI, self.height_mm * MILLI, self.remanence_T)
+
+
+class MagnetSphereKeys(Table):
+    """Uniformly magnetised sphere."""
+
+    shape: Literal["sphere"] = Field(description="uniformly magnetised sphere")
+    diameter_mm: Length = Field(description="diameter")
+    remanence_T: Positive = Field(description="remanence")
+
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * (self.diameter_mm * MILLI) ** 3
+
+    def to_model(self) -> model.MagnetSphere:
+        """In SI."""
+        return model.MagnetSphere(self.diameter_mm * MILLI, self.remanence_T)
+
+
+class MagnetBlockKeys(Table):
+    """Block magnetised along its z edge."""
+
+    shape: Literal["block"] = Field(description="block magnetised along its z edge")
+    size_mm: Size = Field(description="[x, y, z] edge lengths")
+    remanence_T: Positive = Field(description="remanence")
+
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.prod(edge * MILLI for edge in self.size_mm)
+
+    def to_model(self) -> model.MagnetBlock:
+        """In SI."""
+        x, y, z = (edge * MILLI for edge in self.size_mm)
+        return model.MagnetBlock((x, y, z), self.remanence_T)
+
+
+AnyMagnet = Annotated[
+    Annotated[MagnetCylinderKeys, Tag("cylinder")]
+    | Annotated[MagnetSphereKeys, Tag("sphere")]
+    | Annotated[MagnetBlockKeys, Tag("block")],
+    chosen_by("shape"),
+]
+
+
+class _PayloadKeys(Table):
+    mass_g: Positive = Field(description="mass of everything that is levitated")
+    magnet_offset_mm: Coordinate = Field(
+        default=0.0, description="depth of the magnet's centre below the point that the sensor reads"
+    )
+    inertia_g_mm2: Inertia | None = Field(
+        default=None, description="[Ixx, Iyy, Izz] about the centre of mass, principal axes"
+    )
+    drag_N_s_per_m: NotNegative = Field(default=0.0, description="linear drag")
+
+    @field_validator("inertia_g_mm2")
+    @classmethod
+    def _of_a_real_body(cls, value: list[float] | None) -> list[float] | None:
+        if value is not None and 2 * max(value) > sum(value) * (1 + 1e-9):
+            raise broken(
+                "no principal moment of inertia can be larger than the sum of the other two",
+                str(value),
+                "check the numbers and their unit, g mm^2 (1e-9 kg m^2)",
+            )
+        return value
+
+    def _payload(self, moment: float, magnet: Any = None) -> model.Payload:
+        inertia = None
+        if self.inertia_g_mm2 is not None:
+            xx, yy, zz = (entry * GRAM_SQUARE_MILLIMETRE for entry in self.inertia_g_mm2)
+            inertia = (xx, yy, zz)
+        return model.Payload(
+            mass=self.mass_g * MILLI,
+            moment=moment,
+            magnet=magnet,
+            magnet_offset=self.magnet_offset_mm * MILLI,
+            inertia=inertia,
+            drag=float(self.drag_N_s_per_m),
+        )
+
+
+class PayloadWithMagnet(_PayloadKeys):
+    """Payload whose moment follows from its magnet: volume times remanence over mu0."""
+
+    magnet: AnyMagnet = Field(description="[payload.magnet] table: shape, dimensions, remanence_T")
+
+    def to_model(self) -> model.Payload:
+        """In SI."""
+        moment = self.magnet.volume() * self.magnet.remanence_T / mu_0
+        return self._payload(moment, self.magnet.to_model())
+
+
+class PayloadWithMoment(_PayloadKeys):
+    """Payload that is only a dipole."""
+
+    moment_A_m2: Positive = Field(description="magnitude of the dipole moment")
+
+    def to_model(self) -> model.Payload:
+        """In SI."""
+        return self._payload(float(self.moment_A_m2))
+
+
+def _kind_of_payload(table: dict[str, Any]) -> str:
+    return "with a moment" if "moment_A_m2" in table else "with a magnet"
+
+
+AnyPayload = Annotated[
+    Annotated[PayloadWithMagnet, Tag("with a magnet")] | Annotated[PayloadWithMoment, Tag("with a moment")],
+    chosen_with(_kind_of_payload),
+]
+
+
+class DriverKeys(Table):
+    """The current amplifier of every coil."""
+
+    gain_A_per_V: Positive = Field(description="current per volt at the amplifier's input")
+    current_limit_A: Positive = Field(description="largest current of one coil")
+    supply_voltage_V: Positive | None = Field(default=None, description="voltage of the supply")
+
+    def to_model(self) -> model.Driver:
+        """In SI."""
+        return model.Driver(self.gain_A_per_V, self.current_limit_A, self.supply_voltage_V)

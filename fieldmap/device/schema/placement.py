@@ -1,0 +1,48 @@
+"""Where a shape or a coil stands: keys position_mm and rotation_deg."""
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from fieldmap.device import model
+from fieldmap.device.schema.base import MILLI, Point, Table, read_only
+
+Angle = Annotated[float, Field(ge=-360, le=360)]
+Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
+
+
+def _cosine_and_sine(angle_deg: float) -> tuple[float, float]:
+    """Exact at whole quarter turns, so that a body turned by 90 deg stays axis-parallel to the last bit."""
+    if angle_deg % 90 == 0:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(angle_deg // 90) % 4]
+    return float(np.cos(np.deg2rad(angle_deg))), float(np.sin(np.deg2rad(angle_deg)))
+
+
+def rotation_matrix(rotation_deg: list[float]) -> NDArray[np.float64]:
+    """Turn about the fixed x axis, then the fixed y axis, then the fixed z axis: Rz @ Ry @ Rx, (3, 3).
+
+    >>> rotation_matrix([0, 0, 90]) @ [1.0, 0.0, 0.0]
+    array([0., 1., 0.])
+    """
+    (cx, sx), (cy, sy), (cz, sz) = (_cosine_and_sine(angle) for angle in rotation_deg)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x + 0.0  # + 0.0 turns -0.0 into 0.0
+
+
+class PlacementKeys(Table):
+    """Where the local frame stands in the device's frame."""
+
+    position_mm: Point = Field(default=[0.0, 0.0, 0.0], description="[x, y, z] of the local origin")
+    rotation_deg: Angles = Field(
+        default=[0.0, 0.0, 0.0],
+        description="[x, y, z] angles, turned about the fixed x, then the fixed y, then the fixed z axis",
+    )
+
+    def placement(self) -> model.Placement:
+        """In SI."""
+        rotation = read_only(rotation_matrix(self.rotation_deg))
+        return model.Placement(read_only(self.position_mm, MILLI), rotation)

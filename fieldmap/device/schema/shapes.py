@@ -1,0 +1,151 @@
+"""Shapes of iron: each class holds the keys of one shape and makes the SI shape of them.
+
+Local frame of every shape: axis along z, base in the plane z = 0, centred in x and y (a sphere: centred).
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from fieldmap.device import model
+from fieldmap.device.polygons import polygon_fault, signed_area
+from fieldmap.device.schema.base import MILLI, Length, PlanePoint, Size, Table, Text, broken, read_only
+
+Polygon = Annotated[list[PlanePoint], Field(min_length=3)]
+
+
+def require_simple(points: list[list[float]]) -> None:
+    """Raise unless the corners make a polygon that does not meet itself."""
+    fault = polygon_fault(points)
+    if fault is not None:
+        raise broken(
+            "the corners must make a simple polygon: no repeated corner, no edge that meets another one",
+            fault,
+            "list the corners once round the outline, in order, without repeating the first one",
+        )
+
+
+def counter_clockwise(points: list[list[float]]) -> list[list[float]]:
+    """The same polygon with its corners in counter-clockwise order."""
+    return points if signed_area(points) > 0 else points[::-1]
+
+
+class CylinderKeys(Table):
+    """Solid cylinder."""
+
+    shape: Literal["cylinder"] = Field(description="solid cylinder, 0 <= z <= height")
+    radius_mm: Length = Field(description="radius")
+    height_mm: Length = Field(description="height along the local z axis")
+
+    def to_shape(self, folder: Path) -> model.Cylinder:
+        """In SI."""
+        return model.Cylinder(self.radius_mm * MILLI, self.height_mm * MILLI)
+
+
+class RingKeys(Table):
+    """Hollow cylinder."""
+
+    shape: Literal["ring"] = Field(description="hollow cylinder, 0 <= z <= height")
+    inner_radius_mm: Length = Field(description="radius of the bore")
+    outer_radius_mm: Length = Field(description="outer radius")
+    height_mm: Length = Field(description="height along the local z axis")
+
+    @field_validator("outer_radius_mm")
+    @classmethod
+    def _outside_the_bore(cls, value: float, info: ValidationInfo) -> float:
+        require_larger_radius(value, info)
+        return value
+
+    def to_shape(self, folder: Path) -> model.Ring:
+        """In SI."""
+        return model.Ring(self.inner_radius_mm * MILLI, self.outer_radius_mm * MILLI, self.height_mm * MILLI)
+
+
+def require_larger_radius(outer: float, info: ValidationInfo) -> None:
+    """Raise unless the outer radius is larger than the inner one that was read before it."""
+    inner = info.data.get("inner_radius_mm")
+    if inner is not None and outer <= inner:
+        raise broken(
+            f"outer_radius_mm must be larger than inner_radius_mm = {inner:g}",
+            f"{outer:g}",
+            "swap the two, or correct one (both are radii, not diameters)",
+        )
+
+
+class BoxKeys(Table):
+    """Axis-parallel block in its local frame."""
+
+    shape: Literal["box"] = Field(description="block, centred in x and y, 0 <= z <= size[2]")
+    size_mm: Size = Field(description="[x, y, z] edge lengths")
+
+    def to_shape(self, folder: Path) -> model.Box:
+        """In SI."""
+        x, y, z = (edge * MILLI for edge in self.size_mm)
+        return model.Box((x, y, z))
+
+
+class SphereKeys(Table):
+    """Ball, centred at the local origin."""
+
+    shape: Literal["sphere"] = Field(description="ball, centred at the local origin")
+    radius_mm: Length = Field(description="radius")
+
+    def to_shape(self, folder: Path) -> model.Sphere:
+        """In SI."""
+        return model.Sphere(self.radius_mm * MILLI)
+
+
+class ExtrudedPolygonKeys(Table):
+    """Prism over a polygon in the local x-y plane."""
+
+    shape: Literal["extruded_polygon"] = Field(description="polygon in the local x-y plane, 0 <= z <= height")
+    points_mm: Polygon = Field(description="[[x, y], ...] corners once round the outline")
+    height_mm: Length = Field(description="height along the local z axis")
+
+    @field_validator("points_mm")
+    @classmethod
+    def _simple(cls, value: list[list[float]]) -> list[list[float]]:
+        require_simple(value)
+        return value
+
+    def to_shape(self, folder: Path) -> model.ExtrudedPolygon:
+        """In SI, corners counter-clockwise."""
+        points = read_only(counter_clockwise(self.points_mm), MILLI)
+        return model.ExtrudedPolygon(points, self.height_mm * MILLI)
+
+
+class RevolvedProfileKeys(Table):
+    """Body of revolution about the local z axis."""
+
+    shape: Literal["revolved_profile"] = Field(description="profile turned fully about the local z axis")
+    points_mm: Polygon = Field(description="[[r, z], ...] corners of the half section, r >= 0")
+
+    @field_validator("points_mm")
+    @classmethod
+    def _simple_and_outside_the_axis(cls, value: list[list[float]]) -> list[list[float]]:
+        wrong = [k + 1 for k, (r, _) in enumerate(value) if r < 0]
+        if wrong:
+            raise broken(
+                "every r of the profile must be 0 or more",
+                f"r = {value[wrong[0] - 1][0]:g} at corner {wrong[0]}",
+                "give only the half of the section at r >= 0, as [r, z]; it is turned fully about the axis",
+            )
+        require_simple(value)
+        return value
+
+    def to_shape(self, folder: Path) -> model.RevolvedProfile:
+        """In SI, corners counter-clockwise in the r-z plane."""
+        return model.RevolvedProfile(read_only(counter_clockwise(self.points_mm), MILLI))
+
+
+class StepFileKeys(Table):
+    """Solids from a CAD program."""
+
+    shape: Literal["step_file"] = Field(description="solids of a STEP file")
+    file: Text = Field(description="path of the STEP file, relative to the device file")
+    unit_mm: Length = Field(default=1.0, description="length of the STEP file's unit")
+
+    def to_shape(self, folder: Path) -> model.StepFile:
+        """In SI, with the path made absolute."""
+        return model.StepFile((folder / self.file).resolve(), self.unit_mm * MILLI)

@@ -1,0 +1,36 @@
+"""Data files that come with the package: devices and materials (geometry), map recipes (maps).
+
+In an installed wheel they lie in fieldmap/shipped/; in a checkout, in the folders of the same name beside the package.
+"""
+
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parent
+KINDS = ("geometry", "maps")
+
+
+def shipped_folder(kind: str) -> Path:
+    """Folder of the shipped files of one kind, "geometry" or "maps"."""
+    if kind not in KINDS:
+        raise ValueError(f"shipped_folder: kind must be one of {', '.join(KINDS)}; received {kind!r}")
+    installed = PACKAGE / "shipped" / kind
+    return installed if installed.is_dir() else PACKAGE.parent / kind
+
+
+def shipped_file(kind: str, name: str) -> Path | None:
+    """Path of a shipped file, or None. `name` is relative to the folder; ".toml" may be left out.
+
+    >>> shipped_file("geometry", "drive_unit").name
+    'drive_unit.toml'
+    """
+    folder = shipped_folder(kind)
+    for candidate in (folder / name, folder / f"{name}.toml"):
+        if candidate.is_file() and candidate.resolve().is_relative_to(folder):
+            return candidate
+    return None
+
+
+def shipped_names(kind: str, subfolder: str = "") -> list[str]:
+    """Names of the shipped TOML files of one kind, without ".toml", in alphabetical order."""
+    prefix = f"{subfolder}/" if subfolder else ""
+    return [prefix + path.stem for path in sorted((shipped_folder(kind) / subfolder).glob("*.toml"))]
