@@ -1,0 +1,173 @@
+"""Flat triangle with uniform charge density 1: potential, field and field gradient, without the factor 1/(4 pi).
+
+    potential  u(x) = int dS' / |x - x'|,      field  e = -grad u,      gradient  g_ij = d e_i / d x_j
+
+Line-integral forms after Wilton et al., IEEE Trans. Antennas Propag. 32 (1984) 276, eqs. (5) and (17), and
+Graglia, IEEE Trans. Antennas Propag. 41 (1993) 1448. With h the height above the plane, m_k the outward in-plane
+normal of edge k, p_k the corner at its start, f_k = ln[(r_k + r_k+1 + l_k)/(r_k + r_k+1 - l_k)] and Omega the
+signed solid angle,
+
+    u = sum_k f_k m_k . (p_k - x) - h Omega,      e = sum_k f_k m_k + Omega n.
+
+Singular on the edges (f_k and the gradient diverge); finite inside the triangle, where Omega jumps by 4 pi.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+_TINY = 1e-300
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def solid_angle(x, y, z, p):
+    """Solid angle of the triangle p (3, 3) seen from (x, y, z); positive on the side its normal points to.
+
+    van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, eq. (8).
+    """
+    ax, ay, az = p[0, 0] - x, p[0, 1] - y, p[0, 2] - z
+    bx, by, bz = p[1, 0] - x, p[1, 1] - y, p[1, 2] - z
+    cx, cy, cz = p[2, 0] - x, p[2, 1] - y, p[2, 2] - z
+    a = math.sqrt(ax * ax + ay * ay + az * az)
+    b = math.sqrt(bx * bx + by * by + bz * bz)
+    c = math.sqrt(cx * cx + cy * cy + cz * cz)
+    triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    ab = ax * bx + ay * by + az * bz
+    ac = ax * cx + ay * cy + az * cz
+    bc = bx * cx + by * cy + bz * cz
+    return -2.0 * math.atan2(triple, a * b * c + ab * c + ac * b + bc * a)
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def triangle_potential(x, y, z, p, n):
+    """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,). Finite everywhere."""
+    potential = 0.0
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
+        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
+        tx, ty, tz = vx - ux, vy - uy, vz - uz
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+        radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
+        # m . u vanishes on the edge's line, where the logarithm may diverge.
+        distance = (
+            (ty * n[2] - tz * n[1]) * ux + (tz * n[0] - tx * n[2]) * uy + (tx * n[1] - ty * n[0]) * uz
+        ) / length
+        potential += distance * math.log((radii + length) / max(radii - length, 1e-16 * length))
+    height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
+    return potential - height * solid_angle(x, y, z, p)
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def triangle_field(x, y, z, p, n):
+    """Field (three numbers) at (x, y, z) of the triangle p (3, 3) with unit normal n (3,)."""
+    ex = ey = ez = 0.0
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
+        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
+        tx, ty, tz = vx - ux, vy - uy, vz - uz
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+        radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
+        f = math.log((radii + length) / max(radii - length, _TINY)) / length
+        ex += f * (ty * n[2] - tz * n[1])
+        ey += f * (tz * n[0] - tx * n[2])
+        ez += f * (tx * n[1] - ty * n[0])
+    omega = solid_angle(x, y, z, p)
+    return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def triangle_field_and_gradient(x, y, z, p, n):
+    """Field and gradient at (x, y, z): ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz (symmetric, trace-free).
+
+    The gradient of f_k is that of two distances; the gradient of Omega is the Biot-Savart field of the triangle's
+    border. Their sum is symmetric, so the six entries are formed once.
+    """
+    ex = ey = ez = 0.0
+    gxx = gxy = gxz = gyy = gyz = gzz = 0.0
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        ux, uy, uz = x - p[k, 0], y - p[k, 1], z - p[k, 2]
+        vx, vy, vz = x - p[k1, 0], y - p[k1, 1], z - p[k1, 2]
+        tx, ty, tz = ux - vx, uy - vy, uz - vz
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+        ru = math.sqrt(ux * ux + uy * uy + uz * uz)
+        rv = math.sqrt(vx * vx + vy * vy + vz * vz)
+        radii = ru + rv
+        mx = (ty * n[2] - tz * n[1]) / length
+        my = (tz * n[0] - tx * n[2]) / length
+        mz = (tx * n[1] - ty * n[0]) / length
+        # (radii - length) and (ru rv + u.v) both cancel near the edge; they are one quantity, formed once.
+        uv = ru * rv + ux * vx + uy * vy + uz * vz
+        f = math.log((radii + length) * (radii + length) / max(2.0 * uv, _TINY))
+        ex += mx * f
+        ey += my * f
+        ez += mz * f
+        slope = -length / max(uv, _TINY)
+        fx = slope * (ux / ru + vx / rv)
+        fy = slope * (uy / ru + vy / rv)
+        fz = slope * (uz / ru + vz / rv)
+        turn = radii / (ru * rv * max(uv, _TINY))
+        ox = turn * (uy * vz - uz * vy)
+        oy = turn * (uz * vx - ux * vz)
+        oz = turn * (ux * vy - uy * vx)
+        gxx += mx * fx - n[0] * ox
+        gyy += my * fy - n[1] * oy
+        gzz += mz * fz - n[2] * oz
+        gxy += mx * fy - n[0] * oy
+        gxz += mx * fz - n[0] * oz
+        gyz += my * fz - n[1] * oz
+    omega = solid_angle(x, y, z, p)
+    return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega, gxx, gxy, gxz, gyy, gyz, gzz
+
+
+@njit(cache=True)
+def triangles_potential(points, corners, normals, density):
+    """Potential (n,) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
+    out = np.zeros(points.shape[0])
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for j in range(corners.shape[0]):
+            out[i] += density[j] * triangle_potential(x, y, z, corners[j], normals[j])
+    return out
+
+
+@njit(cache=True)
+def triangles_field(points, corners, normals, density):
+    """Field (n, 3) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
+    out = np.zeros((points.shape[0], 3))
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for j in range(corners.shape[0]):
+            ex, ey, ez = triangle_field(x, y, z, corners[j], normals[j])
+            out[i, 0] += density[j] * ex
+            out[i, 1] += density[j] * ey
+            out[i, 2] += density[j] * ez
+    return out
+
+
+@njit(cache=True)
+def triangles_field_and_gradient(points, corners, normals, density):
+    """Field (n, 3) and gradient (n, 3, 3) at points (n, 3); arguments as for `triangles_field`."""
+    field = np.zeros((points.shape[0], 3))
+    gradient = np.zeros((points.shape[0], 3, 3))
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for j in range(corners.shape[0]):
+            ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz = triangle_field_and_gradient(x, y, z, corners[j], normals[j])
+            s = density[j]
+            field[i, 0] += s * ex
+            field[i, 1] += s * ey
+            field[i, 2] += s * ez
+            gradient[i, 0, 0] += s * gxx
+            gradient[i, 0, 1] += s * gxy
+            gradient[i, 0, 2] += s * gxz
+            gradient[i, 1, 1] += s * gyy
+            gradient[i, 1, 2] += s * gyz
+            gradient[i, 2, 2] += s * gzz
+        gradient[i, 1, 0] = gradient[i, 0, 1]
+        gradient[i, 2, 0] = gradient[i, 0, 2]
+        gradient[i, 2, 1] = gradient[i, 1, 2]
+    return field, gradient
