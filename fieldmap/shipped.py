@@ -1,6 +1,7 @@
 """Data files that come with the package: devices and materials (geometry), map recipes (maps).
 
-In an installed wheel they lie in fieldmap/shipped/; in a checkout, in the folders of the same name beside the package.
+In an installed wheel they lie in fieldmap/shipped/; in a checkout, in the folders of the same name beside the
+package.
 """
 
 from pathlib import Path

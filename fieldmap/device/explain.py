@@ -34,7 +34,9 @@ def explain(error: ErrorDetails, root: type[BaseModel], data: Any) -> Finding:
 def _missing(location: Location, place: Place) -> Finding:
     key = str(location[-1])
     about = description(place.table, key)
-    return Finding(location, "this key is required", "nothing", f"add {key}" + (f" ({about})" if about else ""))
+    return Finding(
+        location, "this key is required", "nothing", f"add {key}" + (f" ({about})" if about else "")
+    )
 
 
 def _unknown_key(location: Location, place: Place) -> Finding:
@@ -56,7 +58,9 @@ def _choice(location: Location, place: Place, table: Any) -> Finding:
     words = _words(place, key)
     allowed = f"{key} must be one of {one_of(words)}"
     if not isinstance(table, dict):
-        return Finding(location, "a table is needed here", shown(table), f"write a table with a {key}; {allowed}")
+        return Finding(
+            location, "a table is needed here", shown(table), f"write a table with a {key}; {allowed}"
+        )
     if key not in table:
         parts = ", or write [[body.part]] tables" if "several parts" in place.choices else ""
         return Finding((*location, key), allowed, "nothing", f'add {key} = "{words[0]}" or another{parts}')
@@ -101,7 +105,10 @@ def _finite(_: dict[str, Any]) -> tuple[str, str]:
 
 
 def _text(_: dict[str, Any]) -> tuple[str, str]:
-    return "must be a text", 'put it in quotes, for example "steel"; quote dotted keys of [provenance] as well'
+    return (
+        "must be a text",
+        'put it in quotes, for example "steel"; quote dotted keys of [provenance] as well',
+    )
 
 
 def _array(_: dict[str, Any]) -> tuple[str, str]:

@@ -18,13 +18,16 @@ _EMPTY: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """global = rotation @ local + position. position (3,) in m; rotation (3, 3), orthonormal, determinant +1."""
+    """global = rotation @ local + position.
+
+    position (3,) in m; rotation (3, 3), orthonormal, determinant +1.
+    """
 
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
 
 
-# ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ----------------
+# ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ class Body:
     edge_size: float | None = None
 
 
-# ---- materials ----------------------------------------------------------------------------------------------
+# ---- materials ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -154,7 +157,7 @@ class PermanentMagnet:
 Material = LinearMaterial | BHTable | FluxBarrier | PermanentMagnet
 
 
-# ---- coils: axis along local z, winding centred at the local origin, positive current counter-clockwise ------
+# ---- coils: axis along local z, winding centred at the local origin, positive current counter-clockwise ----
 
 
 @dataclass(frozen=True)
@@ -192,8 +195,8 @@ class RoundedRectangleCoil:
 
 @dataclass(frozen=True, eq=False)
 class PathCoil:
-    """Plane closed path: corner points (n, 2) of the middle line in order (counter-clockwise = positive current
-    at polarity +1), every corner rounded with corner_radius >= thickness/2."""
+    """Plane closed path: corner points (n, 2) of the middle line in order (counter-clockwise = positive
+    current at polarity +1), every corner rounded with corner_radius >= thickness/2."""
 
     name: str
     corners: Array
@@ -210,7 +213,7 @@ class PathCoil:
 Coil = CircularCoil | RoundedRectangleCoil | PathCoil
 
 
-# ---- what is levitated, what drives it, where ---------------------------------------------------------------
+# ---- what is levitated, what drives it, where --------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -242,8 +245,8 @@ class MagnetBlock:
 class Payload:
     """What is levitated. moment: magnitude in A m^2 (from the magnet if it is given).
 
-    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption, printed
-    with every result that uses it). inertia (3,) kg m^2 or None. drag: N s/m.
+    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
+    printed with every result that uses it). inertia (3,) kg m^2 or None. drag: N s/m.
     """
 
     mass: float
@@ -302,9 +305,12 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Device:
-    """A whole machine. `provenance` maps key paths of the file to where the number comes from. For the map file's
-    record: `text` is the file as read; `included` maps each file that it names to its text (material files) or to
-    "sha256:..." of its bytes (STEP files)."""
+    """A whole machine.
+
+    provenance: key paths of the file -> where the number comes from. For the map file's record: `text` is the
+    file as read; `included` maps each file that it names to its text (material files) or to "sha256:..." of its
+    bytes (STEP files).
+    """
 
     name: str
     title: str

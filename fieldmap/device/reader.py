@@ -26,11 +26,11 @@ from fieldmap.shipped import shipped_file, shipped_names
 def read_device(path_or_name: str | Path) -> Device:
     """Read and check a device file.
 
-    path_or_name: path of a TOML file, or the name of a shipped device ("drive_unit"). The format is described in
-    docs/device_files.md. Lengths come out in m, the frame is right-handed with z up.
+    path_or_name: path of a TOML file, or the name of a shipped device ("drive_unit"). The format is described
+    in docs/device_files.md. Lengths come out in m, the frame is right-handed with z up.
 
-    Raises DeviceFileError with one Problem for every error of the file: file, line and key path; what must hold;
-    what was received; the remedy.
+    Raises DeviceFileError with one Problem for every error of the file: file, line and key path; what must
+    hold; what was received; the remedy.
 
     >>> device = read_device("drive_unit")
     >>> device.coil_names
@@ -81,7 +81,9 @@ def _find(path_or_name: str | Path) -> Path:
     guess = closest(path.stem, names)
     remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
     raise DeviceFileError(
-        Problem(str(path_or_name), "must be a device file or the name of a shipped device", "no such file", remedy)
+        Problem(
+            str(path_or_name), "must be a device file or the name of a shipped device", "no such file", remedy
+        )
     )
 
 
@@ -91,7 +93,9 @@ def _load(path: Path) -> _Document:
         text = path.read_bytes().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         remedy = "check the path and its permissions, and save the file as UTF-8 text"
-        raise DeviceFileError(Problem(str(path), "must be readable UTF-8 text", str(error), remedy)) from error
+        raise DeviceFileError(
+            Problem(str(path), "must be readable UTF-8 text", str(error), remedy)
+        ) from error
     text = text.replace("\r\n", "\n")
     try:
         return _Document(path, text, tomllib.loads(text))
@@ -105,7 +109,9 @@ def _syntax_problem(path: Path, text: str, message: str) -> Problem:
         line = int(found[1])
         where = f"{path}:{line}:{found[2]}"
         received = f"{message.split(' (at ')[0]}, in the line {shown(text.splitlines()[line - 1].strip())}"
-    remedy = "correct the line; texts stand in quotes, a table begins with [name], a repeated one with [[name]]"
+    remedy = (
+        "correct the line; texts stand in quotes, a table begins with [name], a repeated one with [[name]]"
+    )
     return Problem(where, "the file must be valid TOML", received, remedy)
 
 

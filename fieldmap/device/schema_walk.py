@@ -1,4 +1,4 @@
-"""Which keys and choices does the schema know at a place? Follows the type annotations of the schema classes."""
+"""Which keys and choices does the schema know at a place? Follows the annotations of the schema classes."""
 
 from dataclasses import dataclass
 from types import UnionType
@@ -26,7 +26,7 @@ class Place:
 
 
 def without_tags(data: Any, location: Location) -> Location:
-    """Remove the names of union members, which pydantic puts into a location, and keep what is in the data."""
+    """Remove the names of union members, which pydantic puts into a location; keep what is in the data."""
     plain: Location = ()
     for k, step in enumerate(location):
         if step == "[key]" or (not has(value_at(data, plain), step) and k < len(location) - 1):

@@ -1,7 +1,7 @@
 """Line numbers of the keys of a TOML file. tomllib gives none, so the text is scanned once more.
 
-Only called on text that tomllib has accepted: the scan need not find errors, only statements. Keys inside inline
-tables and entries of arrays are not indexed; they take the line of the key that holds them.
+Only called on text that tomllib has accepted: the scan need not find errors, only statements. Keys inside
+inline tables and entries of arrays are not indexed; they take the line of the key that holds them.
 """
 
 import tomllib
@@ -53,7 +53,7 @@ def _header(statement: str, counts: dict[Location, int]) -> Location:
 
 
 def _key_steps(statement: str) -> tuple[Step, ...]:
-    """Steps of the key of `key = value`: tomllib itself reads the key, with a value that it surely accepts."""
+    """Steps of the key of `key = value`, read by tomllib itself with a value that it surely accepts."""
     end = _find(statement, 0, "=")
     return _steps(tomllib.loads(statement[:end] + "= 0"))
 

@@ -1,4 +1,4 @@
-"""What every table of a device file shares: strict keys, strict finite numbers, and how a broken rule is told."""
+"""What every table of a device file shares: strict keys, finite numbers, and how a broken rule is told."""
 
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any

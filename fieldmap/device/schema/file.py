@@ -12,7 +12,9 @@ from fieldmap.device.schema.payload import AnyPayload, DriverKeys
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
 
 FORMAT = 1
-Format = Annotated[int, Field(description="version of the file format: 1", json_schema_extra={"const": FORMAT})]
+Format = Annotated[
+    int, Field(description="version of the file format: 1", json_schema_extra={"const": FORMAT})
+]
 
 
 def _require_known_format(value: int) -> int:

@@ -44,5 +44,5 @@ class PlacementKeys(Table):
 
     def placement(self) -> model.Placement:
         """In SI."""
-        rotation = read_only(rotation_matrix(self.rotation_deg))
+        rotation = read_only(rotation_matrix(self.rotation_deg).tolist())
         return model.Placement(read_only(self.position_mm, MILLI), rotation)
