@@ -1,7 +1,7 @@
 """Iron bodies as solids of the CAD kernel, and all of them glued together for the mesher.
 
 The kernel is Open CASCADE, reached through netgen. Inside it lengths are millimetres (`fieldmap.iron.shapes`
-says why), elsewhere metres. Primitives stay true curved surfaces: the mesher may curve its elements onto them.
+says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements.
 """
 
 from collections.abc import Iterable
@@ -21,8 +21,8 @@ def device_label(device: Device) -> str:
 def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
     """The body as a solid in the global frame, mm: its parts added and cut in order.
 
-    A body of several pieces is a compound of solids. Each solid carries the body's name and, as `maxh`, its mesh
-    size in mm. Faces of one body that lie in one surface are merged, so added parts leave no inner edges.
+    A body of several pieces is a compound of solids. Each solid carries the body's name and, as `maxh`, the
+    mesh size in mm. Faces of one body that lie in one surface are merged: added parts leave no inner edges.
     source: the device file, for messages. Raises GeometryError where a part cannot be built.
 
     >>> import fieldmap.device.model as model

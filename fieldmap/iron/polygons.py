@@ -99,11 +99,8 @@ def rounded_outline(corners: Array, radius: float, offset: float) -> tuple[Corne
     `end` to the next one's `start`. Raises ValueError where a corner does not fit its sides or the offset is
     larger than the radius on the inner side of a bend.
     """
-    along = np.roll(corners, -1, axis=0) - corners
-    lengths = np.linalg.norm(along, axis=1)
-    along = along / lengths[:, None]
+    along, lengths, turn = _sides(corners)
     before = np.roll(along, 1, axis=0)
-    turn = np.arctan2(before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0], np.sum(before * along, axis=1))
     taken = radius * np.tan(np.abs(turn) / 2)
     slack = RELATIVE_LENGTH * lengths.max()
     for i, length in enumerate(lengths):
@@ -113,6 +110,22 @@ def rounded_outline(corners: Array, radius: float, offset: float) -> tuple[Corne
         _rounded_corner(corners[i], before[i], along[i], float(turn[i]), radius, offset, slack)
         for i in range(len(corners))
     )
+
+
+def middle_length(corners: Array, radius: float) -> float:
+    """Length of the closed path of `rounded_outline` itself (offset 0)."""
+    _, lengths, turn = _sides(corners)
+    return float(lengths.sum() + radius * (np.abs(turn) - 2 * np.tan(np.abs(turn) / 2)).sum())
+
+
+def _sides(corners: Array) -> tuple[Array, Array, Array]:
+    """Directions (n, 2) and lengths (n,) of the sides that leave the corners; turns (n,), left > 0."""
+    along = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(along, axis=1)
+    along = along / lengths[:, None]
+    before = np.roll(along, 1, axis=0)
+    cross = before[:, 0] * along[:, 1] - before[:, 1] * along[:, 0]
+    return along, lengths, np.arctan2(cross, np.sum(before * along, axis=1))
 
 
 def _rounded_corner(

@@ -33,9 +33,11 @@ KERNEL_ERRORS = (RuntimeError, occ.OCCException, ValueError)
 
 
 def place(solid: occ.TopoDS_Shape, placement: Placement) -> occ.TopoDS_Shape:
-    """`solid` turned by the placement's rotation and moved to its position."""
+    """`solid` turned by the placement's rotation and moved to its position. ValueError if not finite."""
     origin = np.asarray(placement.position, dtype=float) * MILLIMETRES
     rotation = np.asarray(placement.rotation, dtype=float)
+    if not (np.isfinite(origin).all() and np.isfinite(rotation).all()):
+        raise ValueError("a position and rotation must be finite numbers")
     frame = occ.Axes(point(*origin), n=occ.Dir(*rotation[:, 2]), h=occ.Dir(*rotation[:, 0]))
     # Transformation(frame) takes global coordinates to those of the frame; its inverse places.
     return occ.gp_Trsf.Transformation(frame).Inverted()(solid)

@@ -29,7 +29,7 @@ def declared_step_unit(path: Path) -> float | None:
 
 
 def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
-    """The solid of a STEP file, or a compound of its solids, in mm: numbers in the file times `scale` are metres.
+    """The solid of a STEP file, mm: numbers in the file times `scale` are metres. Several solids are joined.
 
     The device file's scale decides; the kernel's own conversion from the unit that the STEP file declares is
     undone. Raises ValueError where the file cannot be read or holds no solid.
@@ -46,7 +46,7 @@ def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
     pieces = list(shape.solids)
     if not pieces:
         raise ValueError(f"the STEP file {path} holds no solid (surfaces and curves have no volume)")
-    solid = pieces[0] if len(pieces) == 1 else occ.Compound(pieces)
+    solid = pieces[0] if len(pieces) == 1 else occ.Fuse(pieces).UnifySameDomain()
     # The kernel has turned the declared unit into mm, and takes numbers without a unit as mm.
     factor = scale / (1e-3 if unit is None else unit)
     return solid if abs(factor - 1.0) < 1e-12 else solid.Scale(occ.Pnt(0.0, 0.0, 0.0), factor)

@@ -13,7 +13,7 @@ from fieldmap.device.model import (
     WorkspaceBox,
     WorkspaceCylinder,
 )
-from fieldmap.iron.polygons import Corner, rounded_outline
+from fieldmap.iron.polygons import Corner, middle_length, rounded_outline
 from fieldmap.iron.shapes import MILLIMETRES, checked_polygon, cylinder, place, point, positive, ring, segment
 
 Array = NDArray[np.float64]
@@ -32,15 +32,23 @@ def winding_solid(coil: Coil) -> occ.TopoDS_Shape:
             low = -coil.height / 2
             solid = ring(coil.inner_radius, coil.outer_radius, low, coil.height)
         case RoundedRectangleCoil():
-            x, y = coil.half_width_x, coil.half_width_y
-            corners = np.array([[x, -y], [x, y], [-x, y], [-x, -y]])
-            solid = _wound_path(corners, coil.corner_radius, coil.thickness, coil.height)
+            solid = _wound_path(_rectangle(coil), coil.corner_radius, coil.thickness, coil.height)
         case PathCoil():
             solid = _wound_path(coil.corners, coil.corner_radius, coil.thickness, coil.height)
     solid = place(solid, coil.placement)
     for piece in solid.solids:
         piece.name = coil.name
     return solid
+
+
+def winding_volume(coil: Coil) -> float:
+    """Volume of a winding whose turns keep clear of each other, m^3: section times middle line (Pappus)."""
+    if isinstance(coil, CircularCoil):
+        return float(np.pi * (coil.outer_radius**2 - coil.inner_radius**2) * coil.height)
+    corners = (
+        _rectangle(coil) if isinstance(coil, RoundedRectangleCoil) else np.asarray(coil.corners, dtype=float)
+    )
+    return middle_length(corners, coil.corner_radius) * coil.thickness * coil.height
 
 
 def workspace_solid(workspace: WorkspaceBox | WorkspaceCylinder) -> occ.TopoDS_Shape:
@@ -50,6 +58,12 @@ def workspace_solid(workspace: WorkspaceBox | WorkspaceCylinder) -> occ.TopoDS_S
         upper = lower + positive(extent=np.asarray(workspace.upper, dtype=float) - workspace.lower)
         return occ.Box(point(*lower), point(*upper))
     return place(cylinder(workspace.radius, 0.0, workspace.height), Placement(position=workspace.base))
+
+
+def _rectangle(coil: RoundedRectangleCoil) -> Array:
+    """Corners (4, 2) of the middle line before rounding, counter-clockwise, m."""
+    x, y = coil.half_width_x, coil.half_width_y
+    return np.array([[x, -y], [x, y], [-x, y], [-x, -y]])
 
 
 def _outline_face(outline: tuple[Corner, ...], height: float) -> occ.TopoDS_Shape:
