@@ -20,7 +20,7 @@ from fieldmap.device.model import (
     Sphere,
     StepFile,
 )
-from fieldmap.iron.polygons import polygon_fault, signed_area
+from fieldmap.device.polygons import polygon_fault, signed_area
 from fieldmap.iron.step_files import solid_of_step_file
 
 Array = NDArray[np.float64]
@@ -107,12 +107,15 @@ def _polygon_face(points: Array) -> occ.TopoDS_Shape:
 
 
 def checked_polygon(points: Array, what: str) -> Array:
-    """The corners in mm, counter-clockwise. Raises ValueError unless they form a simple polygon."""
-    fault = polygon_fault(points)
+    """The corners (n, 2) in mm, counter-clockwise. Raises ValueError unless they form a simple polygon."""
+    corners = np.asarray(points, dtype=float)
+    if corners.ndim != 2 or corners.shape[1] != 2 or not np.isfinite(corners).all():
+        raise ValueError(f"{what} must be given by finite points (n, 2)")
+    fault = polygon_fault(corners.tolist())
     if fault is not None:
-        raise ValueError(f"{what} must be a simple polygon, not one with {fault}")
-    points = np.asarray(points, dtype=float) * MILLIMETRES
-    return points if signed_area(points) > 0 else points[::-1]
+        raise ValueError(f"{what} must be a simple polygon: {fault}")
+    corners = corners * MILLIMETRES
+    return corners if signed_area(corners.tolist()) > 0 else corners[::-1]
 
 
 def _extruded(points: Array, height: float) -> occ.TopoDS_Shape:

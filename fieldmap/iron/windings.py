@@ -13,7 +13,7 @@ from fieldmap.device.model import (
     WorkspaceBox,
     WorkspaceCylinder,
 )
-from fieldmap.iron.polygons import Corner, middle_length, rounded_outline
+from fieldmap.iron.rounded_outline import Corner, middle_length, rounded_outline
 from fieldmap.iron.shapes import MILLIMETRES, checked_polygon, cylinder, place, point, positive, ring, segment
 
 Array = NDArray[np.float64]

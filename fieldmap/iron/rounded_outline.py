@@ -1,4 +1,4 @@
-"""Plane polygons: whether they bound a region, and their outline with rounded corners.
+"""Closed plane paths with rounded corners, and the curves at a constant distance beside them.
 
 Everything here is plain numbers in the unit of the caller; nothing knows the mesher.
 """
@@ -11,73 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 RELATIVE_LENGTH = 1e-9
-"""Lengths below this fraction of the polygon's size are rounding: corners this near to each other are one."""
-
-
-def signed_area(points: Array) -> float:
-    """Area of a closed polygon `points` (n, 2), positive when they run counter-clockwise."""
-    x, y = points[:, 0], points[:, 1]
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-
-
-def polygon_fault(points: Array) -> str | None:
-    """What keeps `points` (n, 2) from being a simple polygon, in words, or None.
-
-    Simple: at least three finite corners, no corner twice, no side of length zero, and no two sides that meet
-    anywhere but at the corner between neighbours.
-    """
-    points = np.asarray(points, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        return f"an array of shape {points.shape}"
-    if not np.isfinite(points).all():
-        return f"corner {int(np.argmax(~np.isfinite(points).all(axis=1)))} that is not finite"
-    crossing = _meeting_sides(points)
-    if crossing is not None:
-        return f"sides {crossing[0]} and {crossing[1]} that meet (sides are counted from 0)"
-    size = np.ptp(points, axis=0).max()
-    if abs(signed_area(points)) <= RELATIVE_LENGTH * size**2:
-        return "corners that enclose no area"
-    return None
-
-
-def _meeting_sides(points: Array) -> tuple[int, int] | None:
-    """The first two sides that meet although they are not neighbours, or that fold back on each other."""
-    n = len(points)
-    ends = np.roll(points, -1, axis=0)
-    tolerance = RELATIVE_LENGTH * max(np.ptp(points, axis=0).max(), np.finfo(float).tiny)
-    for i in range(n):
-        if np.linalg.norm(ends[i] - points[i]) <= tolerance:
-            return i, (i + 1) % n
-        back = (i + 1) % n
-        if _folds_back(points[i], ends[i], ends[back]):
-            return i, back
-        for j in range(i + 2, n):
-            if (j + 1) % n != i and _distance(points[i], ends[i], points[j], ends[j]) <= tolerance:
-                return i, j
-    return None
-
-
-def _folds_back(first: Array, corner: Array, last: Array) -> bool:
-    """True where the path turns by 180 degrees at `corner`."""
-    u, v = corner - first, last - corner
-    cross = u[0] * v[1] - u[1] * v[0]
-    size = np.linalg.norm(u) * np.linalg.norm(v)
-    return bool(u @ v < 0 and abs(cross) <= RELATIVE_LENGTH * size)
-
-
-def _distance(a: Array, b: Array, c: Array, d: Array) -> float:
-    """Shortest distance of the segments a-b and c-d in the plane."""
-
-    def side(p: Array, q: Array, r: Array) -> float:
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    def to_segment(r: Array, p: Array, q: Array) -> float:
-        t = np.clip((r - p) @ (q - p) / ((q - p) @ (q - p) or 1.0), 0.0, 1.0)
-        return float(np.linalg.norm(r - p - t * (q - p)))
-
-    if side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0:
-        return 0.0
-    return min(to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b))
+"""Lengths below this fraction of the longest side, and turns below this angle, are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
