@@ -49,8 +49,8 @@ def _alone(data: Any, array: Location, name: str) -> bool:
 def matches(data: Any, pattern: str) -> list[Location]:
     """All locations that a dotted path names.
 
-    A step is a key, the name of an array's entry, an entry's number from 1 (if no entry has that name), or * for
-    any.
+    A step is a key, the name of an array's entry, an entry's number from 1 (if no entry has that name), or *
+    for any.
     """
     found: list[tuple[Location, Any]] = [((), data)]
     for step in pattern.split("."):

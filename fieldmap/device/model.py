@@ -308,8 +308,8 @@ class Device:
     """A whole machine.
 
     provenance: key paths of the file -> where the number comes from. For the map file's record: `text` is the
-    file as read; `included` maps each file that it names to its text (material files) or to "sha256:..." of its
-    bytes (STEP files).
+    file as read; `included` maps each file that it names to its text (material files) or to "sha256:..." of
+    its bytes (STEP files).
     """
 
     name: str
