@@ -1,1 +1,17 @@
-"""TODO"""
+"""Soft iron in the field of coils: mesh, volume integral equation, solution."""
+
+from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.linear import solve_linear
+from fieldmap.iron.mesh import IronMesh, generate_mesh
+from fieldmap.iron.report import SolverReport
+from fieldmap.iron.solution import LinearSolution
+
+__all__ = [
+    "IronMesh",
+    "LinearSolution",
+    "SolverReport",
+    "check_geometry",
+    "generate_mesh",
+    "geometry_notes",
+    "solve_linear",
+]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.iron.mesh import IronMesh, volumes
-from fieldmap.kernels.quadrature import tetrahedron_rule
+from fieldmap.kernels.simplex_rules import tetrahedron_rule
 
 Array = NDArray[np.float64]
 # Elements smaller than this fraction of their body's largest see a field that varies little: 4 points do.

@@ -30,16 +30,12 @@ def rounded_outline(corners: Array, radius: float, offset: float) -> tuple[Corne
     """The curve at distance `offset` to the left of a closed path whose corners are rounded with `radius`.
 
     corners (n, 2): where the straight pieces would meet, in order. The straight pieces run from one corner's
-    `end` to the next one's `start`. Raises ValueError where a corner does not fit its sides or the offset is
-    larger than the radius on the inner side of a bend.
+    `end` to the next one's `start`; the corners must fit their sides (`fieldmap.device.polygons.rounding_fault`).
+    Raises ValueError where the offset is larger than the radius on the inner side of a bend.
     """
     along, lengths, turn = _sides(corners)
     before = np.roll(along, 1, axis=0)
-    taken = radius * np.tan(np.abs(turn) / 2)
     slack = RELATIVE_LENGTH * lengths.max()
-    for i, length in enumerate(lengths):
-        if taken[i] + taken[(i + 1) % len(lengths)] > length + slack:
-            raise ValueError(f"the corners at both ends of side {i} need more than its length")
     return tuple(
         _rounded_corner(corners[i], before[i], along[i], float(turn[i]), radius, offset, slack)
         for i in range(len(corners))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fieldmap.kernels.charged_surface import surface_field, surface_field_and_gradient
 from fieldmap.kernels.mutual_potential import mean_potential_of_others, mutual_potential
-from fieldmap.kernels.quadrature import triangle_rule
+from fieldmap.kernels.simplex_rules import triangle_rule
 
 Array = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ from fieldmap.device.model import (
     WorkspaceBox,
     WorkspaceCylinder,
 )
+from fieldmap.device.polygons import rounding_fault
 from fieldmap.iron.rounded_outline import Corner, middle_length, rounded_outline
 from fieldmap.iron.shapes import MILLIMETRES, checked_polygon, cylinder, place, point, positive, ring, segment
 
@@ -86,6 +87,9 @@ def _outline_face(outline: tuple[Corner, ...], height: float) -> occ.TopoDS_Shap
 def _wound_path(corners: Array, radius: float, thickness: float, height: float) -> occ.TopoDS_Shape:
     path = checked_polygon(corners, "the winding's middle line")
     r, t, h = positive(corner_radius=radius, thickness=thickness, height=height)
+    fault = rounding_fault(path.tolist(), float(r))
+    if fault is not None:
+        raise ValueError(f"the winding's corners must fit its sides: {fault}")
     outer, inner = (rounded_outline(path, r, side * t / 2) for side in (-1.0, 1.0))
     up = occ.Vec(0.0, 0.0, float(h))
     return occ.Prism(_outline_face(outer, -h / 2), up) - occ.Prism(_outline_face(inner, -h / 2), up)
