@@ -1,8 +1,8 @@
-"""How many Gauss-Legendre points a slice quadrature needs, and how near a point is to a winding section.
+"""How many Gauss-Legendre points the sum over the slices of a winding needs.
 
-The integrand along a winding is singular at a complex position whose imaginary part is about the distance of the
-point from the section. The substitution t = d sinh(w) moves that to Im w = pi/2, so that the number of points grows
-with the logarithm of 1/d only: docs/theory/coils.md (21)-(22).
+The integrand along a winding is singular at complex positions +- i d, d being about the distance of the field point
+from the section. Either the points are spread evenly, or the substitution t = d sinh(w) moves the singularity to
+Im w = pi/2, so that the number of points grows with log(1/d) only: docs/theory/coils.md (21)-(23).
 """
 
 import math
@@ -13,10 +13,22 @@ from fieldmap.kernels.gauss import MOST_POINTS
 
 
 @numba.njit(cache=True, error_model="numpy")
-def points_for(half_range: float, digits: float) -> int:
-    """Points for `digits` correct digits on a range of w of the given half width."""
-    rate = math.asinh(0.5 * math.pi / max(half_range, 1e-3))
-    return max(2, min(MOST_POINTS, int(1.1513 * digits / rate) + 1))
+def points_even(offset: float, depth: float, half: float, digits: float) -> float:
+    """Points for `digits` digits on |t| <= half with singularities at offset +- i depth: Bernstein's ellipse."""
+    a = 0.5 * (math.hypot(offset + half, depth) + math.hypot(offset - half, depth)) / half
+    return 1.1513 * digits / math.log(a + math.sqrt(max(a * a - 1.0, 1e-12)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def points_sinh(half: float, digits: float) -> float:
+    """Points for `digits` digits on |w| <= half with singularities on the lines Im w = +- pi/2."""
+    return 1.1513 * digits / math.asinh(0.5 * math.pi / max(half, 1e-3))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def whole_points(n: float) -> int:
+    """The rule to use for a wanted number of points."""
+    return max(2, min(MOST_POINTS, int(n) + 1))
 
 
 @numba.njit(cache=True, error_model="numpy")
