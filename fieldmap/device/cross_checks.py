@@ -11,11 +11,14 @@ from fieldmap.device.findings import Finding, closest, one_of, shown
 from fieldmap.device.key_paths import dotted, matches, tables
 
 
-def cross_findings(data: dict[str, Any], folder: Path) -> list[Finding]:
-    """Everything wrong between the tables of a device file in `folder`."""
+def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> list[Finding]:
+    """Everything wrong between the tables of a device file in `folder`.
+
+    missing: dotted paths of required keys that are already known to be missing; their sources are no mistake.
+    """
     found = [*_duplicate_names(data, "body"), *_duplicate_names(data, "coil"), *_unknown_materials(data)]
-    found += [*_numbers_of_currents(data), *_unsourced_keys(data), *_missing_step_files(data, folder)]
-    return [*found, *_nothing_to_compute(data)]
+    found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
+    return [*found, *_missing_step_files(data, folder), *_nothing_to_compute(data)]
 
 
 def _duplicate_names(data: dict[str, Any], key: str) -> Iterator[Finding]:
@@ -51,13 +54,13 @@ def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:
             )
 
 
-def _unsourced_keys(data: dict[str, Any]) -> Iterator[Finding]:
+def _sources_of_nothing(data: dict[str, Any], missing: set[str]) -> Iterator[Finding]:
     provenance = data.get("provenance")
     if not isinstance(provenance, dict):
         return
     paths: list[str] | None = None
     for path, text in provenance.items():
-        if isinstance(text, str) and not matches(data, path):
+        if isinstance(text, str) and path not in missing and not matches(data, path):
             paths = _all_paths(data) if paths is None else paths
             guess = closest(path, paths)
             remedy = f'did you mean "{guess}"?' if guess else "correct the path or remove the line"

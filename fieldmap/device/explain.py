@@ -12,6 +12,7 @@ from fieldmap.device.schema.base import COIL_NAME_RULE
 from fieldmap.device.schema_walk import Place, description, place_at, without_tags
 
 CHOOSING_KEYS = ("kind", "shape", "quantity")
+REQUIRED = "this key is required"
 
 
 def explain(error: ErrorDetails, root: type[BaseModel], data: Any) -> Finding:
@@ -35,7 +36,7 @@ def _missing(location: Location, place: Place) -> Finding:
     key = str(location[-1])
     about = description(place.table, key)
     return Finding(
-        location, "this key is required", "nothing", f"add {key}" + (f" ({about})" if about else "")
+        location, REQUIRED, "nothing", f"add {key}" + (f" ({about})" if about else "")
     )
 
 
@@ -54,13 +55,12 @@ def _unknown_key(location: Location, place: Place) -> Finding:
 
 def _choice(location: Location, place: Place, table: Any) -> Finding:
     """A table that does not say, or wrongly says, which of several kinds it is."""
+    if not isinstance(table, dict):
+        must_hold, remedy = _table({})
+        return Finding(location, must_hold, shown(table), remedy)
     key = next(key for key in CHOOSING_KEYS if any(key in t.model_fields for t in place.choices.values()))
     words = _words(place, key)
     allowed = f"{key} must be one of {one_of(words)}"
-    if not isinstance(table, dict):
-        return Finding(
-            location, "a table is needed here", shown(table), f"write a table with a {key}; {allowed}"
-        )
     if key not in table:
         parts = ", or write [[body.part]] tables" if "several parts" in place.choices else ""
         return Finding((*location, key), allowed, "nothing", f'add {key} = "{words[0]}" or another{parts}')

@@ -1,8 +1,8 @@
 """JSON Schema of device and material files, for editors.
 
-`python -m fieldmap.device.json_schema` rewrites the files in geometry/. The schema is made from the same classes
-that the reader checks with. It knows keys, types, limits and choices; the rules between keys (an empty workspace,
-a corner that is too round) are the reader's alone.
+`python -m fieldmap.device.json_schema` rewrites the files in geometry/. The schema is made from the same
+classes that the reader checks with. It knows keys, types, limits and choices; the rules between keys (an
+empty workspace, a corner that is too round) are the reader's alone.
 """
 
 import json

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from fieldmap.device.cross_checks import cross_findings
-from fieldmap.device.explain import explain
+from fieldmap.device.explain import REQUIRED, explain
 from fieldmap.device.findings import Finding, closest, one_of, shown
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.model import Device, StepFile
@@ -39,7 +39,9 @@ def read_device(path_or_name: str | Path) -> Device:
     path = _find(path_or_name)
     document = _load(path)
     curves, included, problems = _material_files(document)
-    findings = [*_schema_findings(DeviceFile, document.data), *cross_findings(document.data, path.parent)]
+    findings = _schema_findings(DeviceFile, document.data)
+    missing = {dotted(document.data, found.location) for found in findings if found.must_hold == REQUIRED}
+    findings += cross_findings(document.data, path.parent, missing)
     problems = [*document.problems(findings), *problems]
     if problems:
         raise DeviceFileError(*problems)

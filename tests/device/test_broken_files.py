@@ -1,0 +1,138 @@
+"""Every kind of mistake in a device file: one edit of a valid file each, and the message that must come."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.errors import DeviceFileError
+
+
+CASES = tomllib.loads((Path(__file__).parent / "mistakes.toml").read_text())["case"]
+
+
+def problems_of(text: str, tmp_path) -> tuple:
+    path = tmp_path / "device.toml"
+    path.write_text(text)
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(path)
+    return caught.value.problems
+
+
+def test_the_unbroken_file_is_read(valid_text, tmp_path):
+    path = tmp_path / "device.toml"
+    path.write_text(valid_text)
+    assert read_device(path).name == "everything"
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["id"])
+def test_one_mistake_gives_one_message(case, valid_text, tmp_path):
+    assert valid_text.count(case["old"]) >= 1, "the edit does not apply"
+    text = valid_text.replace(case["old"], case["new"], 1)
+    problems = problems_of(text, tmp_path)
+    assert len(problems) == 1, "\n".join(map(str, problems))
+    problem = problems[0]
+    place, _, path = problem.where.rpartition(": ")
+    assert path == case["path"]
+    assert place.startswith(str(tmp_path / "device.toml"))
+    assert case["must_hold"] in problem.must_hold
+    assert case["received"] in problem.received
+    assert case["remedy"] in problem.remedy
+
+
+def test_messages_of_different_mistakes_differ(valid_text, tmp_path):
+    texts = [str(problems_of(valid_text.replace(c["old"], c["new"], 1), tmp_path)[0]) for c in CASES]
+    assert len(set(texts)) == len(texts)
+
+
+def test_the_line_of_a_mistake_is_named(valid_text, tmp_path):
+    text = valid_text.replace("radius_mm = 66", "radius_mm = -66")
+    line = text[: text.index("radius_mm = -66")].count("\n") + 1
+    assert problems_of(text, tmp_path)[0].where == f"{tmp_path / 'device.toml'}:{line}: body.disk.radius_mm"
+
+
+def test_all_mistakes_are_reported_at_once(valid_text, tmp_path):
+    edits = [
+        ("radius_mm = 66", "radius_mm = -66"),
+        ('material = "iron"', 'material = "irn"'),
+        ("0.80, 0.90]", "0.80, 0.75]"),
+        ("corner_radius_mm = 15", "corner_radius_mm = 17"),
+        ("upper_mm = [20, 20, -76]", "upper_mm = [20, 20, -140]"),
+        ("currents_A = [1, 0, 0]\nvalue_T = ", "currents_A = [1, 0]\nvalue_T = "),
+        ('"body.disk.radius_mm" =', '"body.disc.radius_mm" ='),
+    ]
+    for old, new in edits:
+        assert old in valid_text
+        valid_text = valid_text.replace(old, new, 1)
+    paths = [problem.where.rpartition(": ")[2] for problem in problems_of(valid_text, tmp_path)]
+    assert paths == [  # in the order of the file
+        "material.steel.B_T",
+        "body.disk.radius_mm",
+        "body.collar.material",
+        "coil.race.corner_radius_mm",
+        "workspace.upper_mm",
+        "reference.1.currents_A",
+        "provenance.body.disc.radius_mm",
+    ]
+
+
+def test_two_mistakes_in_one_table_are_both_reported(valid_text, tmp_path):
+    text = valid_text.replace("corner_radius_mm = 15", "corner_radius_mm = 17", 1)
+    text = text.replace("turns = 840\npolarity", "turns = -840\npolarity", 1)
+    paths = [problem.where.rpartition(": ")[2] for problem in problems_of(text, tmp_path)]
+    assert paths == ["coil.race.corner_radius_mm", "coil.race.turns"]
+
+
+@pytest.mark.parametrize(
+    ("broken_line", "where"), [("radius_mm = 6 6", ":28:15"), ("[[body", ":28:7"), ('name = "disk', ":28:13")]
+)
+def test_a_syntax_error_names_line_and_column(broken_line, where, valid_text, tmp_path):
+    text = valid_text.replace("radius_mm = 66", broken_line)
+    (problem,) = problems_of(text, tmp_path)
+    assert problem.where == f"{tmp_path / 'device.toml'}{where}"
+    assert "valid TOML" in problem.must_hold
+
+
+def test_a_file_that_is_not_text(tmp_path):
+    (tmp_path / "device.toml").write_bytes(b"\xff\xfe\x00format")
+    with pytest.raises(DeviceFileError, match="UTF-8"):
+        read_device(tmp_path / "device.toml")
+
+
+def test_a_file_that_does_not_exist_names_the_shipped_ones():
+    with pytest.raises(DeviceFileError, match='did you mean "drive_unit"'):
+        read_device("drive_unti")
+    with pytest.raises(DeviceFileError, match=r'one of.*"loop_and_sphere"'):
+        read_device("xyzzy/nothing.toml")
+
+
+def test_an_empty_file(tmp_path):
+    problems = problems_of("", tmp_path)
+    text = "\n".join(map(str, problems))
+    assert all(words in text for words in ("format", "name", "title", "at least one [[coil]] or [[body]]"))
+
+
+def test_wrong_types_everywhere_are_told_without_a_crash(tmp_path):
+    text = 'format = "1"\nname = 3\ntitle = []\nbody = 5\nmaterial = 5\ncoil = {name = 1}\npayload = [1]\n'
+    text += 'driver = "x"\nworkspace = []\nreference = [[1], 2]\nprovenance = ["a"]\n'
+    problems = problems_of(text, tmp_path)
+    named = {problem.where.rpartition(": ")[2].split(".")[0] for problem in problems}
+    assert {"format", "name", "title", "body", "material", "coil", "payload"} <= named
+    assert {"driver", "workspace", "reference", "provenance"} <= named
+
+
+def test_errors_of_a_material_file_come_with_those_of_the_device_file(valid_text, tmp_path):
+    (tmp_path / "curve.toml").write_text(
+        'format = 1\nname = "curve"\ntitle = "x"\nH_A_per_m = [1, 2]\nB_T = [0.2, 0.1]\n'
+    )
+    text = valid_text.replace("H_A_per_m = [355, 405, 470]\nB_T = [0.70, 0.80, 0.90]", 'file = "curve.toml"')
+    text = text.replace("radius_mm = 66", "radius_mm = -66")
+    where = [problem.where for problem in problems_of(text, tmp_path)]
+    assert where[0].endswith("body.disk.radius_mm")
+    assert where[1] == f"{tmp_path / 'curve.toml'}:5: B_T"
+
+
+def test_the_error_is_one_of_the_family():
+    assert DeviceFileError.exit_code == 2
+    assert issubclass(DeviceFileError, ValueError)
