@@ -1,0 +1,52 @@
+"""Which commands there are."""
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from fieldmap.cli import check, equilibrium, info, make_map, probe, schema, solve
+
+_COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
+    "check": (check.check, "fieldmap check drive_unit"),
+    "solve": (solve.solve, "fieldmap solve loop_and_sphere"),
+    "map": (make_map.make_map, "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary"),
+    "info": (info.info, "fieldmap info maps/out/workspace.h5"),
+    "probe": (probe.probe, "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload"),
+    "equilibrium": (equilibrium.equilibrium, "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 10"),
+    "schema": (schema.schema, "fieldmap schema > device.schema.json"),
+}
+
+
+def application() -> typer.Typer:
+    """A new application with every command; each help text ends with an example."""
+    app = typer.Typer(
+        name="fieldmap",
+        help="Fields, gradients and forces of coils with soft iron, without finite elements.",
+        epilog="Start with: fieldmap check drive_unit",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="rich",
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_common)
+    for name, (function, example) in _COMMANDS.items():
+        app.command(name=name, epilog=f"Example: {example}")(function)
+    return app
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        import fieldmap
+
+        print(f"fieldmap {fieldmap.__version__}")
+        raise typer.Exit
+
+
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Fields, gradients and forces of coils with soft iron, without finite elements."""

@@ -1,0 +1,143 @@
+"""`fieldmap check`: is this device file sound, and what is in it?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from fieldmap.device.model import Coil, Device
+
+
+def check(
+    device: Annotated[str, typer.Argument(help="Device file, or the name of a shipped device.")],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Read a device file, check its geometry, and list its bodies, coils and assumptions."""
+    from fieldmap.cli.opening import open_device
+    from fieldmap.iron import check_geometry
+
+    machine = open_device(device)
+    check_geometry(machine)
+    contents = _contents(machine)
+    if json:
+        from fieldmap.cli.printing import print_json
+
+        print_json(contents)
+    else:
+        _print(machine, contents)
+
+
+def _contents(device: Device) -> dict[str, Any]:
+    from fieldmap.cli.assumptions import material_assumptions, payload_assumptions
+
+    return {
+        "device": device.name,
+        "title": device.title,
+        "source": device.source,
+        "bodies": [
+            {
+                "name": body.name,
+                "material": body.material,
+                "volume": _volume(body),
+                "mesh_size": body.mesh_size,
+                "parts": len(body.parts),
+            }
+            for body in device.bodies
+        ],
+        "coils": [_coil(coil) for coil in device.coils],
+        "payload": device.payload,
+        "driver": device.driver,
+        "workspace": device.workspace,
+        "references": len(device.references),
+        "assumptions": material_assumptions(device) + payload_assumptions(device.payload),
+    }
+
+
+def _volume(body: Any) -> float:
+    """Volume in m^3."""
+    from fieldmap.iron.cad import body_solid
+
+    return 1e-9 * float(body_solid(body).mass)
+
+
+def _coil(coil: Coil) -> dict[str, Any]:
+    return {
+        "name": coil.name,
+        "kind": type(coil).__name__,
+        "turns": coil.turns,
+        "polarity": coil.polarity,
+        "centre": coil.placement.position,
+        "height": coil.height,
+        "resistance": coil.resistance,
+        "inductance": coil.inductance,
+    }
+
+
+_KINDS = {"CircularCoil": "circular", "RoundedRectangleCoil": "rounded rectangle", "PathCoil": "path"}
+
+
+def _print(device: Device, contents: dict[str, Any]) -> None:
+    from fieldmap.cli.printing import assumption_lines, console, facts, heading, millimetres, table
+
+    out = console()
+    out.print(heading(device.name, device.title))
+    if device.bodies:
+        out.print(
+            table(
+                ("body", "material", "volume cm3", "element mm"),
+                (
+                    (b["name"], b["material"], f"{1e6 * b['volume']:.2f}", f"{1e3 * b['mesh_size']:.3g}")
+                    for b in contents["bodies"]
+                ),
+                left=2,
+            )
+        )
+    if device.coils:
+        out.print(
+            table(
+                ("coil", "winding", "turns", "polarity", "ohm", "mH", "centre"),
+                (
+                    (
+                        c["name"],
+                        _KINDS[c["kind"]],
+                        f"{c['turns']:g}",
+                        f"{c['polarity']:+d}",
+                        _number(c["resistance"]),
+                        _number(c["inductance"], 1e3),
+                        millimetres(c["centre"]),
+                    )
+                    for c in contents["coils"]
+                ),
+                left=2,
+            )
+        )
+    out.print(facts(_extras(device)))
+    out.print(assumption_lines(contents["assumptions"]))
+    out.print(f"{len(device.bodies)} bodies, {len(device.coils)} coils: 0 problems.")
+
+
+def _number(value: float | None, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{scale * value:.4g}"
+
+
+def _extras(device: Device) -> list[tuple[str, str]]:
+    from fieldmap.cli.opening import workspace_corners
+    from fieldmap.cli.printing import millimetres
+
+    rows = []
+    if device.payload is not None:
+        rows.append(
+            ("payload", f"{1e3 * device.payload.mass:.4g} g, moment {device.payload.moment:.4g} A m2")
+        )
+    if device.driver is not None:
+        rows.append(
+            ("driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil")
+        )
+    box = workspace_corners(device)
+    if box is not None:
+        rows.append(("workspace", f"{millimetres(box[0])} to {millimetres(box[1])}"))
+    if device.references:
+        rows.append(("references", f"{len(device.references)} known values; compare: fieldmap solve"))
+    return rows

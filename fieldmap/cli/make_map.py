@@ -1,0 +1,40 @@
+"""`fieldmap map`: compute the map that a recipe asks for."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def make_map(
+    recipe: Annotated[str, typer.Argument(help="Recipe file, or the name of a shipped recipe.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Map file to write; maps/out/RECIPE.h5 otherwise.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume/--fresh", help="Go on where a stopped run left off, or begin anew.")
+    ] = True,
+    summary: Annotated[
+        bool, typer.Option("--summary", help="Print what the map holds when it is done.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+) -> None:
+    """Compute the map that a recipe asks for; a run that was stopped goes on where it was."""
+    from fieldmap.cli.opening import refuse_directory
+    from fieldmap.cli.progress import Progress
+    from fieldmap.maps import generate
+
+    refuse_directory(recipe)
+    try:
+        with Progress("map") as progress:
+            path = generate(recipe, output=output, resume=resume, progress=progress)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on from here (--fresh begins anew)", file=sys.stderr)
+        raise typer.Exit(130) from None
+    if summary or json:
+        from fieldmap.cli.summary import print_summary
+
+        print_summary(path, json)
+    else:
+        print(path)

@@ -1,0 +1,88 @@
+"""Numbers on the command line: several values after one option, currents, points."""
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.errors import InputError, Problem
+
+Array = NDArray[np.float64]
+
+_LISTS = ("--at", "--at-mm", "--currents", "--moment")
+_NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)
+
+
+def join_lists(argv: list[str]) -> list[str]:
+    """Join the numbers that follow an option which takes several, so that `--at 0 0 -0.1` is one value.
+
+    >>> join_lists(["probe", "unit", "--at", "0", "0", "-0.1", "--json"])
+    ['probe', 'unit', '--at=0,0,-0.1', '--json']
+    """
+    joined: list[str] = []
+    rest = list(argv)
+    while rest:
+        word = rest.pop(0)
+        values = []
+        while word in _LISTS and rest and _NUMBERS.fullmatch(rest[0]):
+            values.append(rest.pop(0).strip(", "))
+        joined.append(f"{word}={','.join(values)}" if values else word)
+    return joined
+
+
+def parse_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
+    """Currents (n_coils,), A, from the values of `--currents`; one number stands for every coil."""
+    values = _floats(texts, "--currents")
+    count = len(coil_names)
+    if len(values) == 1:
+        values = values * count
+    if len(values) != count:
+        raise InputError(
+            Problem(
+                where="--currents",
+                must_hold=f"must be one current per coil ({', '.join(coil_names)}), or one number for all",
+                received=f"{len(values)} numbers: {', '.join(texts)}",
+                remedy=f"give {count} numbers in A, for example --currents {','.join(['1.0'] * count)}",
+            )
+        )
+    return np.array(values)
+
+
+def parse_points(metres: list[str], millimetres: list[str]) -> Array:
+    """Points (n, 3), m, from the values of `--at` and `--at-mm`, in that order."""
+    points = [_triple(text, "--at", "m") for text in metres]
+    points += [[1e-3 * x for x in _triple(text, "--at-mm", "mm")] for text in millimetres]
+    return np.array(points).reshape(-1, 3)
+
+
+def parse_moment(text: str) -> Array:
+    """A dipole moment (3,), A m^2, from the value of `--moment`."""
+    return np.array(_triple(text, "--moment", "A m2"))
+
+
+def _triple(text: str, option: str, unit: str) -> list[float]:
+    values = _floats([text], option)
+    if len(values) != 3:
+        raise InputError(
+            Problem(option, f"must be three numbers in {unit}", f"{len(values)}: {text}", f"{option} X Y Z")
+        )
+    return values
+
+
+def _floats(texts: list[str], option: str) -> list[float]:
+    values = []
+    for word in re.split(r"[,\s]+", ",".join(texts).strip(", ")):
+        try:
+            values.append(float(word))
+        except ValueError:
+            values.append(float("nan"))
+        if not np.isfinite(values[-1]):
+            raise InputError(
+                Problem(
+                    option,
+                    "must be finite numbers",
+                    repr(word),
+                    "use a decimal point, and commas or spaces between",
+                )
+            )
+    return values

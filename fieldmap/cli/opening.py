@@ -1,0 +1,149 @@
+"""What a command's first argument means: a device (file or shipped name) or a map file."""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.cli.progress import Progress
+from fieldmap.device.model import Device, Payload, WorkspaceBox
+from fieldmap.errors import InputError, MapFileError, Problem
+
+Array = NDArray[np.float64]
+
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_MAP_SUFFIXES = {".h5", ".hdf5"}
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedField:
+    """A field with coil names that takes points and currents; what it levitates; what it rests on.
+
+    field: an opened map or a linear solution. corners: the box in which it may be searched, or None.
+    """
+
+    name: str
+    kind: str
+    field: Any
+    payload: Payload | None
+    corners: tuple[Array, Array] | None
+    assumptions: tuple[str, ...]
+
+
+def refuse_directory(name: str) -> None:
+    """A file may be missing (the reader says so), but a directory is a slip of the hand."""
+    if Path(name).is_dir():
+        raise InputError(Problem(name, "must be a file", "a directory", "name the file inside it"))
+
+
+def is_map(name: str) -> bool:
+    """Whether the argument names a map file rather than a device."""
+    refuse_directory(name)
+    path = Path(name)
+    if path.suffix.lower() in _MAP_SUFFIXES:
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE
+
+
+def check_map_path(name: str) -> Path:
+    """The path of an existing file that claims to be a map."""
+    path = Path(name)
+    if not is_map(name):
+        received = "no such file" if not path.exists() else "a file that is not HDF5"
+        raise MapFileError(
+            Problem(
+                name, "must be a map file made by `fieldmap map`", received, "make one: fieldmap map RECIPE"
+            )
+        )
+    if not path.is_file():
+        remedy = "check the name, or make the map: fieldmap map RECIPE"
+        raise MapFileError(Problem(name, "must be an existing file", "no such file", remedy))
+    return path
+
+
+def open_device(name: str) -> Device:
+    """The device of a file or a shipped name."""
+    from fieldmap.device import read_device
+
+    if is_map(name):
+        raise InputError(
+            Problem(name, "must be a device file or the name of a shipped device", "a map", "name its device")
+        )
+    return read_device(name)
+
+
+def solve_device(device: Device, mu_r: float | None) -> Any:
+    """Linear solution of a device, with progress."""
+    from fieldmap.iron import solve_linear
+
+    with Progress("solving") as progress:
+        return solve_linear(device, mu_r=mu_r, progress=progress)
+
+
+def workspace_corners(device: Device) -> tuple[Array, Array] | None:
+    """Corners (3,) of the axis-parallel box around the workspace, m, or None where the device names none."""
+    space = device.workspace
+    if space is None:
+        return None
+    if isinstance(space, WorkspaceBox):
+        return np.asarray(space.lower, dtype=float), np.asarray(space.upper, dtype=float)
+    reach = np.array([space.radius, space.radius, 0.0])
+    base = np.asarray(space.base, dtype=float)
+    return base - reach, base + reach + [0.0, 0.0, space.height]
+
+
+def recorded_payload(text: str) -> Payload | None:
+    """The payload in the text of a device file, as a map records it; None where there is none."""
+    if not text:
+        return None
+    from fieldmap.device.schema import DeviceFile
+
+    keys = DeviceFile.model_validate(tomllib.loads(text)).payload
+    return None if keys is None else keys.to_model()
+
+
+def open_field(name: str, mu_r: float | None = None) -> OpenedField:
+    """Open a map, or solve a device with linear iron."""
+    if is_map(name):
+        return _open_map(name, mu_r)
+    device = open_device(name)
+    solution = solve_device(device, mu_r)
+    return OpenedField(
+        name=device.name,
+        kind="device, linear iron",
+        field=solution,
+        payload=device.payload,
+        corners=workspace_corners(device),
+        assumptions=tuple(solution.report.assumptions),
+    )
+
+
+def _open_map(name: str, mu_r: float | None) -> OpenedField:
+    from fieldmap.lookup import open_map
+
+    path = check_map_path(name)
+    if mu_r is not None:
+        raise InputError(
+            Problem(
+                "--mu-r",
+                "must go with a device",
+                "a map, whose iron is fixed",
+                "leave it out, or name a device",
+            )
+        )
+    opened = open_map(path)
+    record = opened.info.provenance
+    return OpenedField(
+        name=path.name,
+        kind="map",
+        field=opened,
+        payload=recorded_payload(record.device_text),
+        corners=(np.asarray(opened.lower), np.asarray(opened.upper)),
+        assumptions=tuple(record.solver_report.get("assumptions", ())),
+    )

@@ -1,0 +1,83 @@
+"""Tables and JSON on stdout."""
+
+import dataclasses
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+WIDTH = 100
+
+
+def console() -> Console:
+    """Stdout, at most 100 columns wide; the same width when it is not a terminal."""
+    out = Console(highlight=False, markup=False, emoji=False)
+    out.width = min(out.width, WIDTH) if out.is_terminal else WIDTH
+    return out
+
+
+def heading(title: str, subtitle: str = "") -> Text:
+    """A bold title with a plain remark."""
+    return Text.assemble((title, "bold"), f"  {subtitle}" if subtitle else "")
+
+
+def table(columns: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> Table:
+    """A table with a rule under its head; the first `left` columns are left-justified, numbers stand
+    right."""
+    out = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1), header_style="dim")
+    for index, name in enumerate(columns):
+        out.add_column(name, justify="left" if index < left else "right", overflow="fold")
+    for row in rows:
+        out.add_row(*(Text(cell) for cell in row))
+    return out
+
+
+def facts(rows: Iterable[tuple[str, str]]) -> Table:
+    """Two columns without lines: what, and its value."""
+    out = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    out.add_column(style="dim", no_wrap=True)
+    out.add_column()
+    for name, value in rows:
+        out.add_row(Text(name), Text(value))
+    return out
+
+
+def assumption_lines(assumptions: Iterable[str]) -> Table:
+    """The things the numbers rest on, one a line."""
+    return facts((("assumes" if index == 0 else "", text) for index, text in enumerate(assumptions)))
+
+
+def millimetres(point: Any) -> str:
+    """A point in mm, to 1 um: (0.000, 0.000, -87.000) mm."""
+    return "(" + ", ".join(f"{1e3 * x + 0.0:.3f}" for x in point) + ") mm"
+
+
+def print_json(value: Any) -> None:
+    """Print a value made of dictionaries, lists, numpy arrays and dataclasses as JSON."""
+    print(json.dumps(plain(value), indent=2, allow_nan=False))
+
+
+def plain(value: Any) -> Any:
+    """Turn numpy arrays, dataclasses and paths into what JSON knows; a number that is not finite becomes
+    null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple, set)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

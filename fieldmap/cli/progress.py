@@ -1,0 +1,73 @@
+"""Progress on stderr: a bar with the time left on a terminal, a plain line now and then elsewhere."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Any
+
+_LINE_EVERY_SECONDS = 10.0
+_LINE_EVERY_FRACTION = 0.25
+
+
+class Progress:
+    """Callable as progress(message, fraction); a context manager that leaves the terminal as it was.
+
+    with Progress("solving") as progress:
+        solve_linear(device, progress=progress)
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.started = time.monotonic()
+        self._bar: Any = None
+        self._task: Any = None
+        self._last_line = (-1.0, -1.0)
+
+    def __enter__(self) -> "Progress":
+        if sys.stderr.isatty():
+            self._bar = _bar()
+            self._bar.start()
+            self._task = self._bar.add_task(self.title, total=1.0)
+        return self
+
+    def __call__(self, message: str, fraction: float) -> None:
+        """Show that `fraction` (0 to 1) of the work is done."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=fraction, description=f"{self.title}: {message}")
+            return
+        now = time.monotonic() - self.started
+        seconds, done = self._last_line
+        due = fraction >= done + _LINE_EVERY_FRACTION or now >= seconds + _LINE_EVERY_SECONDS
+        if seconds < 0 or (due and fraction > done):
+            left = f", about {now * (1 / fraction - 1):.0f} s left" if 0.02 < fraction < 1.0 else ""
+            print(f"{self.title}: {100 * fraction:3.0f} % {message} ({now:.0f} s{left})", file=sys.stderr)
+            self._last_line = (now, fraction)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _bar() -> Any:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as RichProgress
+
+    return RichProgress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left", markup=False),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )

@@ -1,0 +1,123 @@
+"""What a map holds, in some twenty lines: `fieldmap map --summary` and `fieldmap info`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.model import Payload
+from fieldmap.errors import Infeasible
+from fieldmap.levitation import GRAVITY, lift_current, magnet_height, thesis_lift_current
+
+SENSOR_READINGS_MM = (10.0, 20.0, 30.0, 40.0)
+SATURATION = (
+    "The iron is linear, at the initial slope of its B-H table. Real iron saturates: at the working "
+    "currents of the drive unit linear iron is wrong by 25-35 %. Until the nonlinear solution is in, read "
+    "these numbers as the unsaturated limit."
+)
+
+
+def print_summary(path: Path, json: bool) -> None:
+    """Open a map and print what it holds."""
+    from fieldmap.lookup import open_map
+
+    summary = summarise(path, open_map(path))
+    if json:
+        from fieldmap.cli.printing import print_json
+
+        print_json(summary)
+    else:
+        from fieldmap.cli.summary_text import print_text
+
+        print_text(summary)
+
+
+def summarise(path: Path, opened: Any) -> dict[str, Any]:
+    """The numbers of the summary: SI units, and millimetres where the name says so."""
+    from fieldmap.cli.opening import recorded_payload
+
+    info = opened.info
+    record = info.provenance
+    payload = recorded_payload(record.device_text)
+    return {
+        "path": str(path),
+        "size": path.stat().st_size,
+        "title": record.title,
+        "device": record.device_name,
+        "created": record.created,
+        "coil_names": opened.coil_names,
+        "solver": dict(record.solver_report),
+        "grid": {
+            "lower": info.grid.lower,
+            "upper": info.grid.upper,
+            "spacing": info.grid.spacing,
+            "shape": info.grid.shape,
+        },
+        "interpolation_error": info.interpolation_error,
+        "error_bound": info.error_bound,
+        "middle": middle(opened),
+        "payload": payload,
+        "lift": lift_rows(opened, payload, record.device_name),
+        "saturation": SATURATION if _has_bh_table(record.device_text) else "",
+    }
+
+
+def middle(opened: Any) -> dict[str, Any]:
+    """Bz (T) and dBz/dz (T/m) in the middle of the box for 1 A in each coil alone, and in all."""
+    centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
+    alone = np.eye(len(opened.coil_names))
+    currents = [*alone, alone.sum(axis=0)]
+    return {
+        "at": centre,
+        "Bz": [float(opened.field(centre[None, :], i)[0, 2]) for i in currents],
+        "dBz_dz": [float(opened.gradient(centre[None, :], i)[0, 2, 2]) for i in currents],
+    }
+
+
+def lift_rows(opened: Any, payload: Payload | None, device: str) -> list[dict[str, Any]]:
+    """Lift current per coil on the axis, beside the thesis's measured (7-18) for the drive unit it was
+    measured on."""
+    if payload is None:
+        return []
+    thesis = device.startswith("drive_unit")
+    rows = []
+    for reading, height in _heights(opened, payload.magnet_offset, thesis):
+        try:
+            current = lift_current(opened, payload, [0.0, 0.0, height]).current
+        except Infeasible:
+            continue
+        measured = thesis_lift_current(reading) if thesis and len(opened.coil_names) == 6 else None
+        rows.append(
+            {
+                "sensor_mm": reading if thesis else None,
+                "height": height,
+                "current": current,
+                "thesis": measured,
+                "ratio": None if measured is None else current / measured,
+            }
+        )
+    return rows
+
+
+def _heights(opened: Any, offset: float, thesis: bool) -> list[tuple[float, float]]:
+    """Sensor readings (mm) and heights (m) inside the box; without the thesis's sensor, four heights of the
+    box."""
+    low, high = float(opened.lower[2]), float(opened.upper[2])
+    if not (opened.lower[0] <= 0.0 <= opened.upper[0] and opened.lower[1] <= 0.0 <= opened.upper[1]):
+        return []
+    if thesis:
+        pairs = [(reading, magnet_height(reading, offset)) for reading in SENSOR_READINGS_MM]
+        return [(reading, height) for reading, height in pairs if low <= height <= high]
+    return [(0.0, float(height)) for height in np.linspace(high, low, 6)[1:-1]]
+
+
+def weight(payload: Payload) -> float:
+    """Weight, N."""
+    return payload.mass * GRAVITY
+
+
+def _has_bh_table(text: str) -> bool:
+    import tomllib
+
+    materials = tomllib.loads(text).get("material", {}) if text else {}
+    return any(material.get("kind") == "bh_table" for material in materials.values())
