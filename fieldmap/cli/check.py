@@ -79,43 +79,42 @@ _KINDS = {"CircularCoil": "circular", "RoundedRectangleCoil": "rounded rectangle
 
 
 def _print(device: Device, contents: dict[str, Any]) -> None:
-    from fieldmap.cli.printing import assumption_lines, console, facts, heading, millimetres, table
+    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
 
-    out = console()
-    out.print(heading(device.name, device.title))
-    if device.bodies:
-        out.print(
-            table(
-                ("body", "material", "volume cm3", "element mm"),
-                (
-                    (b["name"], b["material"], f"{1e6 * b['volume']:.2f}", f"{1e3 * b['mesh_size']:.3g}")
-                    for b in contents["bodies"]
-                ),
-                left=2,
-            )
+    print_page(
+        heading(device.name, device.title),
+        _body_table(contents["bodies"]) if device.bodies else None,
+        _coil_table(contents["coils"]) if device.coils else None,
+        facts([*_extras(device), *assumption_lines(contents["assumptions"])]),
+        f"{len(device.bodies)} bodies, {len(device.coils)} coils: no problem found.",
+    )
+
+
+def _body_table(bodies: list[dict[str, Any]]) -> Any:
+    from fieldmap.cli.printing import table
+
+    rows = (
+        (b["name"], b["material"], f"{1e6 * b['volume']:.2f}", f"{1e3 * b['mesh_size']:.3g}") for b in bodies
+    )
+    return table(("body", "material", "volume cm3", "element mm"), rows, left=2)
+
+
+def _coil_table(coils: list[dict[str, Any]]) -> Any:
+    from fieldmap.cli.printing import millimetres, table
+
+    rows = (
+        (
+            c["name"],
+            _KINDS[c["kind"]],
+            f"{c['turns']:g}",
+            f"{c['polarity']:+d}",
+            _number(c["resistance"]),
+            _number(c["inductance"], 1e3),
+            millimetres(c["centre"]),
         )
-    if device.coils:
-        out.print(
-            table(
-                ("coil", "winding", "turns", "polarity", "ohm", "mH", "centre"),
-                (
-                    (
-                        c["name"],
-                        _KINDS[c["kind"]],
-                        f"{c['turns']:g}",
-                        f"{c['polarity']:+d}",
-                        _number(c["resistance"]),
-                        _number(c["inductance"], 1e3),
-                        millimetres(c["centre"]),
-                    )
-                    for c in contents["coils"]
-                ),
-                left=2,
-            )
-        )
-    out.print(facts(_extras(device)))
-    out.print(assumption_lines(contents["assumptions"]))
-    out.print(f"{len(device.bodies)} bodies, {len(device.coils)} coils: 0 problems.")
+        for c in coils
+    )
+    return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre"), rows, left=2)
 
 
 def _number(value: float | None, scale: float = 1.0) -> str:

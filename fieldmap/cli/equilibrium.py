@@ -1,8 +1,13 @@
 """`fieldmap equilibrium`: where the payload floats, or the current that carries it at a height."""
 
-from typing import Annotated, Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from fieldmap.cli.opening import Source
 
 
 def equilibrium(
@@ -38,20 +43,25 @@ def equilibrium(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Find where the payload floats and how stiffly, or the current that carries it at a height."""
-    from fieldmap.cli.opening import open_device, open_field
+    from fieldmap.cli.numbers import parse_currents, parse_points
+    from fieldmap.cli.opening import find_source, open_device
     from fieldmap.cli.solve import check_mu_r
+    from fieldmap.levitation.checks import check_payload
 
     _exactly_one(currents, height_mm, sensor_mm)
     check_mu_r(mu_r)
-    opened = open_field(source, mu_r)
-    payload = opened.payload if payload_of is None else open_device(payload_of).payload
-    field = _searchable(opened)
-    if currents:
-        answer = _balance(field, currents, payload, start, moment)
+    begin = None if start is None else parse_points([start], [])[0]
+    found = find_source(source, mu_r)
+    amperes = parse_currents(currents, found.coil_names) if currents else None
+    payload = found.payload if payload_of is None else open_device(payload_of).payload
+    check_payload(payload, "equilibrium")
+    field, assumptions = _searchable(found)
+    if amperes is not None:
+        answer = _balance(field, amperes, payload, begin, moment)
     else:
         answer = _lift(field, payload, height_mm, sensor_mm)
-    answer = {"source": opened.name, "kind": opened.kind, "coil_names": field.coil_names} | answer
-    answer["assumptions"] = (*answer["assumptions"], *opened.assumptions)
+    answer = {"source": found.name, "kind": found.kind, "coil_names": found.coil_names} | answer
+    answer["assumptions"] = (*answer["assumptions"], *assumptions)
     if json:
         from fieldmap.cli.printing import print_json
 
@@ -75,32 +85,22 @@ def _exactly_one(*given: Any) -> None:
         )
 
 
-def _searchable(opened: Any) -> Any:
-    """The field in the box in which an equilibrium is looked for."""
+def _searchable(found: Source) -> tuple[Any, tuple[str, ...]]:
+    """The field in the box in which an equilibrium is looked for, and its assumptions."""
     from fieldmap.errors import InputError, Problem
     from fieldmap.levitation import DifferencedField
 
-    if opened.kind == "map":
-        return opened.field
-    if opened.corners is None:
-        raise InputError(
-            Problem(
-                opened.name,
-                "must have a [workspace] to search",
-                "none",
-                "add a [workspace] table to the device file",
-            )
-        )
-    return DifferencedField(opened.field, *opened.corners)
+    if found.corners is None:
+        remedy = "add a [workspace] table to the device file"
+        raise InputError(Problem(found.name, "must have a [workspace] to search", "none", remedy))
+    field, assumptions = found.open()
+    return (field if found.kind == "map" else DifferencedField(field, *found.corners)), assumptions
 
 
-def _balance(field: Any, currents: list[str], payload: Any, start: str | None, moment: str) -> dict[str, Any]:
-    from fieldmap.cli.numbers import parse_currents, parse_points
+def _balance(field: Any, currents: Any, payload: Any, start: Any, moment: str) -> dict[str, Any]:
     from fieldmap.levitation import find_equilibrium, sensor_reading
 
-    begin = None if start is None else parse_points([start], [])[0]
-    amperes = parse_currents(currents, field.coil_names)
-    found = find_equilibrium(field, amperes, payload, begin, moment)  # type: ignore[arg-type]
+    found = find_equilibrium(field, currents, payload, start, moment)  # type: ignore[arg-type]
     return _common(payload, found) | {
         "sensor_mm": sensor_reading(found.position[2], payload.magnet_offset),
         "eigenvalues": found.eigenvalues,
@@ -118,9 +118,8 @@ def _balance(field: Any, currents: list[str], payload: Any, start: str | None, m
 
 def _lift(field: Any, payload: Any, height_mm: float | None, sensor_mm: float | None) -> dict[str, Any]:
     from fieldmap.levitation import lift_current, magnet_height, sensor_reading
-    from fieldmap.levitation.checks import check_payload
 
-    offset = check_payload(payload, "equilibrium").magnet_offset
+    offset = payload.magnet_offset
     height = 1e-3 * height_mm if height_mm is not None else magnet_height(float(sensor_mm or 0.0), offset)
     lift = lift_current(field, payload, [0.0, 0.0, height])
     return _common(payload, lift) | {
@@ -148,35 +147,35 @@ def _common(payload: Any, found: Any) -> dict[str, Any]:
 
 
 def _print(answer: dict[str, Any]) -> None:
-    from fieldmap.cli.fields import currents_text
-    from fieldmap.cli.printing import assumption_lines, console, facts, heading, millimetres, table
+    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, table
 
-    out = console()
-    out.print(heading(answer["source"], answer["kind"]))
-    rows = [
-        (
-            "payload",
-            f"{1e3 * answer['mass']:.4g} g (weight {1e3 * answer['weight']:.4g} mN), "
-            f"moment {answer['moment_magnitude']:.4g} A m2",
-        ),
+    special = _lift_rows(answer) if "lift_current" in answer else _balance_rows(answer)
+    lines = [(axis, *(f"{k:+.4g}" for k in answer["stiffness"][i])) for i, axis in enumerate("xyz")]
+    directions = None
+    if "stable" in answer:
+        directions = table(("direction (x, y, z)", "stiffness N/m", "stable"), _directions(answer))
+    print_page(
+        heading(answer["source"], answer["kind"]),
+        facts(_common_rows(answer) + special),
+        table(("stiffness, N/m", "x", "y", "z"), lines),
+        directions,
+        facts(assumption_lines(answer["assumptions"])),
+    )
+
+
+def _common_rows(answer: dict[str, Any]) -> list[tuple[str, str]]:
+    from fieldmap.cli.fields import currents_text
+    from fieldmap.cli.printing import millimetres
+
+    mass, weight, moment = 1e3 * answer["mass"], 1e3 * answer["weight"], answer["moment_magnitude"]
+    offset = 1e3 * answer["magnet_offset"]
+    return [
+        ("payload", f"{mass:.4g} g (weight {weight:.4g} mN), moment {moment:.4g} A m2"),
         ("currents", currents_text(answer["coil_names"], answer["currents"])),
         ("magnet's centre", millimetres(answer["position"])),
-        (
-            "sensor reading",
-            f"{answer['sensor_mm']:.3f} mm (magnet_offset {1e3 * answer['magnet_offset']:g} mm)",
-        ),
+        ("sensor reading", f"{answer['sensor_mm']:.3f} mm (magnet_offset {offset:g} mm)"),
         ("field there", "(" + ", ".join(f"{1e3 * value:.4g}" for value in answer["field"]) + ") mT"),
     ]
-    if "lift_current" in answer:
-        rows += _lift_rows(answer)
-    else:
-        rows += _balance_rows(answer)
-    out.print(facts(rows))
-    lines = [(axis, *(f"{k:+.4g}" for k in answer["stiffness"][i])) for i, axis in enumerate("xyz")]
-    out.print(table(("stiffness N/m", "x", "y", "z"), lines))
-    if "stable" in answer:
-        out.print(table(("direction (x, y, z)", "N/m", "stable"), _directions(answer)))
-    out.print(assumption_lines(answer["assumptions"]))
 
 
 def _balance_rows(answer: dict[str, Any]) -> list[tuple[str, str]]:

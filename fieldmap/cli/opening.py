@@ -1,6 +1,7 @@
 """What a command's first argument means: a device (file or shipped name) or a map file."""
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,18 +20,18 @@ _MAP_SUFFIXES = {".h5", ".hdf5"}
 
 
 @dataclass(frozen=True, eq=False)
-class OpenedField:
-    """A field with coil names that takes points and currents; what it levitates; what it rests on.
+class Source:
+    """A device or a map, read and checked, before any long work: what arguments can be held against.
 
-    field: an opened map or a linear solution. corners: the box in which it may be searched, or None.
+    corners: the box in which the field may be searched, or None. `open` gives the field itself.
     """
 
     name: str
     kind: str
-    field: Any
+    coil_names: tuple[str, ...]
     payload: Payload | None
     corners: tuple[Array, Array] | None
-    assumptions: tuple[str, ...]
+    open: Callable[[], tuple[Any, tuple[str, ...]]]
 
 
 def refuse_directory(name: str) -> None:
@@ -108,42 +109,31 @@ def recorded_payload(text: str) -> Payload | None:
     return None if keys is None else keys.to_model()
 
 
-def open_field(name: str, mu_r: float | None = None) -> OpenedField:
-    """Open a map, or solve a device with linear iron."""
+def find_source(name: str, mu_r: float | None = None) -> Source:
+    """The map or device of this name. `open` returns (field, assumptions); it solves a device with linear
+    iron."""
     if is_map(name):
-        return _open_map(name, mu_r)
+        return _map_source(name, mu_r)
     device = open_device(name)
-    solution = solve_device(device, mu_r)
-    return OpenedField(
-        name=device.name,
-        kind="device, linear iron",
-        field=solution,
-        payload=device.payload,
-        corners=workspace_corners(device),
-        assumptions=tuple(solution.report.assumptions),
-    )
+
+    def solved() -> tuple[Any, tuple[str, ...]]:
+        solution = solve_device(device, mu_r)
+        return solution, tuple(solution.report.assumptions)
+
+    corners = workspace_corners(device)
+    return Source(device.name, "device, linear iron", device.coil_names, device.payload, corners, solved)
 
 
-def _open_map(name: str, mu_r: float | None) -> OpenedField:
+def _map_source(name: str, mu_r: float | None) -> Source:
     from fieldmap.lookup import open_map
 
     path = check_map_path(name)
     if mu_r is not None:
-        raise InputError(
-            Problem(
-                "--mu-r",
-                "must go with a device",
-                "a map, whose iron is fixed",
-                "leave it out, or name a device",
-            )
-        )
+        remedy = "leave it out, or name a device"
+        raise InputError(Problem("--mu-r", "must go with a device", "a map, whose iron is fixed", remedy))
     opened = open_map(path)
     record = opened.info.provenance
-    return OpenedField(
-        name=path.name,
-        kind="map",
-        field=opened,
-        payload=recorded_payload(record.device_text),
-        corners=(np.asarray(opened.lower), np.asarray(opened.upper)),
-        assumptions=tuple(record.solver_report.get("assumptions", ())),
-    )
+    assumptions = tuple(record.solver_report.get("assumptions", ()))
+    corners = (np.asarray(opened.lower), np.asarray(opened.upper))
+    payload = recorded_payload(record.device_text)
+    return Source(path.name, "map", opened.coil_names, payload, corners, lambda: (opened, assumptions))

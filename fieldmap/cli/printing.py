@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from rich import box
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -20,6 +20,15 @@ def console() -> Console:
     out = Console(highlight=False, markup=False, emoji=False)
     out.width = min(out.width, WIDTH) if out.is_terminal else WIDTH
     return out
+
+
+def print_page(*sections: RenderableType | None) -> None:
+    """Print the sections that are there, with an empty line between them."""
+    out = console()
+    for index, section in enumerate(section for section in sections if section is not None):
+        if index:
+            out.print()
+        out.print(section)
 
 
 def heading(title: str, subtitle: str = "") -> Text:
@@ -48,9 +57,9 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     return out
 
 
-def assumption_lines(assumptions: Iterable[str]) -> Table:
-    """The things the numbers rest on, one a line."""
-    return facts((("assumes" if index == 0 else "", text) for index, text in enumerate(assumptions)))
+def assumption_lines(assumptions: Iterable[str]) -> list[tuple[str, str]]:
+    """The things the numbers rest on, as rows for `facts`."""
+    return [("assumes" if index == 0 else "", text) for index, text in enumerate(assumptions)]
 
 
 def millimetres(point: Any) -> str:

@@ -1,8 +1,13 @@
 """`fieldmap probe`: field, gradient and force at points, of a device or a map."""
 
-from typing import Annotated, Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from fieldmap.cli.opening import Source
 
 
 def probe(
@@ -29,47 +34,47 @@ def probe(
 ) -> None:
     """Print B, its gradient and, on request, force and torque at points."""
     from fieldmap.cli.numbers import parse_currents, parse_moment, parse_points
-    from fieldmap.cli.opening import open_field
+    from fieldmap.cli.opening import find_source
     from fieldmap.cli.solve import check_mu_r
     from fieldmap.errors import InputError, Problem
 
     points = parse_points(at or [], at_mm or [])
     if not len(points):
-        raise InputError(
-            Problem("--at", "must give at least one point", "none", "add --at X Y Z (m) or --at-mm X Y Z")
-        )
+        remedy = "add --at X Y Z (m) or --at-mm X Y Z"
+        raise InputError(Problem("--at", "must give at least one point", "none", remedy))
     check_mu_r(mu_r)
     dipole = None if moment is None else parse_moment(moment)
-    opened = open_field(source, mu_r)
-    amperes = parse_currents(currents, opened.field.coil_names)
+    found = find_source(source, mu_r)
+    amperes = parse_currents(currents, found.coil_names)
     if payload and dipole is None:
-        dipole = _payload_moment(opened)
-    rows = _rows(opened.field, points, amperes, dipole)
+        dipole = _payload_moment(found)
+    field, assumptions = found.open()
+    rows = _rows(field, points, amperes, dipole)
     if json:
         from fieldmap.cli.printing import print_json
 
-        about = {"source": opened.name, "kind": opened.kind, "coil_names": opened.field.coil_names}
-        answers = [about | row | {"assumptions": opened.assumptions} for row in rows]
+        about = {"source": found.name, "kind": found.kind, "coil_names": found.coil_names}
+        answers = [about | row | {"assumptions": assumptions} for row in rows]
         print_json(answers[0] if len(answers) == 1 else answers)
     else:
-        _print(opened, rows, amperes)
+        _print(found, rows, amperes, assumptions)
 
 
-def _payload_moment(opened: Any) -> Any:
+def _payload_moment(found: Source) -> Any:
     import numpy as np
 
     from fieldmap.errors import InputError, Problem
 
-    if opened.payload is None:
+    if found.payload is None:
         raise InputError(
             Problem(
-                opened.name,
+                found.name,
                 "must have a [payload] table for --payload",
                 "none",
                 "add one, or give --moment X Y Z",
             )
         )
-    return np.array([0.0, 0.0, opened.payload.moment])
+    return np.array([0.0, 0.0, found.payload.moment])
 
 
 def _rows(field: Any, points: Any, currents: Any, dipole: Any) -> list[dict[str, Any]]:
@@ -91,23 +96,26 @@ def _rows(field: Any, points: Any, currents: Any, dipole: Any) -> list[dict[str,
     return rows
 
 
-def _print(opened: Any, rows: list[dict[str, Any]], currents: Any) -> None:
+def _print(found: Source, rows: list[dict[str, Any]], currents: Any, assumptions: tuple[str, ...]) -> None:
     from fieldmap.cli.fields import field_table
-    from fieldmap.cli.printing import assumption_lines, console, heading, millimetres, table
+    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
 
-    out = console()
-    out.print(heading(opened.name, opened.kind))
-    out.print(field_table(rows, opened.field.coil_names, currents))
-    if "force" in rows[0]:
-        cells = (
-            (
-                millimetres(row["at"]),
-                *(f"{1e3 * value:.5g}" for value in row["force"]),
-                *(f"{1e3 * value:.5g}" for value in row["torque"]),
-            )
-            for row in rows
-        )
-        moment = ", ".join(f"{value:.4g}" for value in rows[0]["moment"])
-        out.print(f"on a moment ({moment}) A m2")
-        out.print(table(("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m"), cells))
-    out.print(assumption_lines(opened.assumptions))
+    print_page(
+        heading(found.name, found.kind),
+        field_table(rows, found.coil_names, currents),
+        _force_table(rows) if "force" in rows[0] else None,
+        facts(assumption_lines(assumptions)),
+    )
+
+
+def _force_table(rows: list[dict[str, Any]]) -> Any:
+    from fieldmap.cli.printing import millimetres, table
+
+    cells = (
+        (millimetres(row["at"]), *(f"{1e3 * value:.5g}" for value in (*row["force"], *row["torque"])))
+        for row in rows
+    )
+    moment = ", ".join(f"{value:.4g}" for value in rows[0]["moment"])
+    return table(
+        (f"on ({moment}) A m2 at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m"), cells
+    )

@@ -54,7 +54,7 @@ def solve(
 
         print_json(answer)
     else:
-        _print(machine, answer, mu_r)
+        _print(machine, answer)
 
 
 def check_mu_r(mu_r: float | None) -> None:
@@ -128,19 +128,19 @@ def _mu_r(device: Device, mu_r: float | None) -> float:
     return values.pop() if len(values) == 1 else float("nan")
 
 
-def _print(device: Device, answer: dict[str, Any], mu_r: float | None) -> None:
+def _print(device: Device, answer: dict[str, Any]) -> None:
     from fieldmap.cli.fields import field_table
-    from fieldmap.cli.printing import assumption_lines, console, facts, heading
+    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
 
-    out = console()
-    out.print(heading(device.name, device.title))
-    report = {k: v for k, v in answer["report"].items() if k != "assumptions"}
-    out.print(facts((name.replace("_", " "), _shown(name, value)) for name, value in report.items()))
-    if answer["points"]:
-        out.print(field_table(answer["points"], device.coil_names, answer["currents"]))
-    if answer["references"]:
-        _print_references(out, answer["references"])
-    out.print(assumption_lines(answer["report"].get("assumptions", ())))
+    report = dict(answer["report"])
+    assumptions = assumption_lines(report.pop("assumptions"))
+    numbers = [(name.replace("_", " "), _shown(name, value)) for name, value in report.items()]
+    print_page(
+        heading(device.name, device.title),
+        facts(numbers + assumptions),
+        field_table(answer["points"], device.coil_names, answer["currents"]) if answer["points"] else None,
+        _reference_table(answer["references"]) if answer["references"] else None,
+    )
 
 
 def _shown(name: str, value: Any) -> str:
@@ -152,7 +152,10 @@ def _shown(name: str, value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _print_references(out: Any, rows: list[dict[str, Any]]) -> None:
+def _reference_table(rows: list[dict[str, Any]]) -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
     from fieldmap.cli.printing import millimetres, table
 
     def cells(row: dict[str, Any]) -> tuple[str, ...]:
@@ -165,6 +168,6 @@ def _print_references(out: Any, rows: list[dict[str, Any]]) -> None:
         return (row["quantity"], millimetres(row["at"]), f"{row['reference']:.6g} {unit}", *verdict)
 
     columns = ("known value", "at", "reference", "ours", "deviation", "known to")
-    out.print(table(columns, (cells(row) for row in rows), left=2))
-    for source in dict.fromkeys(row["source"] for row in rows):
-        out.print(f"source: {source}", style="dim")
+    sources = dict.fromkeys(row["source"] for row in rows)
+    notes = (Text(f" source: {source}", style="dim") for source in sources)
+    return Group(table(columns, (cells(row) for row in rows), left=2), *notes)

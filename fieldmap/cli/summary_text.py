@@ -3,22 +3,23 @@
 from collections.abc import Iterator
 from typing import Any
 
+from rich.console import Group
+from rich.text import Text
+
 from fieldmap.cli.assumptions import payload_assumptions
-from fieldmap.cli.printing import console, facts, heading, table
+from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, table
 
 
 def print_text(summary: dict[str, Any]) -> None:
     """Print a summary made by `fieldmap.cli.summary.summarise`."""
-    out = console()
-    out.print(heading(summary["path"], summary["title"]))
-    out.print(facts(_facts(summary)))
-    out.print(_unit_table(summary))
-    if summary["lift"]:
-        out.print(_lift_table(summary))
     assumptions = (*summary["solver"].get("assumptions", ()), *payload_assumptions(summary["payload"]))
-    out.print(facts(("assumes" if index == 0 else "", text) for index, text in enumerate(assumptions)))
-    if summary["saturation"]:
-        out.print(summary["saturation"], style="bold")
+    print_page(
+        Group(heading(summary["path"], summary["title"]), facts(_facts(summary))),
+        _unit_table(summary),
+        _lift_table(summary) if summary["lift"] else None,
+        facts(assumption_lines(assumptions)),
+        Text(summary["saturation"], style="bold") if summary["saturation"] else None,
+    )
 
 
 def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -27,7 +28,8 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "device", f"{summary['device']}, {len(names)} coils: {', '.join(names)}"
     yield "iron", ", ".join(_solver_words(solver))
     shape = " x ".join(str(n) for n in grid["shape"])
-    spacing = " x ".join(f"{1e3 * d:g}" for d in dict.fromkeys(grid["spacing"].round(9)))
+    steps = dict.fromkeys(grid["spacing"].round(9))
+    spacing = " x ".join(f"{1e3 * step:g}" for step in steps)
     corners = f"{_mm(grid['lower'])} to {_mm(grid['upper'])} mm"
     yield "grid", f"{shape} nodes, {spacing} mm apart, from {corners}"
     yield "file", f"{summary['size'] / 1e6:.2f} MB, made {summary['created']}"
@@ -35,7 +37,7 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if error is not None:
         yield (
             "interpolation",
-            f"off by at most {1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m at sampled "
+            f"at most {1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m off at sampled "
             "points (1 A in each coil)",
         )
 
@@ -68,7 +70,8 @@ def _lift_table(summary: dict[str, Any]) -> Any:
     payload = summary["payload"]
     title = f"lift {1e3 * payload.mass:.4g} g, {payload.moment:.3g} A m2"
     if summary["lift"][0]["thesis"] is None:
-        heights = ((f"magnet at z = {_mm_z(row)} mm", f"{row['current']:.3f}") for row in summary["lift"])
+        lifts = summary["lift"]
+        heights = ((f"magnet at z = {_mm_z(row)} mm", f"{row['current']:.3f}") for row in lifts)
         return table((title, "A per coil (linear)"), heights)
     rows = (
         (
