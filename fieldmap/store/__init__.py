@@ -1,1 +1,25 @@
-"""TODO"""
+"""The map as data, and the one door to its file.
+
+Depends on: errors, h5py, numpy.
+"""
+
+from fieldmap.store.grid import Grid
+from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
+from fieldmap.store.partial import Chunk, partial_path
+from fieldmap.store.reader import read_info, read_map
+from fieldmap.store.writer import MapWriter, open_writer, write_map
+
+__all__ = [
+    "Chunk",
+    "FieldError",
+    "Grid",
+    "MapData",
+    "MapInfo",
+    "MapWriter",
+    "Provenance",
+    "open_writer",
+    "partial_path",
+    "read_info",
+    "read_map",
+    "write_map",
+]

@@ -1,0 +1,58 @@
+"""Arguments of a lookup, made into arrays that a kernel may read."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.errors import InputError, OutsideMapError, Problem
+
+Array = NDArray[np.float64]
+
+
+def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
+    """`values` as (n, 3), and whether a single vector (3,) was given. Raises InputError for other shapes."""
+    try:
+        array = np.asarray(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError(_problem(name, "numbers of shape (3,) or (n, 3)", repr(values)[:80])) from None
+    if array.ndim == 1 and array.size == 3:
+        return array.reshape(1, 3), True
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(_problem(name, "numbers of shape (3,) or (n, 3)", f"shape {array.shape}"))
+    return array, False
+
+
+def checked_currents(values: ArrayLike, coil_names: tuple[str, ...], n_points: int) -> Array:
+    """`values` as (n_coils,) or (n_points, n_coils). Raises InputError for other shapes."""
+    n_coils = len(coil_names)
+    try:
+        array = np.asarray(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        array = np.empty((0, 0, 0))
+    if array.shape in ((n_coils,), (n_points, n_coils)):
+        return array
+    wanted = f"one current per coil {', '.join(coil_names)}: shape ({n_coils},) or ({n_points}, {n_coils})"
+    received = f"shape {array.shape}" if array.size else repr(values)[:80]
+    raise InputError(_problem("currents", wanted, received))
+
+
+def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> OutsideMapError:
+    """The error for points of which `outside` lie outside the box from lower to upper."""
+    with np.errstate(invalid="ignore"):
+        excess = np.max(np.maximum(lower - points, points - upper), axis=1)
+    worst = points[np.nanargmax(excess)]
+    box = " to ".join(str(tuple(round(float(x) * 1e3, 6) for x in corner)) for corner in (lower, upper))
+    return OutsideMapError(
+        Problem(
+            "points",
+            f"every point lies in the map's box, {box} mm",
+            f"{outside} of {len(points)} points outside, the farthest at "
+            f"{tuple(round(float(x) * 1e3, 6) for x in worst)} mm",
+            'stay in the box, make a larger map, or open it with outside="nan" to get NaN there',
+        )
+    )
+
+
+def _problem(name: str, must_hold: str, received: str) -> Problem:
+    return Problem(
+        f"lookup, {name}", must_hold, received, "give arrays in metres and amperes, coil order as coil_names"
+    )

@@ -1,0 +1,97 @@
+"""A map in memory: arrays over a grid, and where they come from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.store.grid import Array, Grid
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class FieldError:
+    """An error of flux density in T and of its gradient in T/m."""
+
+    flux_density: float
+    gradient: float
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What made a map.
+
+    recipe_text, device_text: the files as read. fingerprint: hash of everything that decides the data
+    (settings, the device as understood, versions); a run is resumed only under the same fingerprint.
+    versions: of every library that took part. solver_report: plain numbers, texts and lists; assumptions:
+    what the solver took for granted, one sentence each. created: date and time, UTC, as openPMD writes it.
+    """
+
+    title: str = ""
+    device_name: str = ""
+    recipe_text: str = ""
+    device_text: str = ""
+    fingerprint: str = ""
+    versions: Mapping[str, str] = field(default_factory=lambda: _NOTHING)
+    solver_report: Mapping[str, Any] = field(default_factory=lambda: _NOTHING)
+    assumptions: tuple[str, ...] = ()
+    created: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class MapInfo:
+    """All of a map but its arrays.
+
+    reference_current (n_coils,): the currents, A, at which the file states its fields.
+    interpolation_error: largest difference found between interpolant and solver at sampled points, summed
+    over the coils at their reference currents; a sample, no bound. error_bound: certified bound, or None.
+    """
+
+    grid: Grid
+    coil_names: tuple[str, ...]
+    reference_current: Array
+    provenance: Provenance = field(default_factory=Provenance)
+    interpolation_error: FieldError | None = None
+    error_bound: FieldError | None = None
+
+    def __post_init__(self) -> None:
+        current = np.array(self.reference_current, dtype=np.float64)
+        n = len(self.coil_names)
+        good = current.shape == (n,) and bool(np.isfinite(current).all()) and bool((current > 0).all())
+        if not n or len(set(self.coil_names)) != n:
+            raise InputError(
+                _problem("coil_names", "at least one coil, each name once", str(self.coil_names))
+            )
+        if not good:
+            raise InputError(_problem("reference_current", f"{n} positive currents, A", str(current)))
+        current.flags.writeable = False
+        object.__setattr__(self, "reference_current", current)
+
+
+@dataclass(frozen=True, eq=False)
+class MapData(MapInfo):
+    """A map: unit fields of every coil on a grid.
+
+    flux_density (n_coils, nx, ny, nz, 3) in T/A and gradient (n_coils, nx, ny, nz, 3, 3) in T/(m A), per
+    ampere of coil current; gradient[..., i, j] = dB_i/dx_j. Raises InputError if a shape does not fit.
+    """
+
+    flux_density: Array = field(default_factory=lambda: np.empty(0))
+    gradient: Array = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, tail in (("flux_density", (3,)), ("gradient", (3, 3))):
+            values = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            wanted = (len(self.coil_names), *self.grid.shape, *tail)
+            if values.shape != wanted:
+                raise InputError(_problem(name, f"shape {wanted}", f"shape {values.shape}"))
+            object.__setattr__(self, name, values)
+
+
+def _problem(name: str, must_hold: str, received: str) -> Problem:
+    return Problem(f"map data, {name}", must_hold, received, "make the arrays fit the grid and the coils")

@@ -1,0 +1,121 @@
+"""The part of a map file that any openPMD 1.1 reader understands, without its numbers.
+
+Standard: openPMD 1.1.0 (doi:10.5281/zenodo.1167843); external fields as openPMD-beamphysics reads them.
+All strings are of fixed length.
+"""
+
+from collections.abc import Sequence
+
+import h5py
+import numpy as np
+
+from fieldmap.store.grid import Grid
+from fieldmap.store.map_data import MapInfo
+from fieldmap.store.names import MESHES, TENSOR, VECTOR, record_names
+
+# Powers of length, mass, time, current, temperature, amount, luminous intensity.
+TESLA = np.array([0.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
+TESLA_PER_METRE = np.array([-1.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
+
+
+def create_skeleton(file: h5py.File, info: MapInfo, planes: int) -> None:
+    """Write all groups, attributes and data sets of a map; every number is NaN so far.
+
+    planes: how many x-planes of the grid one stored chunk holds.
+    """
+    _write_root(file, info)
+    iteration = file.create_group("/data/0")
+    iteration.attrs.update(time=np.float64(0), dt=np.float64(0), timeUnitSI=np.float64(1))
+    _create_record(
+        file, "B", VECTOR, TESLA, info.grid, planes, "sum over all coils at their reference currents"
+    )
+    file[f"{MESHES}/B"].attrs["referenceCurrent"] = info.reference_current
+    records = record_names(info.coil_names)
+    for name, record, current in zip(info.coil_names, records, info.reference_current, strict=True):
+        of = f'coil "{name}" alone at {current:g} A'
+        _create_record(file, f"B_{record}", VECTOR, TESLA, info.grid, planes, f"flux density of {of}")
+        comment = f"gradient of the flux density of {of}; component xy is dB_x/dy"
+        _create_record(file, f"gradB_{record}", TENSOR, TESLA_PER_METRE, info.grid, planes, comment)
+        for path in (f"{MESHES}/B_{record}", f"{MESHES}/gradB_{record}"):
+            file[path].attrs.update(coilName=fixed(name), referenceCurrent=np.float64(current))
+    for number, record in enumerate(records, start=1):
+        _link_external_field(file, number, record, info.grid)
+
+
+def fixed(text: str) -> np.bytes_:
+    """Text as a string of fixed length; at least one byte, which HDF5 wants."""
+    return np.bytes_(text.encode() or b" ")
+
+
+def _write_root(file: h5py.File, info: MapInfo) -> None:
+    versions = info.provenance.versions
+    texts = {
+        "openPMD": "1.1.0",
+        "basePath": "/data/%T/",
+        "meshesPath": "meshes/",
+        "iterationEncoding": "groupBased",
+        "iterationFormat": "/data/%T/",
+        "author": "fieldmap",
+        "software": "fieldmap",
+        "softwareVersion": versions.get("fieldmap", "unknown"),
+        "softwareDependencies": "; ".join(f"{name} {version}" for name, version in versions.items()),
+        "date": info.provenance.created,
+        "comment": info.provenance.title,
+        "externalFieldPath": "/ExternalFieldPath/%T/",
+    }
+    for key, text in texts.items():
+        file.attrs[key] = fixed(text)
+    file.attrs["openPMDextension"] = np.uint32(0)
+
+
+def _create_record(
+    file: h5py.File,
+    name: str,
+    components: Sequence[str],
+    unit: np.ndarray,
+    grid: Grid,
+    planes: int,
+    comment: str,
+) -> None:
+    record = file.create_group(f"{MESHES}/{name}")
+    record.attrs.update(
+        geometry=fixed("cartesian"),
+        dataOrder=fixed("C"),
+        axisLabels=np.array([b"x", b"y", b"z"]),
+        gridSpacing=grid.spacing,
+        gridGlobalOffset=grid.lower,
+        gridUnitSI=np.float64(1),
+        unitDimension=unit,
+        timeOffset=np.float64(0),
+        comment=fixed(comment),
+    )
+    for component in components:
+        data = record.create_dataset(
+            component,
+            shape=grid.shape,
+            dtype="<f8",
+            chunks=(planes, *grid.shape[1:]),
+            fletcher32=True,
+            fillvalue=np.nan,
+        )
+        # Written out now, so that filling a chunk later moves nothing: a killed run leaves a sound structure.
+        data[...] = np.nan
+        data.attrs.update(unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
+
+
+def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid) -> None:
+    """Entry that openPMD-beamphysics FieldMesh reads: attributes, and a soft link to the numbers."""
+    group = file.create_group(f"/ExternalFieldPath/{number}")
+    group.attrs.update(
+        eleAnchorPt=fixed("beginning"),
+        gridGeometry=fixed("rectangular"),
+        axisLabels=np.array([b"x", b"y", b"z"]),
+        gridLowerBound=np.zeros(3, dtype=np.int64),
+        gridOriginOffset=grid.lower,
+        gridSpacing=grid.spacing,
+        gridSize=np.array(grid.shape, dtype=np.int64),
+        harmonic=np.int64(0),
+        fieldScale=np.float64(1),
+        masterParameter=fixed(f"I_{record}"),
+    )
+    group["magneticField"] = h5py.SoftLink(f"{MESHES}/B_{record}")

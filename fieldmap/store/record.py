@@ -1,0 +1,112 @@
+"""What a map file holds of ours besides the numbers: header and report as JSON, source texts, with hashes."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fieldmap.store.grid import Grid
+from fieldmap.store.map_data import FieldError, MapInfo, Provenance
+from fieldmap.store.names import FORMAT_VERSION, OWN, record_names
+
+_EMPTY = b"\n"  # HDF5 knows no string of length 0
+
+
+class DamagedText(ValueError):  # noqa: N818 - internal, turned into MapFileError by the reader
+    """A stored text does not have its recorded hash."""
+
+
+def sha256(text: str) -> str:
+    """Hexadecimal SHA-256 of a text in UTF-8."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_text(file: h5py.File, name: str, text: str) -> None:
+    """Store a text under /fieldmap, with its hash; replaces an earlier one."""
+    path = f"{OWN}/{name}"
+    if path in file:
+        del file[path]
+    raw = text.encode() or _EMPTY
+    file[path] = np.array(raw, dtype=h5py.string_dtype("utf-8", len(raw)))
+    file[path].attrs["sha256"] = np.bytes_(hashlib.sha256(raw).hexdigest())
+
+
+def read_text(data: h5py.Dataset) -> str:
+    """A stored text; raises DamagedText if it does not have its hash."""
+    raw = bytes(data[()])
+    if hashlib.sha256(raw).hexdigest().encode() != bytes(data.attrs["sha256"]):
+        raise DamagedText(data.name)
+    return "" if raw == _EMPTY else raw.decode()
+
+
+def header_of(info: MapInfo, planes: int) -> dict[str, Any]:
+    """All that is known of a map before it is computed, as plain JSON."""
+    source = info.provenance
+    return {
+        "format": FORMAT_VERSION,
+        "title": source.title,
+        "device_name": source.device_name,
+        "created": source.created,
+        "fingerprint": source.fingerprint,
+        "recipe_sha256": sha256(source.recipe_text),
+        "device_sha256": sha256(source.device_text),
+        "versions": dict(source.versions),
+        "coil_names": list(info.coil_names),
+        "record_names": list(record_names(info.coil_names)),
+        "reference_current_A": info.reference_current.tolist(),
+        "lower_m": info.grid.lower.tolist(),
+        "spacing_m": info.grid.spacing.tolist(),
+        "shape": list(info.grid.shape),
+        "planes_per_chunk": planes,
+    }
+
+
+def report_of(info: MapInfo) -> dict[str, Any]:
+    """What is known of a map only after it was computed, as plain JSON."""
+    return {
+        "solver_report": dict(info.provenance.solver_report),
+        "assumptions": list(info.provenance.assumptions),
+        "interpolation_error": _error_keys(info.interpolation_error),
+        "error_bound": _error_keys(info.error_bound),
+    }
+
+
+def info_from(header: Mapping[str, Any], report: Mapping[str, Any], recipe: str, device: str) -> MapInfo:
+    """The map's description from its header, report and source texts; KeyError or TypeError if ill-formed."""
+    provenance = Provenance(
+        title=header["title"],
+        device_name=header["device_name"],
+        recipe_text=recipe,
+        device_text=device,
+        fingerprint=header["fingerprint"],
+        versions=dict(header["versions"]),
+        solver_report=dict(report["solver_report"]),
+        assumptions=tuple(report["assumptions"]),
+        created=header["created"],
+    )
+    return MapInfo(
+        grid=Grid(header["lower_m"], header["spacing_m"], tuple(header["shape"])),
+        coil_names=tuple(header["coil_names"]),
+        reference_current=np.array(header["reference_current_A"]),
+        provenance=provenance,
+        interpolation_error=_error_from(report["interpolation_error"]),
+        error_bound=_error_from(report["error_bound"]),
+    )
+
+
+def to_json(values: Mapping[str, Any]) -> str:
+    """Readable JSON; floats survive the round trip exactly."""
+    return json.dumps(values, indent=1, ensure_ascii=False)
+
+
+def _error_keys(error: FieldError | None) -> dict[str, float] | None:
+    if error is None:
+        return None
+    return {"flux_density_T": float(error.flux_density), "gradient_T_per_m": float(error.gradient)}
+
+
+def _error_from(keys: Mapping[str, float] | None) -> FieldError | None:
+    return None if keys is None else FieldError(keys["flux_density_T"], keys["gradient_T_per_m"])
