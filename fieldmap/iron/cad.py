@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from netgen import occ
 
-from fieldmap.device.model import Body, Device
+from fieldmap.device.model import Body, Device, Shape, StepFile
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.iron.shapes import KERNEL_ERRORS, MILLIMETRES, local_solid, place
 
@@ -57,13 +57,14 @@ def _combined(solid: occ.TopoDS_Shape | None, piece: occ.TopoDS_Shape, operation
     return joined.UnifySameDomain()
 
 
-def _cannot_build(where: str, shape: object, error: Exception) -> Problem:
+def _cannot_build(where: str, shape: Shape, error: Exception) -> Problem:
     reason = str(error).strip().rstrip(":") or type(error).__name__
+    from_file = isinstance(shape, StepFile)
     return Problem(
         where,
-        f"a {type(shape).__name__} must be a solid that the CAD kernel can build",
-        reason,
-        "correct its dimensions",
+        "a part must be a solid that the CAD kernel can build",
+        f"{type(shape).__name__}: {reason}",
+        "export it again as a solid" if from_file else "correct its dimensions",
     )
 
 

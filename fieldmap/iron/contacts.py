@@ -14,6 +14,8 @@ from netgen import occ
 
 from fieldmap.iron.overlaps import CONTACT_DISTANCE, NamedSolid, bounds_nearer_than
 
+Point = tuple[float, float, float]
+
 LEAST_GAP = 1e-3
 """mm. Narrower gaps are refused: no machined gap is known to a micrometre, a rounded number in the file
 is likelier, and faces so near to each other are beyond what the solution's surface integrals resolve."""
@@ -25,7 +27,7 @@ class Pinch:
 
     names: tuple[str, ...]
     kind: str
-    at: tuple[float, float, float]
+    at: Point
     count: int
 
 
@@ -52,10 +54,10 @@ def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
             faces_at[edge].append(face)
     bad_edges = {edge for edge, faces in faces_at.items() if len(faces) > 2}
     explained = {corner for edge in bad_edges for corner in edge.vertices}
-    places = [("edge", edge.center, {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
+    places = [("edge", _xyz(edge.center), {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
     for corner, fans in _fans(surface, faces_at).items():
         if len(fans) > 1 and corner not in explained:
-            places.append(("point", corner.center, {surface[face] for fan in fans for face in fan}))
+            places.append(("point", _xyz(corner.p), {surface[face] for fan in fans for face in fan}))
     return _gathered(places)
 
 
@@ -75,10 +77,14 @@ def _fans(
     return fans
 
 
-def _gathered(places: Sequence[tuple[str, occ.gp_Pnt, set[str]]]) -> tuple[Pinch, ...]:
-    found: dict[tuple[str, tuple[str, ...]], list[tuple[float, float, float]]] = defaultdict(list)
+def _xyz(point: occ.gp_Pnt) -> Point:
+    return point.x, point.y, point.z
+
+
+def _gathered(places: Sequence[tuple[str, Point, set[str]]]) -> tuple[Pinch, ...]:
+    found: dict[tuple[str, tuple[str, ...]], list[Point]] = defaultdict(list)
     for kind, point, names in places:
-        found[kind, tuple(sorted(names))].append((point.x, point.y, point.z))
+        found[kind, tuple(sorted(names))].append(point)
     return tuple(
         Pinch(names, kind, min(points), len(points)) for (kind, names), points in sorted(found.items())
     )

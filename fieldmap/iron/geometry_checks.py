@@ -28,9 +28,9 @@ from fieldmap.iron.overlaps import (
     overlaps_among,
     overlaps_between,
 )
-from fieldmap.iron.shapes import KERNEL_ERRORS, MILLIMETRES
+from fieldmap.iron.shapes import KERNEL_ERRORS
 from fieldmap.iron.step_files import declared_step_unit
-from fieldmap.iron.windings import winding_solid, winding_volume, workspace_solid
+from fieldmap.iron.windings import winding_solid, workspace_solid
 
 Item = TypeVar("Item", bound=Body | Coil)
 
@@ -71,9 +71,8 @@ def _examine(device: Device) -> _Findings:
     label = device_label(device)
     problems: list[Problem] = []
     built_bodies = _built(problems, label, "body", device.bodies, body_solid)
-    bodies = [*_sound(problems, label, built_bodies, _body_fault)]
-    built_windings = _built(problems, label, "winding", device.coils, winding_solid)
-    windings = [*_sound(problems, label, built_windings, _winding_fault)]
+    bodies = [*_sound(problems, label, built_bodies)]
+    windings = [solid for _, solid in _built(problems, label, "winding", device.coils, winding_solid)]
     problems += (say.bodies_overlap(label, overlap) for overlap in overlaps_among(bodies))
     if len(bodies) == len(device.bodies) > 0:
         # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
@@ -110,15 +109,10 @@ def _built(
     return solids
 
 
-def _sound(
-    problems: list[Problem],
-    label: str,
-    built: list[tuple[Item, NamedSolid]],
-    fault: Callable[[str, Item, NamedSolid], Problem | None],
-) -> Iterator[NamedSolid]:
-    """The solids without a fault of their own; a problem is added for each of the others."""
-    for item, solid in built:
-        problem = fault(label, item, solid)
+def _sound(problems: list[Problem], label: str, built: list[tuple[Body, NamedSolid]]) -> Iterator[NamedSolid]:
+    """The bodies that have a volume; a problem is added for each of the others."""
+    for body, solid in built:
+        problem = _body_fault(label, body, solid)
         if problem is None:
             yield solid
         else:
@@ -126,8 +120,8 @@ def _sound(
 
 
 def _body_fault(label: str, body: Body, solid: NamedSolid) -> Problem | None:
-    lower, upper = bounds(solid.solid)
-    size = float(np.linalg.norm(upper - lower)) if solid.solid.solids else 0.0
+    pieces = solid.solid.solids
+    size = float(np.linalg.norm(np.subtract(*bounds(solid.solid)))) if len(pieces) else 0.0
     if solid.volume <= CONTACT_DISTANCE * size**2:
         return say.no_volume(label, solid)
     from_file = any(isinstance(part.shape, StepFile) for part in body.parts)
@@ -153,13 +147,6 @@ def _halves_add_up(body: NamedSolid) -> bool:
 
 def _box(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> occ.TopoDS_Shape:
     return occ.Box(occ.Pnt(*map(float, lower)), occ.Pnt(*map(float, upper)))
-
-
-def _winding_fault(label: str, coil: Coil, winding: NamedSolid) -> Problem | None:
-    expected = winding_volume(coil) * MILLIMETRES**3
-    if abs(winding.volume - expected) <= SAME_VOLUME * expected:
-        return None
-    return say.crossing_turns(label, winding, expected)
 
 
 # ---- solids against each other ----
@@ -201,18 +188,16 @@ def _notes(device: Device, bodies: list[NamedSolid], wound_together: list[Overla
             yield f"{solid} is in {pieces} separate pieces"
     for overlap in wound_together:
         yield f"{overlap.first} and {overlap.second} fill the same space, as two circuits wound together"
+    sound = {solid.name for solid in bodies}
     for body in device.bodies:
         for part in body.parts:
-            if isinstance(part.shape, StepFile) and part.shape.path.is_file():
+            if body.name in sound and isinstance(part.shape, StepFile):
                 yield from _unit_note(body, part.shape)
 
 
 def _unit_note(body: Body, step: StepFile) -> Iterator[str]:
-    try:
-        unit = declared_step_unit(step.path)
-    except ValueError:
-        return  # a problem says so already
-    if unit is not None and abs(unit / step.scale - 1.0) > SAME_VOLUME:
+    unit = declared_step_unit(step.path)
+    if unit is not None and abs(unit - step.scale) > SAME_VOLUME * unit:
         yield (
             f"body '{body.name}': the STEP file {step.path.name} declares a unit of {unit:g} m, the device"
             f" file {step.scale:g} m; the device file's is used"

@@ -25,16 +25,6 @@ def open_surface(label: str, body: NamedSolid) -> Problem:
     )
 
 
-def crossing_turns(label: str, winding: NamedSolid, expected: float) -> Problem:
-    """A winding that fills less space (mm^3) than its section times its length."""
-    return Problem(
-        f"{label}: {winding}",
-        "the turns of a winding must not run through each other",
-        f"{winding.volume:.6g} mm^3 of space for {expected:.6g} mm^3 of winding",
-        "make it thinner, or its path wider",
-    )
-
-
 def cannot_build(label: str, kind: str, name: str, error: Exception) -> Problem:
     """A winding or workspace whose numbers make no solid."""
     return Problem(

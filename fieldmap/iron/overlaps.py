@@ -43,9 +43,9 @@ class Overlap:
     upper: Array
 
     def __str__(self) -> str:
-        spans = (
-            f"{axis} {a:.6g} to {b:.6g}" for axis, a, b in zip("xyz", self.lower, self.upper, strict=True)
-        )
+        # The kernel's boxes are wider than what they hold by its contact distance: 1e-6 mm is the last digit.
+        corners = np.round([self.lower, self.upper], 6) + 0.0
+        spans = (f"{axis} {a:.8g} to {b:.8g}" for axis, a, b in zip("xyz", *corners, strict=True))
         return f"{self.volume:.4g} mm^3 in common, within {', '.join(spans)} mm"
 
 

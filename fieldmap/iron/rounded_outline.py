@@ -30,7 +30,7 @@ def rounded_outline(corners: Array, radius: float, offset: float) -> tuple[Corne
     """The curve at distance `offset` to the left of a closed path whose corners are rounded with `radius`.
 
     corners (n, 2): where the straight pieces would meet, in order. The straight pieces run from one corner's
-    `end` to the next one's `start`; the corners must fit their sides (`fieldmap.device.polygons.rounding_fault`).
+    `end` to the next one's `start`; `fieldmap.device.polygons.rounding_fault` says whether corners fit sides.
     Raises ValueError where the offset is larger than the radius on the inner side of a bend.
     """
     along, lengths, turn = _sides(corners)
@@ -42,10 +42,11 @@ def rounded_outline(corners: Array, radius: float, offset: float) -> tuple[Corne
     )
 
 
-def middle_length(corners: Array, radius: float) -> float:
-    """Length of the closed path of `rounded_outline` itself (offset 0)."""
-    _, lengths, turn = _sides(corners)
-    return float(lengths.sum() + radius * (np.abs(turn) - 2 * np.tan(np.abs(turn) / 2)).sum())
+def outline_points(outline: tuple[Corner, ...]) -> Array:
+    """Points (n, 2) along an outline in order: the ends and the middle of every arc, once each."""
+    points = [point for corner in outline for point in (corner.start, corner.middle, corner.end)]
+    slack = RELATIVE_LENGTH * max(np.ptp(points, axis=0))
+    return np.array([p for i, p in enumerate(points) if np.linalg.norm(p - points[i - 1]) > slack])
 
 
 def _sides(corners: Array) -> tuple[Array, Array, Array]:

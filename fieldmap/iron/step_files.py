@@ -15,10 +15,9 @@ _CONVERTED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048}
 def declared_step_unit(path: Path) -> float | None:
     """The length unit that a STEP file (ISO 10303-21) declares, in metres; None where it declares none.
 
-    Raises OSError where the file cannot be read and ValueError where it declares an unknown length unit or
-    several different ones.
+    Raises ValueError where the file cannot be read, or declares an unknown length unit or several ones.
     """
-    entities = [e for e in path.read_text(encoding="latin-1").split(";") if "LENGTH_UNIT" in e]
+    entities = [e for e in _text(path).split(";") if "LENGTH_UNIT" in e]
     converted = {name.upper() for e in entities for name in _CONVERTED.findall(e)}
     prefixes = {prefix for e in entities for prefix in _SI_LENGTH.findall(e)}
     # A converted unit is defined through an SI unit, which is then only its base.
@@ -26,6 +25,19 @@ def declared_step_unit(path: Path) -> float | None:
     if len(names) > 1 or not names <= table.keys():
         raise ValueError(f"the STEP file {path} must declare one known length unit, not {sorted(names)}")
     return table[names.pop()] if names else None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise ValueError(f"the STEP file {path} cannot be opened ({error.strerror})") from error
+
+
+def _is_whole(path: Path) -> bool:
+    """True where a file has the first and last word of a STEP file."""
+    text = _text(path).strip()
+    return text.startswith("ISO-10303-21;") and text.endswith("END-ISO-10303-21;")
 
 
 def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
@@ -36,9 +48,9 @@ def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise ValueError(f"the scale of a STEP file must be above zero, not {scale}")
-    if not path.is_file():
-        raise ValueError(f"there is no STEP file {path}")
     unit = declared_step_unit(path)
+    if not _is_whole(path):  # asked first, because the kernel's reader prints its complaints
+        raise ValueError(f"{path} is not a whole STEP file (from ISO-10303-21 to END-ISO-10303-21)")
     try:
         shape = occ.OCCGeometry(str(path)).shape
     except Exception as error:  # the reader's exception type is not exported

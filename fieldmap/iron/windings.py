@@ -13,8 +13,8 @@ from fieldmap.device.model import (
     WorkspaceBox,
     WorkspaceCylinder,
 )
-from fieldmap.device.polygons import rounding_fault
-from fieldmap.iron.rounded_outline import Corner, middle_length, rounded_outline
+from fieldmap.device.polygons import polygon_fault, rounding_fault
+from fieldmap.iron.rounded_outline import Corner, outline_points, rounded_outline
 from fieldmap.iron.shapes import MILLIMETRES, checked_polygon, cylinder, place, point, positive, ring, segment
 
 Array = NDArray[np.float64]
@@ -40,16 +40,6 @@ def winding_solid(coil: Coil) -> occ.TopoDS_Shape:
     for piece in solid.solids:
         piece.name = coil.name
     return solid
-
-
-def winding_volume(coil: Coil) -> float:
-    """Volume of a winding whose turns keep clear of each other, m^3: section times middle line (Pappus)."""
-    if isinstance(coil, CircularCoil):
-        return float(np.pi * (coil.outer_radius**2 - coil.inner_radius**2) * coil.height)
-    corners = (
-        _rectangle(coil) if isinstance(coil, RoundedRectangleCoil) else np.asarray(coil.corners, dtype=float)
-    )
-    return middle_length(corners, coil.corner_radius) * coil.thickness * coil.height
 
 
 def workspace_solid(workspace: WorkspaceBox | WorkspaceCylinder) -> occ.TopoDS_Shape:
@@ -90,6 +80,14 @@ def _wound_path(corners: Array, radius: float, thickness: float, height: float) 
     fault = rounding_fault(path.tolist(), float(r))
     if fault is not None:
         raise ValueError(f"the winding's corners must fit its sides: {fault}")
-    outer, inner = (rounded_outline(path, r, side * t / 2) for side in (-1.0, 1.0))
+    outer, inner = (_clear_outline(path, float(r), side * t / 2) for side in (-1.0, 1.0))
     up = occ.Vec(0.0, 0.0, float(h))
     return occ.Prism(_outline_face(outer, -h / 2), up) - occ.Prism(_outline_face(inner, -h / 2), up)
+
+
+def _clear_outline(path: Array, radius: float, offset: float) -> tuple[Corner, ...]:
+    """The outline beside a path. Raises ValueError where it meets itself: the turns run into each other."""
+    outline = rounded_outline(path, radius, offset)
+    if polygon_fault(outline_points(outline).tolist()) is not None:
+        raise ValueError("the winding is so thick that its turns run into each other")
+    return outline

@@ -1,0 +1,174 @@
+"""Shapes as CAD solids against closed-form volumes and centroids, their placement against R x + p."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import (
+    Body,
+    Box,
+    Cylinder,
+    ExtrudedPolygon,
+    Part,
+    Placement,
+    RevolvedProfile,
+    Ring,
+    Sphere,
+)
+from fieldmap.errors import GeometryError
+from fieldmap.iron.cad import body_solid
+
+TRIANGLE = np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.06]])
+L_SHAPE = np.array([[0, 0], [0.03, 0], [0.03, 0.01], [0.01, 0.01], [0.01, 0.04], [0, 0.04]])
+CONE = np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.03]])
+TORUS_OF_SQUARE = np.array([[0.04, -0.01], [0.06, -0.01], [0.06, 0.01], [0.04, 0.01]])
+POT_WITH_HOLE = np.array(
+    [[0, -0.01], [0.01, -0.01], [0.01, 0.03], [0, 0.03], [0, 0.02], [0.005, 0.01], [0, 0]], dtype=float
+)
+
+
+def body(*parts: Part) -> Body:
+    return Body("piece", "iron", parts, mesh_size=0.005)
+
+
+def turned(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
+    """Rotation matrix of Rodrigues' formula."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.deg2rad(degrees)
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+CASES = [
+    (Cylinder(0.02, 0.05), np.pi * 0.02**2 * 0.05, (0, 0, 0.025)),
+    (Ring(0.01, 0.02, 0.05), np.pi * (0.02**2 - 0.01**2) * 0.05, (0, 0, 0.025)),
+    (Box((0.01, 0.02, 0.04)), 0.01 * 0.02 * 0.04, (0, 0, 0.02)),
+    (Sphere(0.02), 4 / 3 * np.pi * 0.02**3, (0, 0, 0)),
+    (ExtrudedPolygon(TRIANGLE, 0.02), 0.5 * 0.03 * 0.06 * 0.02, (0.01, 0.02, 0.01)),
+    (ExtrudedPolygon(TRIANGLE[::-1], 0.02), 0.5 * 0.03 * 0.06 * 0.02, (0.01, 0.02, 0.01)),
+    (ExtrudedPolygon(L_SHAPE, 0.01), (0.03 * 0.01 + 0.01 * 0.03) * 0.01, (0.01, 0.015, 0.005)),
+    (RevolvedProfile(CONE), np.pi * 0.02**2 * 0.03 / 3, (0, 0, 0.03 / 4)),
+    (RevolvedProfile(CONE[::-1]), np.pi * 0.02**2 * 0.03 / 3, (0, 0, 0.03 / 4)),
+    (RevolvedProfile(TORUS_OF_SQUARE), 2 * np.pi * 0.05 * 0.02**2, (0, 0, 0)),
+]
+
+
+@pytest.mark.parametrize(("shape", "volume", "centroid"), CASES, ids=lambda x: type(x).__name__)
+def test_volume_and_centroid_are_those_of_the_formula(shape, volume, centroid):
+    solid = body_solid(body(Part(shape)))
+    assert solid.mass == pytest.approx(volume * 1e9, rel=1e-9)
+    c = solid.center
+    assert (c.x, c.y, c.z) == pytest.approx(np.array(centroid) * 1e3, abs=1e-8)
+
+
+def test_a_revolved_profile_may_leave_the_axis_and_come_back():
+    # Pappus: 2 pi times the first moment of the profile's area about the axis, by the shoelace formula.
+    x, y = POT_WITH_HOLE.T
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    moment = np.sum((x + np.roll(x, -1)) * cross) / 6
+    assert body_solid(body(Part(RevolvedProfile(POT_WITH_HOLE)))).mass == pytest.approx(
+        2 * np.pi * moment * 1e9, rel=1e-9
+    )
+
+
+def test_curved_surfaces_stay_curved():
+    solid = body_solid(body(Part(Cylinder(0.02, 0.05))))
+    # A mantle, a lid and a base; as a polygon it would have many sides.
+    assert len(solid.faces) == 3
+    assert sum(face.mass for face in solid.faces) == pytest.approx(2 * np.pi * 20 * (20 + 50), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "rotation",
+    [np.eye(3), turned((0, 0, 1), 30), turned((1, 0, 0), 90), turned((0, 1, 0), 180), turned((1, 2, 3), 77)],
+)
+def test_placement_takes_each_corner_to_rotation_times_local_plus_position(rotation):
+    position = np.array([0.1, -0.2, 0.3])
+    a, b, c = 0.01, 0.02, 0.04
+    local = np.array([[x, y, z] for x in (-a / 2, a / 2) for y in (-b / 2, b / 2) for z in (0, c)])
+    expected = (local @ rotation.T + position) * 1e3
+    solid = body_solid(body(Part(Box((a, b, c)), Placement(position, rotation))))
+    corners = [vertex.p for vertex in set(solid.vertices)]
+    found = np.array([(p.x, p.y, p.z) for p in corners])
+    assert len(found) == 8
+    nearest = np.linalg.norm(found[:, None] - expected[None], axis=2).min(axis=0)
+    assert nearest.max() < 1e-9
+
+
+def test_every_solid_carries_its_name_and_mesh_size_in_millimetres():
+    solid = body_solid(body(Part(Sphere(0.01)), Part(Sphere(0.01), Placement(np.array([0.1, 0, 0])))))
+    assert [(piece.name, piece.maxh) for piece in solid.solids] == [("piece", 5.0), ("piece", 5.0)]
+
+
+# ---- boolean parts ----
+
+
+def test_overlapping_parts_count_once():
+    a = Part(Box((0.02, 0.02, 0.02)))
+    b = Part(Box((0.02, 0.02, 0.02)), Placement(np.array([0.01, 0.0, 0.0])))
+    assert body_solid(body(a, b)).mass == pytest.approx(1.5 * 8000, rel=1e-12)
+
+
+def test_a_cut_takes_away_what_is_in_common():
+    plate = Part(Box((0.04, 0.04, 0.01)))
+    hole = Part(Cylinder(0.005, 0.02), Placement(np.array([0.01, 0.0, -0.005])), "cut")
+    assert body_solid(body(plate, hole)).mass == pytest.approx(16000 - np.pi * 25 * 10, rel=1e-9)
+
+
+def test_parts_are_taken_in_order():
+    block = Box((0.02, 0.02, 0.02))
+    cut_then_filled = body_solid(body(Part(block), Part(block, operation="cut"), Part(block)))
+    filled_then_cut = body_solid(body(Part(block), Part(block), Part(block, operation="cut")))
+    assert cut_then_filled.mass == pytest.approx(8000)
+    assert filled_then_cut.mass == 0.0
+
+
+def test_added_parts_leave_no_edges_between_them():
+    # Three boxes in a row make one box: six faces, twelve edges (each seen from two faces).
+    row = [Part(Box((0.01, 0.01, 0.01)), Placement(np.array([0.01 * i, 0, 0]))) for i in range(3)]
+    solid = body_solid(body(*row))
+    assert (len(solid.solids), len(solid.faces), len(set(solid.edges)), len(set(solid.vertices))) == (
+        1,
+        6,
+        12,
+        8,
+    )
+
+
+# ---- what cannot be built ----
+
+
+@pytest.mark.parametrize(
+    ("shape", "fragment"),
+    [
+        (Cylinder(0.01, 0.0), "every length must be above zero: radius = 0.01 m, height = 0.0 m"),
+        (Cylinder(-0.01, 0.01), "every length must be above zero"),
+        (Cylinder(float("nan"), 0.01), "every length must be above zero"),
+        (Box((0.01, -0.01, 0.01)), "every length must be above zero"),
+        (Sphere(0.0), "every length must be above zero"),
+        (Ring(0.02, 0.01, 0.01), "inner radius 0.02 m must lie between zero and the outer radius 0.01 m"),
+        (ExtrudedPolygon(TRIANGLE[:2], 0.01), "simple polygon"),
+        (ExtrudedPolygon(np.array([[0, 0], [1, 1], [1, 0], [0, 1.5]]) * 0.01, 0.01), "meets"),
+        (ExtrudedPolygon(TRIANGLE * np.nan, 0.01), "finite"),
+        (RevolvedProfile(CONE - [0.001, 0.0]), "must keep r >= 0; its least r is -1 mm"),
+        (RevolvedProfile(np.array([[0, 0], [0.01, -0.01], [0.01, 0.01]])), "touches the axis at one point"),
+    ],
+)
+def test_what_cannot_be_built_is_named(shape, fragment):
+    with pytest.raises(GeometryError) as caught:
+        body_solid(body(Part(shape)), "unit.toml")
+    (problem,) = caught.value.problems
+    assert problem.where == "unit.toml: body 'piece', part 1"
+    assert fragment in problem.received
+    assert caught.value.exit_code == 2
+
+
+def test_a_body_must_begin_with_something_to_cut_from():
+    with pytest.raises(GeometryError, match="nothing to cut from"):
+        body_solid(body(Part(Sphere(0.01), operation="cut")))
+    with pytest.raises(GeometryError, match="at least one part"):
+        body_solid(body())
+
+
+def test_a_place_that_is_not_a_number_is_refused():
+    with pytest.raises(GeometryError, match="position and rotation must be finite"):
+        body_solid(body(Part(Sphere(0.01), Placement(np.array([np.nan, 0, 0])))))

@@ -1,0 +1,213 @@
+"""Which geometries are refused, with which numbers, and which are sound: bodies and how they touch."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, Ring, Sphere
+from fieldmap.errors import GeometryError, Problem
+from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
+
+CUBE = Box((0.010, 0.010, 0.010))
+
+
+def body(name: str, shape, x: float = 0, y: float = 0, z: float = 0, rotation=None) -> Body:
+    placement = Placement(np.array([x, y, z]) * 1e-3, np.eye(3) if rotation is None else rotation)
+    return Body(name, "iron", (Part(shape, placement),), mesh_size=0.005)
+
+
+def device(*bodies: Body) -> Device:
+    return Device("d", "test device", coils=(), bodies=bodies, source=Path("d.toml"))
+
+
+def problems(*bodies: Body) -> tuple[Problem, ...]:
+    """The problems of a device; () where it is sound."""
+    try:
+        check_geometry(device(*bodies))
+    except GeometryError as error:
+        return error.problems
+    return ()
+
+
+# ---- sound ----
+
+
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        (),
+        (body("a", CUBE),),
+        (body("a", CUBE), body("b", CUBE, 10)),
+        (body("a", CUBE), body("b", CUBE, 10, 3, 4)),
+        (body("disk", Cylinder(0.066, 0.006)), body("core", Cylinder(0.01, 0.04), 44, 0, 6)),
+        (body("tube", Ring(0.01, 0.02, 0.03)), body("rod", Cylinder(0.01, 0.03))),
+        (body("a", CUBE), body("b", CUBE, 10, 10), body("c", CUBE, 10, 0)),
+        (body("a", CUBE), body("b", CUBE, 10.002)),
+        (body("shell", Ring(0.01, 0.02, 0.03)), body("ball", Sphere(0.009), 0, 0, 15)),
+    ],
+    ids=[
+        "coils alone",
+        "one body",
+        "face on face",
+        "part of a face",
+        "core on disk",
+        "rod in tube",
+        "edge contact made sound by a third body",
+        "gap of two micrometres",
+        "ball inside a tube",
+    ],
+)
+def test_sound_devices_pass_without_notes(bodies):
+    assert problems(*bodies) == ()
+    assert geometry_notes(device(*bodies)) == ()
+
+
+def test_contact_survives_the_rounding_of_decimal_coordinates():
+    # 0.1 + 0.2 is not 0.3: the faces are 5.6e-14 mm apart, which is contact.
+    stack = (body("a", Box((0.01, 0.01, 0.3))), body("b", CUBE, z=(0.1 + 0.2) * 1e3))
+    assert stack[1].parts[0].placement.position[2] != 0.3
+    assert problems(*stack) == ()
+
+
+# ---- overlap ----
+
+
+def test_overlapping_bodies_are_named_with_volume_and_place():
+    (problem,) = problems(body("a", CUBE), body("b", CUBE, 8, 6, 1), body("far", CUBE, 100))
+    assert str(problem) == (
+        "d.toml: body 'a' and body 'b': bodies may touch but not overlap; received 72 mm^3 in common, within"
+        " x 3 to 5, y 1 to 5, z 1 to 10 mm; move or shorten one, or cut the overlap from it"
+    )
+
+
+def test_a_body_inside_another_overlaps_it():
+    (problem,) = problems(body("block", Box((0.03, 0.03, 0.03))), body("ball", Sphere(0.005), 0, 0, 15))
+    assert f"{4 / 3 * np.pi * 125:.4g} mm^3 in common" in problem.received
+
+
+@pytest.mark.parametrize("depth", [1e-6, 1e-5, 1e-3])
+def test_an_overlap_of_a_nanometre_is_an_overlap(depth):
+    (problem,) = problems(body("a", CUBE), body("b", CUBE, 10 - depth))
+    assert f"{100 * depth:.4g} mm^3" in problem.received
+
+
+# ---- volume ----
+
+
+def test_a_body_that_is_cut_away_has_no_volume():
+    nothing = Body("gone", "iron", (Part(CUBE), Part(Box((0.02, 0.02, 0.02)), operation="cut")), 0.005)
+    (problem,) = problems(nothing, body("b", CUBE, 50))
+    assert problem.where == "d.toml: body 'gone'"
+    assert "volume above zero" in problem.must_hold
+    assert problem.received == "0 mm^3"
+
+
+def test_a_body_of_no_thickness_cannot_be_built():
+    (problem,) = problems(body("foil", Box((0.01, 0.01, 0.0))))
+    assert problem.where == "d.toml: body 'foil', part 1"
+    assert "every length must be above zero" in problem.received
+
+
+def test_a_body_cut_in_two_is_allowed_and_noted():
+    slot = Part(Box((0.002, 0.02, 0.02)), operation="cut")
+    pieces = Body("split", "iron", (Part(CUBE), slot), 0.005)
+    assert problems(pieces) == ()
+    assert geometry_notes(device(pieces)) == ("body 'split' is in 2 separate pieces",)
+
+
+# ---- contact that is no contact ----
+
+ON_EDGE = np.array([[1, 0, 1], [0, np.sqrt(2), 0], [-1, 0, 1]]) / np.sqrt(2)
+LYING = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+def on_tip() -> np.ndarray:
+    """Rotation that stands a cube on its corner: the space diagonal becomes the z axis."""
+    z = np.ones(3) / np.sqrt(3)
+    x = np.array([1, -1, 0]) / np.sqrt(2)
+    return np.array([x, np.cross(z, x), z])
+
+
+@pytest.mark.parametrize(
+    ("second", "kind"),
+    [
+        (body("b", CUBE, 10, 10), "only along an edge"),
+        (body("b", CUBE, 10, 10, 10), "only at a point"),
+        (body("b", CUBE, 10, 0, 10), "only along an edge"),
+        (body("b", Cylinder(0.01, 0.01), 15), "only along a"),
+        (body("b", Cylinder(0.002, 0.008), 0, 4, 12, LYING), "only along a"),
+        (body("b", Sphere(0.01), 0, 0, 20), "only"),
+        (body("b", Box((0.002, 0.002, 0.002)), 0, 0, 10 + 1 / np.sqrt(2), ON_EDGE), "only along a"),
+        (body("b", Box((0.004, 0.004, 0.004)), 0, 0, 10 + 4 / np.sqrt(3), on_tip()), "only"),
+    ],
+    ids=[
+        "edges",
+        "corners",
+        "edge above",
+        "rod beside",
+        "rod lying",
+        "ball on face",
+        "box on edge",
+        "box on tip",
+    ],
+)
+def test_contact_without_a_common_face_is_refused(second, kind):
+    found = problems(body("a", CUBE), second)
+    assert len(found) == 1, found
+    assert "'a' and 'b'" in found[0].where
+    assert kind in found[0].must_hold
+    assert "touch over an area" in found[0].remedy
+
+
+def test_the_place_of_an_edge_contact_is_given():
+    (problem,) = problems(body("a", CUBE), body("b", CUBE, 10, 10))
+    assert problem.received == "contact along an edge at (5, 5, 5) mm"
+
+
+def test_edge_contact_between_bodies_that_both_stand_on_a_third_is_refused():
+    (problem,) = problems(
+        body("plate", Box((0.1, 0.1, 0.01)), 0, 0, -10), body("a", CUBE), body("b", CUBE, 10, 10)
+    )
+    assert "only along an edge" in problem.must_hold
+
+
+def test_a_body_that_touches_itself_along_an_edge_is_refused():
+    cross = Body("cross", "iron", (Part(CUBE), Part(CUBE, Placement(np.array([0.01, 0.01, 0])))), 0.005)
+    (problem,) = problems(cross)
+    assert problem.where == "d.toml: body 'cross'"
+    assert "must not touch itself only along an edge" in problem.must_hold
+
+
+def test_two_balls_in_point_contact_are_refused():
+    (problem,) = problems(body("a", Sphere(0.01)), body("b", Sphere(0.01), 20))
+    assert "only" in problem.must_hold
+
+
+@pytest.mark.parametrize("gap", [1e-6, 1e-4, 9e-4])
+def test_gaps_below_a_micrometre_are_refused(gap):
+    (problem,) = problems(body("a", CUBE), body("b", CUBE, 10 + gap))
+    assert problem.must_hold == "bodies must touch or leave a gap of at least 0.001 mm"
+    assert problem.received == f"a gap of {gap:.3g} mm"
+
+
+# ---- everything at once ----
+
+
+def test_all_problems_come_in_one_error():
+    found = problems(
+        body("a", CUBE),
+        body("overlaps a", CUBE, 9),
+        body("no height", Cylinder(0.01, 0.0), 100),
+        body("no height either", Cylinder(0.01, 0.0), 200),
+    )
+    assert [problem.where for problem in found] == [
+        "d.toml: body 'no height', part 1",
+        "d.toml: body 'no height either', part 1",
+        "d.toml: body 'a' and body 'overlaps a'",
+    ]
+
+
+def test_a_device_without_a_file_is_called_by_its_name():
+    with pytest.raises(GeometryError, match=r"^device 'made in code': body 'a' and body 'b': "):
+        check_geometry(Device("made in code", "", coils=(), bodies=(body("a", CUBE), body("b", CUBE, 1))))

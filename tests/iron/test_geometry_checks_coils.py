@@ -1,0 +1,193 @@
+"""Which windings and workspaces are refused, with which numbers; and the whole drive unit, which is sound."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import (
+    Body,
+    Box,
+    CircularCoil,
+    Cylinder,
+    Device,
+    Part,
+    Placement,
+    RoundedRectangleCoil,
+    WorkspaceBox,
+    WorkspaceCylinder,
+)
+from fieldmap.errors import GeometryError, Problem
+from fieldmap.iron.cad import magnetic_bodies
+from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.windings import winding_solid
+
+
+def at(x: float, y: float, z: float) -> Placement:
+    return Placement(np.array([x, y, z]) * 1e-3)
+
+
+def body(name: str, *parts: Part) -> Body:
+    return Body(name, "iron", parts, mesh_size=0.01)
+
+
+def rod(name: str, radius: float, height: float, x: float, y: float, z: float) -> Body:
+    return body(name, Part(Cylinder(radius * 1e-3, height * 1e-3), at(x, y, z)))
+
+
+def ring_coil(
+    name: str, inner: float, outer: float, x: float = 0, y: float = 0, z: float = 0
+) -> CircularCoil:
+    return CircularCoil(name, inner * 1e-3, outer * 1e-3, 0.039, 840, placement=at(x, y, z))
+
+
+CORE = rod("core", 10, 40, 0, 0, -20)
+
+
+def problems(device: Device) -> tuple[Problem, ...]:
+    try:
+        check_geometry(device)
+    except GeometryError as error:
+        return error.problems
+    return ()
+
+
+def device(coils=(), bodies=(), workspace=None) -> Device:
+    return Device("d", "d", coils, bodies, workspace=workspace, source=Path("d.toml"))
+
+
+# ---- windings ----
+
+
+def test_a_winding_with_clearance_or_in_contact_is_sound():
+    assert problems(device((ring_coil("c", 11, 21),), (CORE,))) == ()
+    assert problems(device((ring_coil("c", 10, 21),), (CORE,))) == ()
+
+
+def test_a_winding_that_cuts_iron_is_named_with_volume_and_place():
+    (problem,) = problems(device((ring_coil("c", 9, 21),), (CORE,)))
+    assert problem.where == "d.toml: winding 'c' and body 'core'"
+    assert problem.must_hold == "a winding must not cut a body"
+    volume = np.pi * (10**2 - 9**2) * 39
+    assert problem.received.startswith(f"{volume:.4g} mm^3 in common, within x -10 to 10")
+    assert "z -19.5 to 19.5 mm" in problem.received
+
+
+def test_windings_that_overlap_are_refused():
+    (problem,) = problems(device((ring_coil("1", 11, 21), ring_coil("2", 11, 21, 41))))
+    assert problem.where == "d.toml: winding '1' and winding '2'"
+    assert "must not overlap" in problem.must_hold
+    assert problems(device((ring_coil("1", 11, 21), ring_coil("2", 11, 21, 42)))) == ()
+
+
+def test_windings_in_the_very_same_space_are_allowed_and_noted():
+    bifilar = device((ring_coil("1", 11, 21), ring_coil("2", 11, 21)))
+    assert problems(bifilar) == ()
+    assert geometry_notes(bifilar) == (
+        "winding '1' and winding '2' fill the same space, as two circuits wound together",
+    )
+
+
+def test_a_winding_inside_another_is_not_the_same_space():
+    (problem,) = problems(device((ring_coil("1", 11, 21), ring_coil("2", 12, 20))))
+    assert "unless both fill the very same space" in problem.must_hold
+
+
+def test_windings_that_cannot_be_built_are_named():
+    found = problems(
+        device(
+            (ring_coil("inside out", 21, 11), RoundedRectangleCoil("tight", 0.02, 0.02, 0.004, 0.01, 0.01, 1))
+        )
+    )
+    assert [problem.where for problem in found] == ["d.toml: winding 'inside out'", "d.toml: winding 'tight'"]
+    assert "inner radius" in found[0].received
+    assert "half the thickness is larger than the corner radius" in found[1].received
+
+
+# ---- workspace ----
+
+
+def test_a_workspace_that_cuts_iron_says_how_deep():
+    disk = rod("disk", 66, 6, 0, 0, 0)
+    clear = WorkspaceBox(np.array([-0.02, -0.02, -0.11]), np.array([0.02, 0.02, 0.0]))
+    assert problems(device(bodies=(disk,), workspace=clear)) == ()
+    cutting = WorkspaceBox(clear.lower, np.array([0.02, 0.02, 0.002]))
+    (problem,) = problems(device(bodies=(disk,), workspace=cutting))
+    assert str(problem) == (
+        "d.toml: workspace and body 'disk': the workspace must be free of bodies and windings; received"
+        " 3200 mm^3 in common, within x -20 to 20, y -20 to 20, z 0 to 2 mm;"
+        " make the workspace smaller or move it"
+    )
+
+
+def test_a_workspace_that_holds_a_winding_or_is_empty_is_refused():
+    coil = ring_coil("c", 11, 21)
+    cylinder = WorkspaceCylinder(np.array([0.0, 0.0, -0.03]), 0.05, 0.06)
+    (problem,) = problems(device((coil,), workspace=cylinder))
+    assert problem.where == "d.toml: workspace and winding 'c'"
+    assert problems(device((coil,), workspace=replace(cylinder, radius=0.011))) == ()
+    (problem,) = problems(device((coil,), workspace=replace(cylinder, radius=0.0)))
+    assert problem.where == "d.toml: workspace"
+    assert "every length must be above zero" in problem.received
+
+
+# ---- the drive unit of thesis Appendix A-3, with the 283 mm gap of thesis 3.1 ----
+
+
+def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Part:
+    size = tuple((upper - lower) * 1e-3 for lower, upper in (x, y, z))
+    return Part(Box(size), at(sum(x) / 2, sum(y) / 2, z[0]))
+
+
+@pytest.fixture(scope="module")
+def drive_unit() -> Device:
+    angles = np.deg2rad(60.0) * np.arange(6)
+    places = [(44 * np.cos(a), 44 * np.sin(a)) for a in angles]
+    cores = [rod(f"core {i}", 10, 40, x, y, 6) for i, (x, y) in enumerate(places)]
+    w = (-17.5, 17.5)
+    yoke = body(
+        "yoke",
+        box(w, w, (52, 137)),
+        box((-182.5, 17.5), w, (137, 172)),
+        box((-182.5, -147.5), w, (-304, 137)),
+        box((-182.5, 17.5), w, (-339, -304)),
+        box(w, w, (-304, -289)),
+    )
+    bodies = (
+        rod("disk", 66, 6, 0, 0, 0),
+        *cores,
+        rod("centre core", 10, 40, 0, 0, 6),
+        rod("upper plate", 66, 6, 0, 0, 46),
+        yoke,
+        rod("lower plate", 66, 6, 0, 0, -289),
+    )
+    coils = tuple(
+        RoundedRectangleCoil(str(i), 0.016, 0.016, 0.015, 0.010, 0.039, 840, placement=at(x, y, 26))
+        for i, (x, y) in enumerate(places)
+    )
+    return device(coils, bodies, WorkspaceBox(np.array([-0.02, -0.02, -0.11]), np.array([0.02, 0.02, -0.07])))
+
+
+def test_the_drive_unit_is_sound_and_one_magnetic_body(drive_unit):
+    assert problems(drive_unit) == ()
+    assert geometry_notes(drive_unit) == ()
+    assert magnetic_bodies(drive_unit) == (tuple(body.name for body in drive_unit.bodies),)
+
+
+def test_neighbouring_rounded_square_coils_clear_each_other_by_their_corners(drive_unit):
+    # Coils at 0 and 60 deg: dx = 22, dy = 38.1 mm. Corner centres (+-1, +-1) mm, outer radius 20 mm:
+    # nearest corner centres are (22 - 2, 38.1 - 2) mm apart.
+    first, second = (winding_solid(coil) for coil in drive_unit.coils[:2])
+    gap = np.hypot(44 * np.cos(np.pi / 3) - 2, 44 * np.sin(np.pi / 3) - 2) - 2 * 20
+    assert gap == pytest.approx(1.274, abs=1e-3)
+    assert first.Distance(second) == pytest.approx(gap, rel=1e-9)
+
+
+def test_windings_of_the_drive_unit_made_too_wide_are_all_named(drive_unit):
+    # Two millimetres more outside and inside: every coil cuts its core and both its neighbours.
+    wide = tuple(replace(coil, thickness=0.014) for coil in drive_unit.coils)
+    found = [problem.where for problem in problems(replace(drive_unit, coils=wide))]
+    assert sum("body 'core" in where for where in found) == 6
+    assert sum("winding '" in where.split(" and ")[1] for where in found) == 6
+    assert len(found) == 12
