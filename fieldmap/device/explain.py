@@ -136,7 +136,7 @@ def _too_long(context: dict[str, Any]) -> tuple[str, str]:
 
 
 def _literal(context: dict[str, Any]) -> tuple[str, str]:
-    return f"must be {context['expected']}", "write exactly that"
+    return f"must be {context['expected']}", "write it exactly so"
 
 
 def _name(context: dict[str, Any]) -> tuple[str, str]:

@@ -14,7 +14,7 @@ def line_numbers(text: str) -> dict[Location, int]:
     """Line (from 1) of every table header and every key, by location.
 
     >>> line_numbers('name = "x"\\n[[coil]]\\nturns = 5\\n')
-    {('name',): 1, ('coil', 0): 2, ('coil', 0, 'turns'): 3}
+    {('name',): 1, ('coil', 0): 2, ('coil',): 2, ('coil', 0, 'turns'): 3}
     """
     lines: dict[Location, int] = {}
     counts: dict[Location, int] = {}
@@ -24,6 +24,7 @@ def line_numbers(text: str) -> dict[Location, int]:
         if statement.startswith("["):
             table = _header(statement, counts)
             lines.setdefault(table, line)
+            lines.setdefault(_without_number(table), line)
         else:
             for length in range(1, len(key := _key_steps(statement)) + 1):
                 lines.setdefault((*table, *key[:length]), line)
@@ -50,6 +51,11 @@ def _header(statement: str, counts: dict[Location, int]) -> Location:
         if location in counts:
             location = (*location, counts[location] - 1)
     return location
+
+
+def _without_number(table: Location) -> Location:
+    """The array that an entry belongs to; any other table is itself."""
+    return table[:-1] if isinstance(table[-1], int) else table
 
 
 def _key_steps(statement: str) -> tuple[Step, ...]:

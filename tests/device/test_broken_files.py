@@ -8,7 +8,6 @@ import pytest
 from fieldmap.device import read_device
 from fieldmap.errors import DeviceFileError
 
-
 CASES = tomllib.loads((Path(__file__).parent / "mistakes.toml").read_text())["case"]
 
 

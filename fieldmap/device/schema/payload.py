@@ -121,7 +121,9 @@ class _PayloadKeys(Table):
 class PayloadWithMagnet(_PayloadKeys):
     """Payload whose moment follows from its magnet: volume times remanence over mu0."""
 
-    magnet: AnyMagnet = Field(description="[payload.magnet] table: shape, dimensions, remanence_T")
+    magnet: AnyMagnet = Field(
+        description="[payload.magnet] table: shape, dimensions, remanence_T; or give moment_A_m2 instead"
+    )
 
     def to_model(self) -> model.Payload:
         """In SI."""
