@@ -41,7 +41,7 @@ def generate_mesh(device: Device, refinement: float = 1.0) -> IronMesh:
     """
     points, tets, body, edges, midpoints = _netgen_mesh(device, refinement)
     sharp = sharp_edges(points, tets, edges)
-    points = equal_volume_vertices(points, tets, *midpoints)
+    points = equal_volume_vertices(points, tets, body, *midpoints)
     size = np.array([b.edge_size or np.inf for b in device.bodies]) / refinement**2
     points, tets, parent = grade_edges(points, tets, sharp, size[body], _LAYER_RATIO)
     body = body[parent]

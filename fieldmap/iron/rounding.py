@@ -17,19 +17,21 @@ _STRAIGHT = 1e-6
 def equal_volume_vertices(
     points: NDArray[np.float64],
     tets: NDArray[np.int64],
+    body: NDArray[np.int64],
     edges: NDArray[np.int64],
     midpoints: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """New points (n, 3). edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface.
+    """New points (n, 3) for tets (m, 4) of bodies (m,).
 
-    Works on the surfaces between iron and air and on curved surfaces between bodies alike.
+    edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
+    between iron and air and on curved surfaces between bodies alike.
     """
     bulge = midpoints - 0.5 * (points[edges[:, 0]] + points[edges[:, 1]])
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
     curved = np.linalg.norm(bulge, axis=1) > _STRAIGHT * length
     if not curved.any():
         return points
-    faces, sides = _faces_with_curved_edges(tets, edges, curved, len(points))
+    faces, sides = _faces_with_curved_edges(tets, body, edges, curved, len(points))
     a, b, c = (points[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1)
@@ -49,16 +51,19 @@ def equal_volume_vertices(
     return points + shift
 
 
-def _faces_with_curved_edges(tets, edges, curved, n_points):
-    """Faces (m, 3) on curved surfaces, once each, and the index into `edges` of their three sides (m, 3).
-
-    An edge that bulges lies in a surface; a face lies in the surface when all its edges do, that is when the face
-    belongs to one tetrahedron only or separates bodies. Interior faces never have three surface edges with bulges
-    out of their plane on both sides, so faces with at least two curved edges are enough.
-    """
+def _faces_with_curved_edges(tets, body, edges, curved, n_points):
+    """Faces (m, 3) on surfaces of bodies that have a curved edge, once each, and the index into `edges` of their
+    three sides (m, 3)."""
     local = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-    faces, count = np.unique(np.sort(tets[:, local].reshape(-1, 3), axis=1), axis=0, return_counts=True)
-    faces = faces[count == 1]
+    faces, inverse, count = np.unique(
+        np.sort(tets[:, local].reshape(-1, 3), axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    # The sum over both owners differs from twice one of them where a face separates bodies.
+    owner = np.repeat(body, 4)
+    total = np.bincount(inverse.ravel(), owner, len(faces))
+    one = np.zeros(len(faces))
+    one[inverse.ravel()] = owner
+    faces = faces[(count == 1) | (total != 2 * one)]
     key = edges[:, 0] * n_points + edges[:, 1]
     pairs = faces[:, [[0, 1], [0, 2], [1, 2]]]
     sides = np.searchsorted(key, pairs[..., 0] * n_points + pairs[..., 1])

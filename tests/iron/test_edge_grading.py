@@ -1,0 +1,85 @@
+"""Edge grading keeps the body, conforms, and reaches the layer that was asked for."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Sphere
+from fieldmap.iron.edge_grading import grade_edges, sharp_edges
+from fieldmap.iron.mesh import generate_mesh, volumes
+from fieldmap.iron.topology import build_faces
+
+
+def device(shape, size, edge=None):
+    body = Body("block", "iron", (Part(shape),), size, edge)
+    return Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 100.0)})
+
+
+@pytest.mark.parametrize("shape", [Box((0.02, 0.03, 0.01)), Cylinder(0.02, 0.006)])
+@pytest.mark.parametrize("layer", [2e-3, 5e-4, 1e-4])
+def test_volume_and_surface_are_unchanged(shape, layer):
+    plain, graded = generate_mesh(device(shape, 0.008)), generate_mesh(device(shape, 0.008, layer))
+    assert len(graded.tets) > len(plain.tets)
+    volume = volumes(graded.points, graded.tets)
+    assert volume.min() > 0
+    assert volume.sum() == pytest.approx(volumes(plain.points, plain.tets).sum(), rel=1e-12)
+    assert surface_area(graded) == pytest.approx(surface_area(plain), rel=1e-12)
+
+
+def surface_area(mesh):
+    faces = build_faces(mesh)
+    a, b, c = (mesh.points[faces.nodes[faces.surface][:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+
+
+@pytest.mark.parametrize("layer", [1e-3, 2e-4])
+def test_mesh_conforms_and_is_closed(layer):
+    mesh = generate_mesh(device(Box((0.02, 0.03, 0.01)), 0.008, layer))
+    faces = build_faces(mesh)
+    # A hanging node would leave unmatched faces inside, so that the surface is larger than the box's.
+    assert surface_area(mesh) == pytest.approx(2 * (0.02 * 0.03 + 0.02 * 0.01 + 0.03 * 0.01), rel=1e-9)
+    sides = np.sort(faces.nodes[faces.surface][:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
+    _, count = np.unique(sides, axis=0, return_counts=True)
+    assert (count == 2).all()
+
+
+@pytest.mark.parametrize("layer", [1e-3, 2e-4])
+def test_first_layer_is_as_thin_as_asked(layer):
+    mesh = generate_mesh(device(Box((0.02, 0.03, 0.01)), 0.008, layer))
+    on_edge = (np.isclose(np.abs(mesh.points[:, :2]), [0.01, 0.015]).sum(axis=1)
+               + (np.isclose(mesh.points[:, 2], 0) | np.isclose(mesh.points[:, 2], 0.01))) >= 2  # fmt: skip
+    pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+    ends = np.unique(np.sort(mesh.tets[:, pairs].reshape(-1, 2), axis=1), axis=0)
+    leaving = ends[on_edge[ends[:, 0]] ^ on_edge[ends[:, 1]]]
+    start = np.where(on_edge[leaving[:, 0]], leaving[:, 0], leaving[:, 1])
+    length = np.linalg.norm(np.diff(mesh.points[leaving], axis=1)[:, 0], axis=1)
+    height = np.full(len(mesh.points), np.inf)
+    np.minimum.at(height, start, length)
+    assert np.median(height[on_edge]) < 1.6 * layer
+
+
+def test_a_sphere_has_no_sharp_edges():
+    plain, asked = generate_mesh(device(Sphere(0.02), 0.01)), generate_mesh(device(Sphere(0.02), 0.01, 1e-4))
+    assert len(asked.tets) == len(plain.tets)
+
+
+def test_one_tetrahedron_with_one_sharp_edge():
+    """A single cut by hand: the element becomes two prisms, that is six tetrahedra."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 0, 1]])
+    tets = np.array([[0, 1, 2, 3]])
+    new_points, new_tets, parent = grade_edges(points, tets, np.array([[0, 1]]), np.array([0.5]), 0.4)
+    assert len(new_tets) == 6
+    assert len(new_points) == 8
+    assert (parent == 0).all()
+    assert np.abs(volumes(new_points, new_tets)).sum() == pytest.approx(1 / 6)
+
+
+def test_all_edges_of_a_single_tetrahedron_are_sharp():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    tets = np.array([[0, 1, 2, 3]])
+    every = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+    sharp = sharp_edges(points, tets, every)
+    assert sharp.tolist() == every.tolist()
+    new_points, new_tets, _ = grade_edges(points, tets, sharp, np.array([0.05]), 0.4)
+    volume = np.abs(volumes(new_points, new_tets))
+    assert volume.sum() == pytest.approx(1 / 6)
+    assert volume.min() > 0
