@@ -59,6 +59,13 @@ class MapWriter:
         if self._file:
             self._file.close()
 
+    def discard(self) -> None:
+        """Close and delete the partial file, unless it already holds finished chunks."""
+        keep = len(self.missing) < len(self.chunks)
+        self.close()
+        if not keep:
+            partial_path(self._target).unlink(missing_ok=True)
+
     @property
     def missing(self) -> tuple[Chunk, ...]:
         """Chunks still to be written."""

@@ -1,0 +1,165 @@
+"""From a recipe to a map file: check, solve, evaluate part by part, measure the interpolant, finish."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.model import Device, PermanentMagnet
+from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
+from fieldmap.iron import LinearSolution, check_geometry, solve_linear
+from fieldmap.maps.fingerprint import fingerprint, library_versions
+from fieldmap.maps.interpolation import interpolation_error
+from fieldmap.maps.placement import choose_grid, with_box
+from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
+from fieldmap.maps.solver_state import from_arrays, to_arrays
+from fieldmap.store import MapInfo, MapWriter, Provenance, open_writer, read_info
+
+Progress = Callable[[str, float], None]
+OUTPUT_FOLDER = Path("maps/out")
+# Shares of the whole at which a step begins.
+SOLVE, EVALUATE, MEASURE = 0.03, 0.6, 0.97
+
+
+def generate(
+    recipe: str | PathLike[str],
+    output: str | PathLike[str] | None = None,
+    resume: bool = True,
+    progress: Progress | None = None,
+) -> Path:
+    """Make the map that a recipe asks for and return the path of its file.
+
+    recipe: path of a recipe file, or the name of a shipped one. output: the file to write, by default
+    maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
+    that was stopped, and leave a finished map alone, if everything that decides the numbers is the same;
+    False begins anew. progress(message, fraction) is called as the work goes on.
+
+    The file appears under its name only when it is complete. Raises RecipeError, DeviceFileError,
+    GeometryError (a box that cuts iron or a winding) or InputError (an output that cannot be written) before
+    any long work and without leaving a file; NotConverged if the solver fails.
+
+    >>> import fieldmap as fm                                                     # doctest: +SKIP
+    >>> fm.generate("quick")                                                      # doctest: +SKIP
+    PosixPath('maps/out/quick.h5')
+    """
+    say = progress or _silent
+    say("checking recipe, device and geometry", 0.0)
+    order = read_recipe(Path(recipe))
+    device = read_recipe_device(order)
+    target = _target(order, output)
+    info = _describe(order, device)
+    placed = with_box(device, info.grid)
+    check_geometry(placed)
+    if resume and _is_done(target, info):
+        say("complete already", 1.0)
+        return target
+    with open_writer(target, info, resume) as writer:
+        if writer.note or writer.resumed:
+            say(writer.note or f"resumed with {writer.resumed} of {len(writer.chunks)} parts", SOLVE)
+        solution = _solution(placed, order, writer, say)
+        _evaluate(solution, writer, say)
+        say("measuring the interpolant against the solver", MEASURE)
+        path = _finish(solution, writer)
+    say("complete", 1.0)
+    return path
+
+
+def _describe(recipe: Recipe, device: Device) -> MapInfo:
+    """The map to be, checked as far as it can be without its geometry."""
+    if not device.coils:
+        raise recipe.error(
+            "device", "a device with at least one coil", "none", "add a [[coil]] to the device"
+        )
+    magnets = [b.name for b in device.bodies if isinstance(device.materials[b.material], PermanentMagnet)]
+    if magnets:
+        must_hold = "a device whose field follows the coil currents alone, as a map of unit fields holds it"
+        received = f"permanent magnets: {', '.join(magnets)}"
+        raise recipe.error("device", must_hold, received, "solve it directly, or make them linear iron")
+    return MapInfo(
+        grid=choose_grid(recipe, device),
+        coil_names=device.coil_names,
+        reference_current=np.full(len(device.coils), recipe.reference_current),
+        provenance=Provenance(
+            title=recipe.title,
+            device_name=device.name,
+            recipe_text=recipe.text,
+            device_text=device.text,
+            fingerprint=fingerprint(recipe, device),
+            versions=library_versions(),
+            created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
+        ),
+    )
+
+
+def _target(recipe: Recipe, output: str | PathLike[str] | None) -> Path:
+    target = OUTPUT_FOLDER / recipe.file_name if output is None else Path(output)
+    if target.is_dir():
+        received = "a folder"
+    elif not target.name or target.suffix not in (".h5", ".hdf5"):
+        received = f'"{target.name}"'
+    else:
+        return target
+    problem = Problem(str(target), "a file name that ends in .h5", received, "name the file, such as map.h5")
+    raise RecipeError(problem)
+
+
+def _is_done(target: Path, info: MapInfo) -> bool:
+    if not target.is_file():
+        return False
+    try:
+        return read_info(target).provenance.fingerprint == info.provenance.fingerprint
+    except MapFileError:
+        return False
+
+
+def _solution(device: Device, recipe: Recipe, writer: MapWriter, say: Progress) -> LinearSolution:
+    """The solution kept in the partial file, or a new one, which is then kept."""
+    kept = writer.state()
+    if kept is not None:
+        return from_arrays(device, *kept)
+    try:
+        solution = solve_linear(
+            device,
+            recipe.mu_r,
+            recipe.tolerance,
+            lambda message, fraction: say(message, SOLVE + fraction * (EVALUATE - SOLVE)),
+        )
+    except FieldmapError:
+        writer.discard()
+        raise
+    arrays, about = to_arrays(solution)
+    writer.save_state(arrays, about)
+    # Evaluated from what was kept, so that a resumed run gives the same bits.
+    return from_arrays(device, arrays, about)
+
+
+def _evaluate(solution: LinearSolution, writer: MapWriter, say: Progress) -> None:
+    total = len(writer.chunks)
+    _, ny, nz = writer.info.grid.shape
+    for chunk in writer.missing:
+        share = chunk.number / total
+        say(
+            f"field at the nodes, part {chunk.number + 1} of {total}", EVALUATE + share * (MEASURE - EVALUATE)
+        )
+        flux, gradient = solution.unit_fields(writer.info.grid.points(chunk.first, chunk.last))
+        planes = (len(flux), chunk.last - chunk.first, ny, nz)
+        writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
+
+
+def _finish(solution: LinearSolution, writer: MapWriter) -> Path:
+    parts = [writer.read(chunk) for chunk in writer.chunks]
+    flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
+    error = interpolation_error(
+        writer.info.grid, flux, gradient, solution, np.array(writer.info.reference_current)
+    )
+    report: dict[str, Any] = asdict(solution.report)
+    assumptions = tuple(report.pop("assumptions"))
+    return writer.finish(report, assumptions, error)
+
+
+def _silent(message: str, fraction: float) -> None:
+    """Progress that nobody asked for."""

@@ -1,0 +1,153 @@
+"""Read a map recipe and check all of it."""
+
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from fieldmap.device import Device, read_device
+from fieldmap.device.explain import explain
+from fieldmap.device.findings import Finding, closest, one_of, shown
+from fieldmap.device.key_paths import dotted
+from fieldmap.device.toml_lines import line_numbers, nearest_line
+from fieldmap.errors import Problem, RecipeError
+from fieldmap.maps.schema import RecipeFile
+from fieldmap.shipped import shipped_file, shipped_names
+
+Array = NDArray[np.float64]
+MILLI = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """What map to make, in SI.
+
+    device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper (3,) in m, or
+    None for the device's workspace. mu_r: None for the initial slope of the device's B-H table. file_name: of
+    the map. path and text: the file as read.
+    """
+
+    path: Path
+    text: str
+    title: str
+    device: str
+    spacing: Array
+    lower: Array | None
+    upper: Array | None
+    mu_r: float | None
+    tolerance: float
+    reference_current: float
+    file_name: str
+
+    def error(self, key: str, must_hold: str, received: str, remedy: str) -> RecipeError:
+        """An error at a key of the file."""
+        line = nearest_line(line_numbers(self.text), tuple(key.split("."))) if key else None
+        place = f"{self.path}:{line}" if line else str(self.path)
+        return RecipeError(Problem(f"{place}: {key}" if key else place, must_hold, received, remedy))
+
+
+def read_recipe(path_or_name: str | Path) -> Recipe:
+    """Read and check a recipe file: its path, or the name of a shipped recipe ("quick").
+
+    The format is described in docs/recipes.md. Raises RecipeError with one Problem for every error of the
+    file: file, line and key path; what must hold; what was received; the remedy.
+
+    >>> read_recipe("quick").device
+    'disk_six_cores'
+    """
+    path = _find(path_or_name)
+    text, data = _load(path)
+    try:
+        contents = RecipeFile.model_validate(data)
+    except ValidationError as error:
+        findings = [explain(detail, RecipeFile, data) for detail in error.errors(include_url=False)]
+        raise RecipeError(*_problems(path, text, data, findings)) from None
+    iron, output, box = contents.iron, contents.output, contents.box
+    return Recipe(
+        path=path,
+        text=text,
+        title=contents.title,
+        device=contents.device,
+        spacing=np.array(contents.spacing_mm) * MILLI,
+        lower=np.array(box.lower_mm) * MILLI if box else None,
+        upper=np.array(box.upper_mm) * MILLI if box else None,
+        mu_r=None if iron.mu_r == "initial" else float(iron.mu_r),
+        tolerance=iron.tolerance,
+        reference_current=output.reference_current_A,
+        file_name=output.file or f"{path.stem}.h5",
+    )
+
+
+def read_recipe_device(recipe: Recipe) -> Device:
+    """The device that a recipe names: beside the recipe, or a shipped one.
+
+    Raises RecipeError if there is none, and DeviceFileError if its file is wrong.
+    """
+    beside = recipe.path.parent / recipe.device
+    if beside.is_file():
+        return read_device(beside)
+    shipped = shipped_file("geometry", recipe.device)
+    if shipped is not None:
+        return read_device(shipped)
+    names = shipped_names("geometry")
+    guess = closest(recipe.device, names)
+    remedy = (
+        f'did you mean "{guess}"?'
+        if guess
+        else f"give a path relative to the recipe, or one of {one_of(names)}"
+    )
+    must_hold = "a device file relative to the recipe, or the name of a shipped device"
+    raise recipe.error("device", must_hold, shown(recipe.device), remedy)
+
+
+def _find(path_or_name: str | Path) -> Path:
+    path = Path(path_or_name)
+    if path.is_file():
+        return path
+    shipped = shipped_file("maps", str(path_or_name))
+    if shipped is not None:
+        return shipped
+    names = shipped_names("maps")
+    guess = closest(path.stem, names)
+    remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
+    must_hold = "must be a recipe file or the name of a shipped recipe"
+    raise RecipeError(Problem(str(path_or_name), must_hold, "no such file", remedy))
+
+
+def _load(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except (OSError, UnicodeDecodeError) as error:
+        remedy = "check the path and its permissions, and save the file as UTF-8 text"
+        raise RecipeError(Problem(str(path), "must be readable UTF-8 text", str(error), remedy)) from error
+    try:
+        return text, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RecipeError(_syntax_problem(path, text, str(error))) from error
+
+
+def _syntax_problem(path: Path, text: str, message: str) -> Problem:
+    where, received = str(path), message
+    if found := re.search(r"at line (\d+), column (\d+)", message):
+        where = f"{path}:{found[1]}:{found[2]}"
+        line = text.splitlines()[int(found[1]) - 1].strip()
+        received = f"{message.split(' (at ')[0]}, in the line {shown(line)}"
+    remedy = "correct the line; texts stand in quotes, a table begins with [name]"
+    return Problem(where, "the file must be valid TOML", received, remedy)
+
+
+def _problems(path: Path, text: str, data: dict[str, Any], findings: list[Finding]) -> list[Problem]:
+    """Findings tied to the file, in the order of its lines."""
+    lines = line_numbers(text)
+    placed = sorted(((nearest_line(lines, f.location) or 0, f) for f in findings), key=lambda pair: pair[0])
+    problems = []
+    for line, finding in placed:
+        place = f"{path}:{line}" if line else str(path)
+        where = f"{place}: {dotted(data, finding.location)}" if finding.location else place
+        problems.append(Problem(where, finding.must_hold, finding.received, finding.remedy))
+    return problems

@@ -1,0 +1,104 @@
+"""What a map recipe may hold: the tables of the TOML file, with their rules."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+
+from fieldmap.device.findings import shown
+from fieldmap.device.schema.base import LARGEST_LENGTH_MM, Point, Positive, Table, Text, broken
+
+FORMAT = 1
+
+
+def _known_format(value: Any) -> Any:
+    if value != FORMAT or isinstance(value, bool):
+        remedy = "this version of fieldmap reads format 1 only: install the version that knows the file's"
+        raise broken("format must be 1", shown(value), remedy)
+    return value
+
+
+def _three_spacings(value: Any) -> Any:
+    """One number for all axes, or three."""
+    numbers = value if isinstance(value, list) else [value] * 3
+    good = len(numbers) == 3 and all(_is_number(n) and 0 < n <= LARGEST_LENGTH_MM for n in numbers)
+    if not good:
+        must_hold = "one positive number, or three for x, y and z"
+        raise broken(must_hold, shown(value), "write for example spacing_mm = 4.0 or [4.0, 4.0, 2.0]")
+    return [float(n) for n in numbers]
+
+
+def _permeability(value: Any) -> Any:
+    """The word "initial", or a number."""
+    if value == "initial" or (_is_number(value) and value > 0):
+        return value
+    must_hold = '"initial" (the initial slope of the device\'s B-H table) or a positive relative permeability'
+    raise broken(must_hold, shown(value), 'write for example mu_r = "initial" or mu_r = 4000')
+
+
+def _map_file_name(value: Any) -> Any:
+    """A plain name ending in .h5."""
+    text = value if isinstance(value, str) else ""
+    if not text.endswith(".h5") or len(text) < 4 or any(c in text for c in "/\\:\0\n"):
+        must_hold = "a file name that ends in .h5, without a folder"
+        raise broken(must_hold, shown(value), "write only the name; choose the folder when you make the map")
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+class BoxKeys(Table):
+    """The box of the map, where it is not the device's workspace."""
+
+    lower_mm: Point = Field(description="[x, y, z] of the corner with the smallest coordinates")
+    upper_mm: Point = Field(description="[x, y, z] of the opposite corner")
+
+    @field_validator("upper_mm")
+    @classmethod
+    def _not_empty(cls, value: list[float], info: ValidationInfo) -> list[float]:
+        lower = info.data.get("lower_mm", [])
+        empty = [axis for axis, low, high in zip("xyz", lower, value, strict=False) if high <= low]
+        if empty:
+            raise broken(
+                "the box must not be empty: every entry of upper_mm above that of lower_mm",
+                f"upper_mm = {value} with lower_mm = {lower} (along {', '.join(empty)})",
+                "swap the two corners, or correct them; z is up, so -140 lies below -76",
+            )
+        return value
+
+
+class IronKeys(Table):
+    """How the iron is modelled."""
+
+    model: Literal["linear"] = Field(default="linear", description="law of the iron")
+    mu_r: Annotated[str | float | int, BeforeValidator(_permeability)] = Field(
+        default="initial", description='relative permeability, or "initial"'
+    )
+    tolerance: Annotated[float, Field(gt=0, le=0.1)] = Field(default=1e-3, description="of the solver")
+
+
+class OutputKeys(Table):
+    """What is written."""
+
+    file: Annotated[str | None, BeforeValidator(_map_file_name)] = Field(
+        default=None, description="name of the map file"
+    )
+    reference_current_A: Positive = Field(
+        default=1.0, description="coil current at which the file states its fields"
+    )
+
+
+class RecipeFile(Table):
+    """A map recipe."""
+
+    format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
+    title: Text = Field(description="one line about the map")
+    device: Text = Field(description="device file, relative to the recipe, or name of a shipped device")
+    spacing_mm: Annotated[list[float], BeforeValidator(_three_spacings)] = Field(
+        description="largest distance of neighbouring nodes, one number or [x, y, z]"
+    )
+    box: BoxKeys | None = Field(default=None, description="the box; the device's workspace if left out")
+    iron: IronKeys = Field(default=IronKeys(), description="how the iron is modelled")
+    output: OutputKeys = Field(default=OutputKeys(), description="what is written")

@@ -1,0 +1,42 @@
+"""A linear solution as plain arrays and back, so that a resumed run need not solve again.
+
+Only what the field in the air needs is kept: the charged faces and their densities. The solution made from it
+gives the same bits as the one that was stored, but knows no mesh: it does not refuse points inside the iron,
+which the geometry check has excluded already.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.model import Device
+from fieldmap.iron import LinearSolution, SolverReport
+from fieldmap.iron.problem import LinearState
+from fieldmap.iron.surface import ChargedFaces
+
+_FACES = [field.name for field in fields(ChargedFaces)]
+
+
+def to_arrays(solution: LinearSolution) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and a plain description of a solution."""
+    about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
+    if solution.state is None:
+        return {}, about
+    arrays = {name: getattr(solution.state.faces, name) for name in _FACES}
+    return {**arrays, "density": solution.state.density}, about
+
+
+def from_arrays(device: Device, arrays: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> LinearSolution:
+    """The solution of `to_arrays`; KeyError or TypeError if the arrays are another solver's."""
+    kept = about["report"]
+    report = SolverReport(**{**kept, "assumptions": tuple(kept["assumptions"])})
+    state = None
+    if arrays:
+        faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[name]) for name in _FACES})
+        density = np.ascontiguousarray(arrays["density"])
+        state = LinearState(
+            faces, density, np.empty((len(density), 0, 4)), report.iterations, (report.residual,)
+        )
+    return LinearSolution(device.coils, None, state, bool(about["has_remanence"]), report)
