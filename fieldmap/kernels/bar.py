@@ -9,25 +9,28 @@ times the density. A bar alone is no closed current: its field is of use only in
 import math
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
+from fieldmap.kernels.elementary import log
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
-from fieldmap.kernels.quadrature import points_even, section_distance, whole_points
+from fieldmap.kernels.quadrature import even_points, section_distance
 from fieldmap.kernels.slice import angle_difference, bar_slice, bar_slice_gradient, log_ratio
 
-_CLOSED_FORM_AT = 7.5  # points in slices that cost as much as the closed form
+Array = NDArray[np.float64]
+_MOST_SLICES = 24  # in slices; the closed form costs about as much
 
 
 @numba.njit(cache=True, error_model="numpy")
-def bar_rule(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, digits: float
+def bar_points(
+    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> int:
     """Points along the bar, or 0 for closed form."""
     distance, inside = section_distance(X, r1, r2, h1, h2)
-    half = 0.5 * (v2 - v1)
-    n = points_even(abs(0.5 * (v1 + v2)), max(distance, 1e-9 * half), half, digits)
-    if inside or n > _CLOSED_FORM_AT:
+    if inside:
         return 0
-    return whole_points(n)
+    ends = math.sqrt(v1 * v1 + distance * distance) + math.sqrt(v2 * v2 + distance * distance)
+    return even_points(ends / (v2 - v1), limits, _MOST_SLICES)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -38,8 +41,8 @@ def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float,
     x1, x2, y1, y2 = b1 * b1 + a2, b2 * b2 + a2, c1 * c1 + a2, c2 * c2 + a2
     R11, R12 = math.sqrt(x1 + c1 * c1), math.sqrt(x1 + c2 * c2)
     R21, R22 = math.sqrt(x2 + c1 * c1), math.sqrt(x2 + c2 * c2)
-    of_b = math.log(log_ratio(b1, R12, b2, R22, y2) / log_ratio(b1, R11, b2, R21, y1))
-    of_c = math.log(log_ratio(c1, R21, c2, R22, x2) / log_ratio(c1, R11, c2, R12, x1))
+    of_b = log(log_ratio(b1, R12, b2, R22, y2) / log_ratio(b1, R11, b2, R21, y1))
+    of_c = log(log_ratio(c1, R21, c2, R22, x2) / log_ratio(c1, R11, c2, R12, x1))
     d = abs(a)
     angle = angle_difference(b2 * c1, d * R21, b2 * c2, d * R22) - angle_difference(
         b1 * c1, d * R11, b1 * c2, d * R12
@@ -68,12 +71,12 @@ def bar_closed_form(
     return outward, axial, v_at_u2 - v_at_u1, u_at_v1 - u_at_v2, dz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def bar_integrals(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, digits: float
+    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float]:
     """(outward, axial) field integrals of a bar."""
-    n = bar_rule(v1, v2, X, r1, r2, h1, h2, digits)
+    n = bar_points(v1, v2, X, r1, r2, h1, h2, limits)
     if n == 0:
         whole = bar_closed_form(v1, v2, r1 - X, r2 - X, h1, h2)
         return whole[0], whole[1]
@@ -88,12 +91,12 @@ def bar_integrals(
     return outward, axial
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def bar_integrals_gradient(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, digits: float
+    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float, float, float, float]:
     """(outward, axial) and d(outward)/d(outward, current, z) of a bar."""
-    n = bar_rule(v1, v2, X, r1, r2, h1, h2, digits)
+    n = bar_points(v1, v2, X, r1, r2, h1, h2, limits)
     if n == 0:
         return bar_closed_form(v1, v2, r1 - X, r2 - X, h1, h2)
     outward, axial, dX, dv, dz = 0.0, 0.0, 0.0, 0.0, 0.0

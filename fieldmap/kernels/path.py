@@ -12,44 +12,47 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.kernels.arc import arc_integrals, arc_integrals_gradient
+from fieldmap.kernels.arc import MOST_AZIMUTHS, arc_azimuths, arc_sum, arc_sum_gradient, even_azimuths
 from fieldmap.kernels.bar import bar_integrals, bar_integrals_gradient
 from fieldmap.kernels.constants import MU0_OVER_4PI
+from fieldmap.kernels.quadrature import rule_limits
 
 Array = NDArray[np.float64]
+_CHUNK = 32  # points that share one work array
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _seen_from(arc: Array, x: float, y: float) -> tuple[float, float, float, float]:
-    """Distance of the point from the arc's centre, its direction there, and the arc's middle azimuth from it."""
-    px, py = x - arc[0], y - arc[1]
-    rho = math.sqrt(px * px + py * py)
-    cx, cy = arc[2], arc[3]
-    if rho > 0.0:
-        cx, cy = px / rho, py / rho
-    return rho, cx, cy, math.atan2(cx * arc[3] - cy * arc[2], cx * arc[2] + cy * arc[3])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def add_arc(B: Array, arc: Array, x: float, y: float, h1: float, h2: float, digits: float) -> None:
+def add_arc(
+    B: Array,
+    arc: Array,
+    x: float,
+    y: float,
+    h1: float,
+    h2: float,
+    even: Array,
+    limits: Array,
+    azimuths: Array,
+) -> None:
     """Add one arc's field integral to B (3,)."""
-    rho, cx, cy, middle = _seen_from(arc, x, y)
-    radial, around, axial = arc_integrals(rho, middle, arc[4], arc[5], arc[6], h1, h2, digits)
-    B[0] += arc[7] * (cx * radial - cy * around)
-    B[1] += arc[7] * (cy * radial + cx * around)
-    B[2] += arc[7] * axial
+    px, py = x - arc[0], y - arc[1]
+    mx, my = arc[2], arc[3]
+    px, py = px * mx + py * my, py * mx - px * my
+    n = arc_azimuths(px, py, arc, h1, h2, even, limits, azimuths)
+    bx, by, bz = arc_sum(azimuths, n, px, py, arc[5], arc[6], h1, h2)
+    B[0] += arc[7] * (mx * bx - my * by)
+    B[1] += arc[7] * (my * bx + mx * by)
+    B[2] += arc[7] * bz
 
 
 @numba.njit(cache=True, error_model="numpy")
 def add_bar(
-    B: Array, bar: Array, half_thickness: float, x: float, y: float, h1: float, h2: float, digits: float
+    B: Array, bar: Array, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
 ) -> None:
     """Add one bar's field integral to B (3,)."""
     tx, ty = bar[2], bar[3]
     px, py = x - bar[0], y - bar[1]
-    v = px * tx + py * ty
-    X = px * ty - py * tx
-    outward, axial = bar_integrals(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, digits)
+    v, X = px * tx + py * ty, px * ty - py * tx
+    outward, axial = bar_integrals(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, limits)
     B[0] += ty * outward
     B[1] -= tx * outward
     B[2] += axial
@@ -73,16 +76,28 @@ def add_in_plane_gradient(
 
 @numba.njit(cache=True, error_model="numpy")
 def add_arc_gradient(
-    B: Array, G: Array, arc: Array, x: float, y: float, h1: float, h2: float, digits: float
+    B: Array,
+    G: Array,
+    arc: Array,
+    x: float,
+    y: float,
+    h1: float,
+    h2: float,
+    even: Array,
+    limits: Array,
+    azimuths: Array,
 ) -> None:
     """Add one arc's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
-    rho, cx, cy, middle = _seen_from(arc, x, y)
-    r = arc_integrals_gradient(rho, middle, arc[4], arc[5], arc[6], h1, h2, digits)
+    px, py = x - arc[0], y - arc[1]
+    mx, my = arc[2], arc[3]
+    px, py = px * mx + py * my, py * mx - px * my
+    n = arc_azimuths(px, py, arc, h1, h2, even, limits, azimuths)
+    r = arc_sum_gradient(azimuths, n, px, py, arc[5], arc[6], h1, h2)
     s = arc[7]
-    B[0] += s * (cx * r[0] - cy * r[1])
-    B[1] += s * (cy * r[0] + cx * r[1])
+    B[0] += s * (mx * r[0] - my * r[1])
+    B[1] += s * (my * r[0] + mx * r[1])
     B[2] += s * r[2]
-    add_in_plane_gradient(G, cx, cy, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
+    add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -95,14 +110,13 @@ def add_bar_gradient(
     y: float,
     h1: float,
     h2: float,
-    digits: float,
+    limits: Array,
 ) -> None:
     """Add one bar's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
     tx, ty = bar[2], bar[3]
     px, py = x - bar[0], y - bar[1]
-    v = px * tx + py * ty
-    X = px * ty - py * tx
-    r = bar_integrals_gradient(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, digits)
+    v, X = px * tx + py * ty, px * ty - py * tx
+    r = bar_integrals_gradient(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, limits)
     B[0] += ty * r[0]
     B[1] -= tx * r[0]
     B[2] += r[1]
@@ -120,10 +134,33 @@ def current_direction(
         if abs(px * tx + py * ty) <= bars[k, 4] and abs(px * ty - py * tx) < half_thickness:
             return tx, ty
     for k in range(len(arcs)):
-        rho, cx, cy, middle = _seen_from(arcs[k], x, y)
-        if abs(middle) <= arcs[k, 4] and arcs[k, 5] < rho < arcs[k, 6]:
-            return -arcs[k, 7] * cy, arcs[k, 7] * cx
+        px, py = x - arcs[k, 0], y - arcs[k, 1]
+        rho = math.sqrt(px * px + py * py)
+        within = px * arcs[k, 2] + py * arcs[k, 3] >= rho * math.cos(arcs[k, 4])
+        if within and arcs[k, 5] < rho < arcs[k, 6]:
+            return -arcs[k, 7] * py / rho, arcs[k, 7] * px / rho
     return 0.0, 0.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _even_tables(arcs: Array) -> Array:
+    tables = np.empty((len(arcs), 3, 24))
+    for k in range(len(arcs)):
+        tables[k] = even_azimuths(arcs[k, 4])
+    return tables
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _close_gradient(
+    G: Array, arcs: Array, bars: Array, half_thickness: float, x: float, y: float, h1: float, h2: float
+) -> None:
+    """Fill the last row of G from div B = 0 and curl B = mu0 J, in units of mu0/(4 pi) times the density."""
+    jx, jy = 0.0, 0.0
+    if h1 > 0.0 and h2 < 0.0:
+        jx, jy = current_direction(arcs, bars, half_thickness, x, y)
+    G[2, 0] = G[0, 2] - 4.0 * math.pi * jy
+    G[2, 1] = G[1, 2] + 4.0 * math.pi * jx
+    G[2, 2] = -G[0, 0] - G[1, 1]
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
@@ -131,16 +168,20 @@ def path_flux_density(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
 ) -> Array:
     """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
-    field = np.zeros((len(points), 3))
+    count = len(points)
+    field = np.zeros((count, 3))
     factor = MU0_OVER_4PI / (thickness * height)
-    for i in numba.prange(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        h1, h2 = z + 0.5 * height, z - 0.5 * height
-        for k in range(len(arcs)):
-            add_arc(field[i], arcs[k], x, y, h1, h2, digits)
-        for k in range(len(bars)):
-            add_bar(field[i], bars[k], 0.5 * thickness, x, y, h1, h2, digits)
-        field[i] *= factor
+    limits, even = rule_limits(digits), _even_tables(arcs)
+    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
+        azimuths = np.empty((3, MOST_AZIMUTHS))
+        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            h1, h2 = z + 0.5 * height, z - 0.5 * height
+            for k in range(len(arcs)):
+                add_arc(field[i], arcs[k], x, y, h1, h2, even[k], limits, azimuths)
+            for k in range(len(bars)):
+                add_bar(field[i], bars[k], 0.5 * thickness, x, y, h1, h2, limits)
+            field[i] *= factor
     return field
 
 
@@ -149,24 +190,21 @@ def path_flux_density_and_gradient(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
 ) -> tuple[Array, Array]:
     """B (n, 3) in T and its gradient (n, 3, 3) in T/m per ampere-turn."""
-    field = np.zeros((len(points), 3))
-    gradient = np.zeros((len(points), 3, 3))
+    count = len(points)
+    field, gradient = np.zeros((count, 3)), np.zeros((count, 3, 3))
     factor = MU0_OVER_4PI / (thickness * height)
-    for i in numba.prange(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        h1, h2 = z + 0.5 * height, z - 0.5 * height
-        B, G = field[i], gradient[i]
-        for k in range(len(arcs)):
-            add_arc_gradient(B, G, arcs[k], x, y, h1, h2, digits)
-        for k in range(len(bars)):
-            add_bar_gradient(B, G, bars[k], 0.5 * thickness, x, y, h1, h2, digits)
-        jx, jy = 0.0, 0.0
-        if h1 > 0.0 and h2 < 0.0:
-            jx, jy = current_direction(arcs, bars, 0.5 * thickness, x, y)
-        four_pi = 4.0 * math.pi
-        G[2, 0] = G[0, 2] - four_pi * jy
-        G[2, 1] = G[1, 2] + four_pi * jx
-        G[2, 2] = -G[0, 0] - G[1, 1]
-        field[i] *= factor
-        gradient[i] *= factor
+    limits, even = rule_limits(digits), _even_tables(arcs)
+    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
+        azimuths = np.empty((3, MOST_AZIMUTHS))
+        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            h1, h2 = z + 0.5 * height, z - 0.5 * height
+            B, G = field[i], gradient[i]
+            for k in range(len(arcs)):
+                add_arc_gradient(B, G, arcs[k], x, y, h1, h2, even[k], limits, azimuths)
+            for k in range(len(bars)):
+                add_bar_gradient(B, G, bars[k], 0.5 * thickness, x, y, h1, h2, limits)
+            _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
+            field[i] *= factor
+            gradient[i] *= factor
     return field, gradient

@@ -1,39 +1,57 @@
 """How many Gauss-Legendre points the sum over the slices of a winding needs.
 
-The integrand along a winding is singular at complex positions +- i d, d being about the distance of the field point
-from the section. Either the points are spread evenly, or the substitution t = d sinh(w) moves the singularity to
-Im w = pi/2, so that the number of points grows with log(1/d) only: docs/theory/coils.md (21)-(23).
+The integrand along a winding is singular at complex positions offset +- i depth, where depth is about the distance
+of the field point from the winding section. Points spread evenly converge like Bernstein's ellipse through that
+position. The substitution t = depth sinh(w) moves it to Im w = pi/2, so that the number of points grows with the
+logarithm of 1/depth only: docs/theory/coils.md (21)-(23). Rules have a multiple of STEP points, which fill the
+vector registers.
 """
 
 import math
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
-from fieldmap.kernels.gauss import MOST_POINTS
-
-
-@numba.njit(cache=True, error_model="numpy")
-def points_even(offset: float, depth: float, half: float, digits: float) -> float:
-    """Points for `digits` digits on |t| <= half with singularities at offset +- i depth: Bernstein's ellipse."""
-    a = 0.5 * (math.hypot(offset + half, depth) + math.hypot(offset - half, depth)) / half
-    return 1.1513 * digits / math.log(a + math.sqrt(max(a * a - 1.0, 1e-12)))
+Array = NDArray[np.float64]
+STEP = 8
+RULES = 8  # 8, 16, ... 64 points
+_MARGIN = 1.0  # decimal digits on top of those asked for: cancellation between opposite sides of a coil
 
 
 @numba.njit(cache=True, error_model="numpy")
-def points_sinh(half: float, digits: float) -> float:
-    """Points for `digits` digits on |w| <= half with singularities on the lines Im w = +- pi/2."""
-    return 1.1513 * digits / math.asinh(0.5 * math.pi / max(half, 1e-3))
+def rule_limits(digits: float) -> Array:
+    """limits (2, RULES): the smallest half sum of the axes' ratio (row 0: |z-1| + |z+1| over 2) and the largest
+    half width of w (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
+    limits = np.empty((2, RULES))
+    for k in range(RULES):
+        rate = 0.5 * math.log(10.0) * (digits + _MARGIN) / (STEP * (k + 1))
+        limits[0, k] = math.cosh(rate)
+        limits[1, k] = 0.5 * math.pi / math.sinh(rate)
+    return limits
 
 
 @numba.njit(cache=True, error_model="numpy")
-def whole_points(n: float) -> int:
-    """The rule to use for a wanted number of points."""
-    return max(2, min(MOST_POINTS, int(n) + 1))
+def even_points(ellipse: float, limits: Array, most: int) -> int:
+    """Evenly spread points for a singularity at (|z-1| + |z+1|)/2 = ellipse, or 0 if more than `most`."""
+    for k in range(most // STEP):
+        if ellipse >= limits[0, k]:
+            return STEP * (k + 1)
+    return 0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def graded_points(half: float, limits: Array) -> int:
+    """Points for the sinh substitution on |w| <= half."""
+    for k in range(RULES):
+        if half <= limits[1, k]:
+            return STEP * (k + 1)
+    return STEP * RULES
 
 
 @numba.njit(cache=True, error_model="numpy")
 def section_distance(X: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, bool]:
-    """Distance of a point from the boundary of a section, and whether it lies inside. h1 > h2 as in `slice`."""
+    """Distance of a point from the boundary of a section and whether it is inside; h1 > h2 as in `slice`."""
     across = max(r1 - X, X - r2)
     along = max(-h1, h2)
     if across < 0.0 and along < 0.0:
