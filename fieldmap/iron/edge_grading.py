@@ -88,9 +88,8 @@ def _key(edges: Index, n_points: int) -> Index:
 def _edges_too_thick(points, tets, sharp, layer, ratio):
     """Sharp edges at which one more cut brings the layer closer to what was asked for.
 
-    The layer at a vertex is the mean length of the edges that leave its sharp edge; the decision is made for
-    whole chains of sharp edges would be finer, but vertex by vertex suffices: a vertex is active or not, and a sharp
-    edge is cut when both its ends are active.
+    The layer at a vertex is the shortest element edge that leaves its sharp edge; a sharp edge is cut when both its
+    ends ask for it.
     """
     singular = np.zeros(len(points), bool)
     singular[sharp] = True
@@ -190,7 +189,13 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     untouched = np.flatnonzero(count == 0)
     tets = np.vstack([tets[untouched], tip, one_rest, wedge, two_rest])
     parent = np.concatenate(
-        [parent[untouched], parent[one], np.repeat(parent[one], 3), np.repeat(parent[two], 3), np.repeat(parent[two], 3)]
+        [
+            parent[untouched],
+            parent[one],
+            np.repeat(parent[one], 3),
+            np.repeat(parent[two], 3),
+            np.repeat(parent[two], 3),
+        ]
     )
     return np.vstack([points, cut]), tets, parent
 

@@ -47,13 +47,14 @@ class Interior:
     def face_potential(self, load: Array | None, surface_flux: Array | None) -> Array:
         """Potentials (f, c) of all faces for loads (c, e, 4) and outward surface fluxes (s, c); either may be None."""
         faces = self._faces
-        columns = load.shape[0] if load is not None else surface_flux.shape[1]
-        right = np.zeros((len(faces.nodes), columns))
+        right = np.zeros((len(faces.nodes), 1))
         if load is not None:
             value = np.einsum("eij,cej->eic", self._condensed, load)
+            right = np.zeros((len(faces.nodes), load.shape[0]))
             for k in range(4):
                 np.add.at(right, faces.tet_faces[:, k], value[:, k])
         if surface_flux is not None:
+            right = np.zeros((len(faces.nodes), surface_flux.shape[1])) if load is None else right
             right[faces.surface] -= surface_flux
         potential = np.zeros_like(right)
         potential[self._free] = self._factor.solve(right[self._free])

@@ -70,7 +70,9 @@ def solve_linear(
     stages.next("assembling the mutual potentials", 0.1)
     problem = LinearProblem(mesh)
     stages.next("field of the coils in the iron", 0.35)
-    load = problem.elements.load(lambda points: np.stack([unit_flux_density(c, points) for c in device.coils]))
+    load = problem.elements.load(
+        lambda points: np.stack([unit_flux_density(c, points) for c in device.coils])
+    )
     stages.next("solving", 0.55)
     element_remanence = properties.remanence[mesh.body] if properties.remanence.any() else None
     state = problem.solve(
@@ -108,5 +110,3 @@ def _check_arguments(tolerance: float, refinement: float) -> None:
 def _coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
     report = SolverReport(0, 0, 0, 0, 0, 0.0, 0, seconds, ("no iron: the field of the coils alone",))
     return LinearSolution(device.coils, None, None, False, report)
-
-

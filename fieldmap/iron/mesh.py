@@ -64,7 +64,6 @@ def volumes(points: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.
 
 def _netgen_mesh(device: Device, refinement: float):
     """Points in m, tets, body index, CAD edges (k, 2), and the curved midpoints of all element edges."""
-    import netgen.meshing as netgen
     from netgen.occ import OCCGeometry
 
     shape = glue_bodies(device)

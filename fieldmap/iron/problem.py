@@ -62,7 +62,9 @@ class SurfacePreconditioner:
 
     def _inverse(self, right: Array) -> Array:
         factor = self._factor[0]
-        return self._scale[:, None] * cho_solve(self._factor, (self._scale[:, None] * right).astype(factor.dtype))
+        return self._scale[:, None] * cho_solve(
+            self._factor, (self._scale[:, None] * right).astype(factor.dtype)
+        )
 
     def __call__(self, right: Array) -> Array:
         """Apply to (s, c). The result has zero sum over each body, to rounding."""
@@ -84,7 +86,9 @@ class LinearProblem:
         self.surface = ChargedFaces.from_nodes(mesh.points, self.topology.nodes[self.topology.surface])
         self.potential = self.surface.mutual_potential() if potential is None else potential
 
-    def solve(self, mu_r: Array, load: Array, remanence: Array | None = None, tolerance: float = 1e-7) -> LinearState:
+    def solve(
+        self, mu_r: Array, load: Array, remanence: Array | None = None, tolerance: float = 1e-7
+    ) -> LinearState:
         """Solve for relative permeabilities (e,) of the elements and loads (c, e, 4), see `FluxElements.load`.
 
         remanence (e, 3) in T is a source of its own and is appended as the last column when given. Raises
@@ -189,5 +193,3 @@ class _ChargeMap:
         charged = np.concatenate([nodes[self._problem.topology.surface], nodes[self._interface]])
         faces = ChargedFaces.from_nodes(self._problem.mesh.points, charged)
         return LinearState(faces, np.ascontiguousarray(density.T), element_flux, len(residuals), residuals)
-
-

@@ -1,6 +1,5 @@
 """The solved device: total flux density and its gradient anywhere outside the iron, flux density inside."""
 
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +89,12 @@ class LinearSolution:
         if self.mesh is None or self.state is None or body not in self.mesh.body_names:
             names = self.mesh.body_names if self.mesh is not None else ()
             raise InputError(
-                Problem("flux_density, body", f"the name must be one of {', '.join(names)}", repr(body), "use one of these")
+                Problem(
+                    "flux_density, body",
+                    f"the name must be one of {', '.join(names)}",
+                    repr(body),
+                    "use one of these",
+                )
             )
         mine = self.mesh.body == self.mesh.body_names.index(body)
         volume = volumes(self.mesh.points, self.mesh.tets)[mine]
@@ -98,7 +102,8 @@ class LinearSolution:
 
     def _element_flux_density(self, weights: Array) -> Array:
         """Flux density (e, 3) of every element for the weights of all columns."""
-        assert self.mesh is not None and self.state is not None
+        assert self.mesh is not None
+        assert self.state is not None
         corners = self.mesh.points[self.mesh.tets]
         arms = corners.mean(axis=1)[:, None, :] - corners
         flux = np.einsum("c,cek->ek", weights, self.state.flux)
@@ -159,9 +164,10 @@ def _checked_points(points: ArrayLike) -> tuple[Array, bool]:
     if x.shape[-1:] != (3,) or x.ndim > 2 or not np.isfinite(x).all():
         raise InputError(
             Problem(
-                "points", "points must be finite and of shape (n, 3) or (3,)", f"shape {x.shape}", "give x, y, z in m"
+                "points",
+                "points must be finite and of shape (n, 3) or (3,)",
+                f"shape {x.shape}",
+                "give x, y, z in m",
             )
         )
     return np.atleast_2d(x), x.ndim == 1
-
-

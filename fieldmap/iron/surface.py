@@ -69,12 +69,17 @@ class ChargedFaces:
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
-        return surface_field(points, *self._geometry(), density)
+        charges, limits = self._far_charges()
+        return surface_field(points, self.corners, self.normals, self.centres, limits, charges, density)
 
     def field_and_gradient(self, points: Array, density: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
-        return surface_field_and_gradient(points, *self._geometry(), density)
+        charges, limits = self._far_charges()
+        return surface_field_and_gradient(
+            points, self.corners, self.normals, self.centres, limits, charges, density
+        )
 
-    def _geometry(self):
+    def _far_charges(self) -> tuple[Array, Array]:
+        """Points (n, 3, 3) that replace a triangle, and the squared distance (n,) beyond which they do."""
         charges, _ = self.rule_points(2)
-        return self.corners, self.normals, self.centres, (_FAR_RADII * self.radii) ** 2, charges
+        return charges, (_FAR_RADII * self.radii) ** 2

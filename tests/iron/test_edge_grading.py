@@ -45,8 +45,9 @@ def test_mesh_conforms_and_is_closed(layer):
 @pytest.mark.parametrize("layer", [1e-3, 2e-4])
 def test_first_layer_is_as_thin_as_asked(layer):
     mesh = generate_mesh(device(Box((0.02, 0.03, 0.01)), 0.008, layer))
-    on_edge = (np.isclose(np.abs(mesh.points[:, :2]), [0.01, 0.015]).sum(axis=1)
-               + (np.isclose(mesh.points[:, 2], 0) | np.isclose(mesh.points[:, 2], 0.01))) >= 2  # fmt: skip
+    on_side = np.isclose(np.abs(mesh.points[:, :2]), [0.01, 0.015]).sum(axis=1)
+    on_end = np.isclose(mesh.points[:, 2], 0) | np.isclose(mesh.points[:, 2], 0.01)
+    on_edge = on_side + on_end >= 2
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
     ends = np.unique(np.sort(mesh.tets[:, pairs].reshape(-1, 2), axis=1), axis=0)
     leaving = ends[on_edge[ends[:, 0]] ^ on_edge[ends[:, 1]]]

@@ -18,7 +18,9 @@ def test_field_and_gradient_at_all_distances():
     x = np.concatenate([FACES.centres + 0.05 * FACES.normals, RNG.normal(size=(4, 3)) * 10])
     field, gradient = FACES.field_and_gradient(x, DENSITY)
     for k in range(2):
-        exact_field, exact_gradient = triangles_field_and_gradient(x, FACES.corners, FACES.normals, DENSITY[k])
+        exact_field, exact_gradient = triangles_field_and_gradient(
+            x, FACES.corners, FACES.normals, DENSITY[k]
+        )
         scale = np.linalg.norm(exact_field, axis=1, keepdims=True) / (4 * np.pi)
         assert (np.abs(field[k] - exact_field / (4 * np.pi)) < 2e-4 * scale).all()
         size = np.abs(exact_gradient).max(axis=(1, 2)) / (4 * np.pi)

@@ -56,7 +56,9 @@ def test_taylor_of_potential_and_field(axis):
     step = np.eye(3)[axis]
     gradient = triangles_field_and_gradient(POINTS, CORNERS, NORMALS, ONE)[1][:, :, axis]
     steps = np.array([1e-2, 5e-3, 2.5e-3])
-    of_potential = [np.abs(potential(POINTS + h * step) - potential(POINTS) + h * field(POINTS)[:, axis]) for h in steps]
+    of_potential = [
+        np.abs(potential(POINTS + h * step) - potential(POINTS) + h * field(POINTS)[:, axis]) for h in steps
+    ]
     of_field = [np.abs(field(POINTS + h * step) - field(POINTS) - h * gradient) for h in steps]
     for remainder in (of_potential, of_field):
         size = np.array([r.max() for r in remainder])

@@ -36,7 +36,11 @@ def test_permanent_magnet_is_that_of_magpylib():
     problem = cylinder_problem(0.01, 0.01, 0.004, None)
     count = len(problem.mesh.tets)
     state = problem.solve(np.ones(count), np.zeros((0, count, 4)), np.broadcast_to([0.0, 0, 1.3], (count, 3)))
-    magnet = magpylib.magnet.Cylinder(polarization=(0, 0, 1.3), dimension=(0.02, 0.01), position=(0, 0, 0.005))
+    magnet = magpylib.magnet.Cylinder(
+        polarization=(0, 0, 1.3), dimension=(0.02, 0.01), position=(0, 0, 0.005)
+    )
     places = np.array([[0, 0, -0.02], [0.02, 0, 0.0], [0.01, 0.015, 0.03], [0.05, 0.0, -0.05]])
     theirs = magnet.getB(places)
-    assert state.faces.field(places, state.density)[0] == pytest.approx(theirs, abs=3e-3 * np.abs(theirs).max())
+    assert state.faces.field(places, state.density)[0] == pytest.approx(
+        theirs, abs=3e-3 * np.abs(theirs).max()
+    )

@@ -100,7 +100,9 @@ def test_shielding_of_a_shell():
 def test_coated_sphere_of_two_materials():
     """Charges on the face between materials: an inner sphere of mu_r 5 in a coat of mu_r 50, exact polarisability."""
     inner, outer, mu_i, mu_o = 0.03, RADIUS, 5.0, 50.0
-    problem = bodies_to_problem(sphere("inner", inner, size=0.006), sphere("coat", outer, size=0.006, cut=inner))
+    problem = bodies_to_problem(
+        sphere("inner", inner, size=0.006), sphere("coat", outer, size=0.006, cut=inner)
+    )
     load = problem.elements.load(uniform(UP))
     mu = np.where(problem.mesh.body == 0, mu_i, mu_o)
     state = problem.solve(mu, load)
@@ -117,9 +119,9 @@ def test_coated_sphere_of_two_materials():
 def two_sphere_field(points, radius, distance, mu, terms=40):
     """Two equal spheres on the z axis in a field along z: multipoles of both, exact as terms grows.
 
-    Potential of a sphere: sum_l A_l P_l / r^(l+1); the other's potential re-expanded about its centre (Jackson
-    3.70); sphere response A_k = -a^(2k+1) k (mu - 1) / (k (mu + 1) + 1) times the exciting coefficient. In units of
-    the radius, for numbers of moderate size; the flux density does not depend on the unit.
+    Potential of a sphere: sum_l A_l P_l / r^(l+1); the other's potential re-expanded about its centre
+    (Jackson 3.70); sphere response A_k = -a^(2k+1) k (mu - 1) / (k (mu + 1) + 1) times the exciting
+    coefficient. In units of the radius, for numbers of moderate size; B does not depend on the unit.
     """
     points, distance = points / radius, distance / radius
     order = np.arange(1, terms + 1)
@@ -135,8 +137,9 @@ def two_sphere_field(points, radius, distance, mu, terms=40):
     value = np.zeros_like(points)
     for axis in range(3):
         e = step * np.eye(3)[axis]
-        value[:, axis] = -(potential(points + e, below, above, distance) - potential(points - e, below, above, distance))
-    return value / (2 * step)
+        ahead, behind = (potential(points + sign * e, below, above, distance) for sign in (1, -1))
+        value[:, axis] = -(ahead - behind) / (2 * step)
+    return value
 
 
 def potential(points, below, above, distance):
@@ -162,7 +165,8 @@ def test_two_spheres(gap):
     assert problem.topology.group_of_tet.max() == 1
     load = problem.elements.load(uniform(UP))
     state = problem.solve(np.full(load.shape[1], mu), load)
-    places = np.array([[0, 0, RADIUS + gap / 2], [0.03, 0, RADIUS + gap / 2], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
+    middle = RADIUS + gap / 2
+    places = np.array([[0, 0, middle], [0.03, 0, middle], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
     exact = two_sphere_field(places, RADIUS, distance, mu)
     error = np.linalg.norm(state.faces.field(places, state.density)[0] - exact, axis=1)
     assert (error / np.linalg.norm(exact + UP, axis=1)).max() < 4e-3
