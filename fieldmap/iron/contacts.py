@@ -52,9 +52,10 @@ def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
     for face in surface:
         for edge in face.edges:
             faces_at[edge].append(face)
-    bad_edges = {edge for edge, faces in faces_at.items() if len(faces) > 2}
+    # The pole of a sphere is an edge without length: a point.
+    bad_edges = {edge for edge, faces in faces_at.items() if len(faces) > 2 and edge.mass > CONTACT_DISTANCE}
     explained = {corner for edge in bad_edges for corner in edge.vertices}
-    places = [("edge", _xyz(edge.center), {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
+    places = [("edge", _middle(edge), {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
     for corner, fans in _fans(surface, faces_at).items():
         if len(fans) > 1 and corner not in explained:
             places.append(("point", _xyz(corner.p), {surface[face] for fan in fans for face in fan}))
@@ -75,6 +76,11 @@ def _fans(
             apart = [fan for fan in fans[corner] if not fan & set(faces)]
             fans[corner] = [*apart, set().union(*joined)]
     return fans
+
+
+def _middle(edge: occ.Edge) -> Point:
+    start, end = edge.parameter_interval
+    return _xyz(edge.Value((start + end) / 2))
 
 
 def _xyz(point: occ.gp_Pnt) -> Point:

@@ -73,10 +73,11 @@ def _examine(device: Device) -> _Findings:
     built_bodies = _built(problems, label, "body", device.bodies, body_solid)
     bodies = [*_sound(problems, label, built_bodies)]
     windings = [solid for _, solid in _built(problems, label, "winding", device.coils, winding_solid)]
-    problems += (say.bodies_overlap(label, overlap) for overlap in overlaps_among(bodies))
+    overlapping = overlaps_among(bodies)
+    problems += (say.bodies_overlap(label, overlap) for overlap in overlapping)
     if len(bodies) == len(device.bodies) > 0:
         # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
-        problems += _contact_problems(label, bodies)
+        problems += _contact_problems(label, bodies, overlapping)
     problems += (say.winding_cuts_body(label, overlap) for overlap in overlaps_between(windings, bodies))
     shared = overlaps_among(windings)
     problems += (say.windings_overlap(label, overlap) for overlap in shared if not _same_space(overlap))
@@ -158,12 +159,16 @@ def _same_space(overlap: Overlap) -> bool:
     return all(abs(winding.volume - overlap.volume) <= SAME_VOLUME * winding.volume for winding in windings)
 
 
-def _contact_problems(label: str, bodies: list[NamedSolid]) -> Iterator[Problem]:
+def _contact_problems(
+    label: str, bodies: list[NamedSolid], overlapping: Sequence[Overlap]
+) -> Iterator[Problem]:
     glued = glue_solids(body.solid for body in bodies)
+    told = {frozenset((overlap.first.name, overlap.second.name)) for overlap in overlapping}
     for pinch in pinches(glued):
         yield say.pinched(label, pinch)
     for miss in near_misses(bodies, glued):
-        yield say.nearly_touching(label, miss)
+        if {miss.first, miss.second} not in told:
+            yield say.nearly_touching(label, miss)
 
 
 def _workspace_problems(label: str, device: Device, solids: list[NamedSolid]) -> Iterator[Problem]:

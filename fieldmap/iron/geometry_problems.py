@@ -1,5 +1,7 @@
 """Faults of a device's geometry in words: where, what must hold, what was received (mm, mm^3), the remedy."""
 
+import numpy as np
+
 from fieldmap.errors import Problem
 from fieldmap.iron.contacts import LEAST_GAP, NearMiss, Pinch
 from fieldmap.iron.overlaps import NamedSolid, Overlap
@@ -79,7 +81,7 @@ def pinched(label: str, pinch: Pinch) -> Problem:
     """A place where the iron's surface is no manifold."""
     names = " and ".join(f"'{name}'" for name in pinch.names)
     where = "along an edge" if pinch.kind == "edge" else "at a point"
-    at = ", ".join(f"{x:.6g}" for x in pinch.at)
+    at = ", ".join(f"{x:.8g}" for x in np.round(pinch.at, 6) + 0.0)
     more = f" and {pinch.count - 1} more places" if pinch.count > 1 else ""
     alone = len(pinch.names) == 1
     return Problem(

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, Ring, Sphere
+from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, RevolvedProfile, Ring, Sphere
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
 
@@ -84,6 +84,12 @@ def test_overlapping_bodies_are_named_with_volume_and_place():
 def test_a_body_inside_another_overlaps_it():
     (problem,) = problems(body("block", Box((0.03, 0.03, 0.03))), body("ball", Sphere(0.005), 0, 0, 15))
     assert f"{4 / 3 * np.pi * 125:.4g} mm^3 in common" in problem.received
+
+
+def test_two_bodies_in_one_place_are_told_once():
+    (problem,) = problems(body("a", Sphere(0.01)), body("b", Sphere(0.01)))
+    assert problem.must_hold == "bodies may touch but not overlap"
+    assert "within x -10 to 10, y -10 to 10, z -10 to 10 mm" in problem.received
 
 
 @pytest.mark.parametrize("depth", [1e-6, 1e-5, 1e-3])
@@ -165,6 +171,14 @@ def test_the_place_of_an_edge_contact_is_given():
     assert problem.received == "contact along an edge at (5, 5, 5) mm"
 
 
+def test_the_place_of_a_round_contact_lies_on_it():
+    # A ball that fills a tube touches it along its equator; the equator's centre would be no place of contact.
+    (problem,) = problems(body("tube", Ring(0.01, 0.02, 0.04)), body("ball", Sphere(0.01), 0, 0, 20))
+    x, y, z = (float(text) for text in problem.received.split("(")[1].split(")")[0].split(","))
+    assert np.hypot(x, y) == pytest.approx(10, abs=1e-5)
+    assert z == pytest.approx(20, abs=1e-5)
+
+
 def test_edge_contact_between_bodies_that_both_stand_on_a_third_is_refused():
     (problem,) = problems(
         body("plate", Box((0.1, 0.1, 0.01)), 0, 0, -10), body("a", CUBE), body("b", CUBE, 10, 10)
@@ -177,6 +191,12 @@ def test_a_body_that_touches_itself_along_an_edge_is_refused():
     (problem,) = problems(cross)
     assert problem.where == "d.toml: body 'cross'"
     assert "must not touch itself only along an edge" in problem.must_hold
+
+
+def test_a_cone_on_its_tip_is_refused():
+    cone = RevolvedProfile(np.array([[0, 0], [0.005, 0.01], [0, 0.01]]))
+    (problem,) = problems(body("a", CUBE), body("cone", cone, 0, 0, 10))
+    assert problem.received == "contact at a point at (0, 0, 10) mm"
 
 
 def test_two_balls_in_point_contact_are_refused():
