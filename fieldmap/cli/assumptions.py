@@ -18,8 +18,5 @@ def payload_assumptions(payload: Payload | None) -> tuple[str, ...]:
     """Where the magnet sits in the payload, and that it is a point."""
     if payload is None:
         return ()
-    return (
-        f"magnet_offset {1e3 * payload.magnet_offset:g} mm: the magnet's centre lies that far below the "
-        "point that the sensor reads",
-        "the payload is a point dipole",
-    )
+    depth = f"magnet_offset {1e3 * payload.magnet_offset:g} mm"
+    return (f"point dipole, {depth} below the point that the sensor reads",)

@@ -133,7 +133,7 @@ def _map_source(name: str, mu_r: float | None) -> Source:
         raise InputError(Problem("--mu-r", "must go with a device", "a map, whose iron is fixed", remedy))
     opened = open_map(path)
     record = opened.info.provenance
-    assumptions = tuple(record.solver_report.get("assumptions", ()))
+    assumptions = tuple(record.assumptions)
     corners = (np.asarray(opened.lower), np.asarray(opened.upper))
     payload = recorded_payload(record.device_text)
     return Source(path.name, "map", opened.coil_names, payload, corners, lambda: (opened, assumptions))

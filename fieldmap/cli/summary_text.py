@@ -1,6 +1,6 @@
 """The summary of a map, for people: at most 100 columns and about 25 lines."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Group
@@ -12,7 +12,7 @@ from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, 
 
 def print_text(summary: dict[str, Any]) -> None:
     """Print a summary made by `fieldmap.cli.summary.summarise`."""
-    assumptions = (*summary["solver"].get("assumptions", ()), *payload_assumptions(summary["payload"]))
+    assumptions = (*summary["assumptions"], *payload_assumptions(summary["payload"]))
     print_page(
         Group(heading(summary["path"], summary["title"]), facts(_facts(summary))),
         _unit_table(summary),
@@ -35,20 +35,18 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "file", f"{summary['size'] / 1e6:.2f} MB, made {summary['created']}"
     error = summary["interpolation_error"]
     if error is not None:
-        yield (
-            "interpolation",
-            f"at most {1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m off at sampled "
-            "points (1 A in each coil)",
-        )
+        sampled = f"at sampled points, with {summary['reference_current'][0]:g} A in every coil"
+        sizes = f"{1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m"
+        yield "interpolation", f"at most {sizes} off {sampled}"
 
 
 def _solver_words(solver: dict[str, Any]) -> list[str]:
     words = ["linear"]
-    for key, text in (("faces", "{} boundary faces"), ("elements", "{} elements")):
+    for key, text in (("tetrahedra", "tetrahedra"), ("surface_faces", "surface faces")):
         if key in solver:
-            words.append(text.format(solver[key]))
-    if "seconds" in solver:
-        words.append(f"{solver['seconds']:.0f} s")
+            words.append(f"{solver[key]:,} {text}".replace(",", " "))
+    if isinstance(solver.get("seconds"), Mapping):
+        words.append(f"solved in {sum(solver['seconds'].values()):.0f} s")
     return words
 
 
