@@ -127,14 +127,14 @@ class FieldMap:
         """B per ampere in each coil, (n, n_coils, 3), T/A: what an allocation of currents starts from."""
         where, single = checked_vectors("points", points)
         flux = self._interpolate(hermite.field, self._unit, where, ((),))[0]
-        result = flux.reshape(len(where), -1, 3)
+        result = flux.reshape(len(where), len(self.coil_names), 3)
         return result[0] if single else result
 
     def unit_gradient(self, points: ArrayLike) -> Array:
         """Gradient per ampere in each coil, (n, n_coils, 3, 3), T/(m A)."""
         where, single = checked_vectors("points", points)
         slope = self._interpolate(hermite.field_and_gradient, self._unit, where, ((), (3,)))[1]
-        result = slope.reshape(len(where), -1, 3, 3)
+        result = slope.reshape(len(where), len(self.coil_names), 3, 3)
         return result[0] if single else result
 
     def _evaluate(
@@ -151,7 +151,8 @@ class FieldMap:
             return self._interpolate(kernel, self._superposed_at(amperes), where, tails), single
         by_channel = self._interpolate(kernel, self._unit, where, tails)
         rule = "nc...,nc->n..." if amperes.ndim == 2 else "nc...,c->n..."
-        by_coil = (values.reshape(len(where), -1, 3, *values.shape[2:]) for values in by_channel)
+        shape = (len(where), len(self.coil_names), 3)
+        by_coil = (values.reshape(*shape, *values.shape[2:]) for values in by_channel)
         return [np.einsum(rule, values, amperes) for values in by_coil], single
 
     def _interpolate(

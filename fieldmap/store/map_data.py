@@ -2,15 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.store.grid import Array, Grid
-
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -36,8 +33,8 @@ class Provenance:
     recipe_text: str = ""
     device_text: str = ""
     fingerprint: str = ""
-    versions: Mapping[str, str] = field(default_factory=lambda: _NOTHING)
-    solver_report: Mapping[str, Any] = field(default_factory=lambda: _NOTHING)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    solver_report: Mapping[str, Any] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     created: str = ""
 

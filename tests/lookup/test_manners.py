@@ -1,0 +1,121 @@
+"""What an opened map does with odd arguments, threads, pickles, and who it drags in."""
+
+import pickle
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.lookup import interpolate, open_map
+
+CURRENTS = np.array([1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("method", ["field", "gradient", "second_gradient"])
+@pytest.mark.parametrize("n_inside", [2, 2000])
+def test_outside_is_an_error_that_names_the_box_and_the_point(coarse, dipoles, method, n_inside):
+    points = np.concatenate([dipoles.points(n_inside), [[0.021, 0.0, 0.0], [0.0, 0.0, 0.5]]])
+    with pytest.raises(OutsideMapError) as caught:
+        getattr(coarse, method)(points, CURRENTS)
+    text = str(caught.value)
+    assert "(-20.0, -15.0, -30.0) to (20.0, 20.0, 10.0) mm" in text
+    assert f"2 of {n_inside + 2} points outside" in text
+    assert "(0.0, 0.0, 500.0) mm" in text
+    assert caught.value.exit_code == 2
+
+
+def test_outside_gives_nan_on_request(dipoles):
+    opened = interpolate(dipoles.map((6, 5, 6)), outside="nan")
+    points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    flux = opened.field(points, CURRENTS)
+    assert np.isfinite(flux[0]).all()
+    assert np.isnan(flux[1]).all()
+    assert np.isnan(opened.wrench(points, [0, 0, 1], CURRENTS)[1]).all()
+
+
+def test_corners_of_the_box_are_inside(coarse):
+    for corner in (coarse.lower, coarse.upper):
+        assert np.isfinite(coarse.field(corner, CURRENTS)).all()
+
+
+@pytest.mark.parametrize("n", [3, 2000])
+def test_nan_gives_nan_in_its_row_only(coarse, dipoles, n):
+    points = dipoles.points(n)
+    points[1, 2] = np.nan
+    flux, slope = coarse.field_and_gradient(points, CURRENTS)
+    assert np.isnan(flux[1]).all()
+    assert np.isnan(slope[1]).all()
+    assert np.isfinite(np.delete(flux, 1, axis=0)).all()
+    currents = np.tile(CURRENTS, (3, 1))
+    currents[2, 0] = np.nan
+    flux = coarse.field(dipoles.points(3), currents)
+    assert np.isnan(flux[2]).all()
+    assert np.isfinite(flux[:2]).all()
+
+
+def test_no_points_give_no_rows(coarse):
+    assert coarse.field(np.empty((0, 3)), CURRENTS).shape == (0, 3)
+    assert coarse.wrench(np.empty((0, 3)), [0, 0, 1], CURRENTS).shape == (0, 6)
+
+
+@pytest.mark.parametrize(
+    ("points", "currents", "words"),
+    [
+        ([0, 0], CURRENTS, "lookup, points.*shape \\(2,\\)"),
+        (np.zeros((2, 2, 3)), CURRENTS, "lookup, points.*shape \\(2, 2, 3\\)"),
+        ("middle", CURRENTS, "lookup, points.*'middle'"),
+        ([0, 0, 0], [1, 2], "lookup, currents.*a, b, c.*shape \\(2,\\)"),
+        ([0, 0, 0], 1.0, "lookup, currents.*a, b, c"),
+        (np.zeros((4, 3)), np.ones((2, 3)), "lookup, currents.*\\(4, 3\\).*shape \\(2, 3\\)"),
+        ([0, 0, 0], {"a": 1}, "lookup, currents.*'a': 1"),
+    ],
+)
+def test_arguments_of_the_wrong_shape(coarse, points, currents, words):
+    with pytest.raises(InputError, match=words):
+        coarse.field(points, currents)
+
+
+def test_unknown_kind_and_outside_rule(dipoles, tmp_path):
+    with pytest.raises(InputError, match="is \"hermite\"; received 'linear'"):
+        open_map(tmp_path / "any.h5", kind="linear")
+    with pytest.raises(InputError, match='"raise" or "nan"; received \'clamp\''):
+        interpolate(dipoles.map((6, 5, 6)), outside="clamp")
+
+
+def test_survives_a_pickle(coarse, dipoles):
+    points = dipoles.points(500)
+    expected = coarse.gradient(points, CURRENTS)
+    again = pickle.loads(pickle.dumps(coarse))
+    np.testing.assert_array_equal(again.gradient(points, CURRENTS), expected)
+    assert again.coil_names == coarse.coil_names
+
+
+def test_threads_with_different_currents_do_not_mix(coarse, dipoles):
+    points = dipoles.points(1000)
+    currents = np.random.default_rng(3).normal(size=(16, 3))
+    expected = [coarse.field(points, row) for row in currents]
+
+    def ask(k):
+        return [np.array_equal(coarse.field(points, currents[k % 16]), expected[k % 16]) for _ in range(30)]
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(all(same) for same in pool.map(ask, range(32)))
+
+
+def test_says_what_it_is(coarse):
+    assert repr(coarse) == "FieldMap(3 coils, box -20 to 20, -15 to 20, -30 to 10 mm, 294 nodes)"
+    assert coarse.error_bound is None
+    assert coarse.interpolation_error is None
+
+
+def test_opening_a_map_needs_neither_mesher_nor_magpylib():
+    program = (
+        "import sys, fieldmap; fieldmap.open_map; "
+        "print(sorted(n for n in sys.modules if n.split('.')[0] in ('magpylib', 'netgen', 'pyvista') "
+        "or n.startswith(('fieldmap.iron', 'fieldmap.maps', 'fieldmap.sources'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,64 @@
+"""Force and torque on a point dipole against the closed form of two dipoles and the thesis's equations."""
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import InputError
+
+MU0 = 4e-7 * np.pi
+
+
+def force_between(moment, position, source_moment, source):
+    """Force on `moment` at `position` by another dipole: Yung, Landecker, Villani, Magn. Electr. Sep. 9 (1998)."""
+    r = position - source
+    d = np.linalg.norm(r)
+    n = r / d
+    a, b = source_moment @ n, moment @ n
+    bracket = a * moment + b * source_moment + (source_moment @ moment) * n - 5 * a * b * n
+    return 3 * MU0 / (4 * np.pi * d**4) * bracket
+
+
+@pytest.mark.parametrize("coil", [0, 1, 2])
+def test_force_and_torque_between_two_dipoles(fine, dipoles, coil):
+    moment = np.array([0.2, -0.4, 0.8])
+    currents = np.eye(3)[coil]
+    for position in dipoles.points(10, seed=coil):
+        source_moment, source = dipoles.moments[coil], dipoles.sources[coil]
+        force = force_between(moment, position, source_moment, source)
+        field = dipoles.field(source_moment, source, position[None])[0]
+        wrench = fine.wrench(position, moment, currents)
+        np.testing.assert_allclose(wrench[:3], force, rtol=0, atol=2e-4 * np.abs(force).max())
+        torque = np.cross(moment, field)
+        np.testing.assert_allclose(wrench[3:], torque, rtol=0, atol=1e-5 * np.linalg.norm(field))
+
+
+def test_vertical_dipole_feels_the_gradient_of_bz(fine, dipoles):
+    # Thesis eq. (2-11): F = D (dBz/dx, dBz/dy, dBz/dz) for a moment D along z.
+    points, currents = dipoles.points(5), [1.0, 2.0, 3.0]
+    wrench = fine.wrench(points, [0, 0, 0.5], currents)
+    np.testing.assert_allclose(wrench[:, :3], 0.5 * fine.gradient(points, currents)[:, 2, :], rtol=1e-13)
+
+
+def test_work_around_a_loop_vanishes(coarse):
+    # F is the gradient of m . B of the very interpolant: conservative even on a coarse grid. Trapezoid sums over
+    # a smooth closed path converge fast; a force not derived from an energy leaves a constant behind.
+    moment, currents = np.array([0.3, 0.5, 1.0]), [1.0, 1.0, 1.0]
+    work = []
+    for n in (200, 800):
+        angle = 2 * np.pi * np.arange(n) / n
+        circle = np.stack(
+            [0.012 * np.cos(angle), 0.012 * np.sin(angle), 0.005 * np.sin(2 * angle) - 0.01], axis=1
+        )
+        step = np.stack([-0.012 * np.sin(angle), 0.012 * np.cos(angle), 0.01 * np.cos(2 * angle)], axis=1)
+        power = np.einsum("nj,nj->n", coarse.wrench(circle, moment, currents)[:, :3], step)
+        work.append((power.sum() * 2 * np.pi / n, np.abs(power).mean()))
+    assert abs(work[1][0]) < 1e-6 * work[1][1]
+
+
+def test_one_moment_for_all_or_one_each(coarse, dipoles):
+    points = dipoles.points(4)
+    moment = np.array([0.1, 0.2, 0.3])
+    same = coarse.wrench(points, moment, [1, 1, 1])
+    np.testing.assert_array_equal(same, coarse.wrench(points, np.tile(moment, (4, 1)), [1, 1, 1]))
+    with pytest.raises(InputError, match="3 moments for 4 positions"):
+        coarse.wrench(points, np.ones((3, 3)), [1, 1, 1])
