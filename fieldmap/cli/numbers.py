@@ -9,7 +9,7 @@ from fieldmap.errors import InputError, Problem
 
 Array = NDArray[np.float64]
 
-_LISTS = ("--at", "--at-mm", "--currents", "--moment")
+_LISTS = ("--at", "--at-mm", "--currents", "--moment", "--start")
 _NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)
 
 

@@ -3,8 +3,7 @@
 
 def schema() -> None:
     """Print the JSON Schema of device files, for editors that check a file while you type."""
-    import json
-
+    from fieldmap.device.json_schema import schema_text
     from fieldmap.device.schema import DeviceFile
 
-    print(json.dumps(DeviceFile.model_json_schema(), indent=2))
+    print(schema_text(DeviceFile), end="")

@@ -1,0 +1,159 @@
+"""What the commands print, against the closed form of a thin loop, i = 1 A, N turns, radius a:
+
+Bz = mu0 N i a^2 / 2 (a^2 + z^2)^1.5 on the axis; dBz/dz and d2Bz/dz2 by differentiation.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.constants import g as gravity
+from scipy.constants import mu_0
+
+from fieldmap.cli import main
+from fieldmap.levitation import thesis_lift_current
+
+A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
+
+
+def flux(z):
+    return mu_0 * N * A**2 / 2 / (A**2 + z**2) ** 1.5
+
+
+def slope(z):
+    return -1.5 * mu_0 * N * A**2 * z / (A**2 + z**2) ** 2.5
+
+
+def bend(z):
+    return -1.5 * mu_0 * N * A**2 * (A**2 - 4 * z**2) / (A**2 + z**2) ** 3.5
+
+
+def answer(capsys, *words):
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("source", ["device", "map"])
+def test_probe(capsys, machine, source):
+    found = answer(
+        capsys, "probe", getattr(machine, source), "--at", "0", "0", "-0.09", "--currents", "2", "--payload"
+    )
+    assert found["at"] == [0, 0, -0.09]
+    assert found["currents"] == [2.0]
+    np.testing.assert_allclose(found["B"], [0, 0, 2 * flux(-0.09)], rtol=2e-4, atol=1e-9)
+    expected = 2 * slope(-0.09) * np.diag([-0.5, -0.5, 1.0])
+    np.testing.assert_allclose(found["gradient"], expected, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(found["force"], MOMENT * expected[2], rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(found["torque"], 0.0, atol=1e-9)
+
+
+def test_probe_with_a_moment_of_ones_own(capsys, machine):
+    found = answer(
+        capsys, "probe", machine.map, "--at-mm", "0,0,-90", "--currents", "1", "--moment", "0.5", "0", "0"
+    )
+    # T = m x B turns the dipole about -y; F_x = m dBx/dx.
+    np.testing.assert_allclose(found["torque"], [0, -0.5 * flux(-0.09), 0], rtol=2e-4, atol=1e-9)
+    np.testing.assert_allclose(found["force"], [-0.25 * slope(-0.09), 0, 0], rtol=1e-3, atol=1e-6)
+
+
+def test_several_points_give_a_list(capsys, machine):
+    found = answer(capsys, "probe", machine.map, "--at-mm", "0 0 -70", "--at", "0 0 -0.1", "--currents", "1")
+    assert [row["at"][2] for row in found] == pytest.approx([-0.1, -0.07])
+    np.testing.assert_allclose([row["B"][2] for row in found], [flux(-0.1), flux(-0.07)], rtol=2e-4)
+
+
+@pytest.mark.parametrize("source", ["device", "map"])
+def test_lift_current_at_a_height(capsys, machine, source):
+    found = answer(capsys, "equilibrium", getattr(machine, source), "--height-mm", "-95")
+    assert found["lift_current"] == pytest.approx(MASS * gravity / (MOMENT * slope(-0.095)), rel=1e-3)
+    assert found["sensor_mm"] == pytest.approx(95 - 77 - 5)
+    by_sensor = answer(capsys, "equilibrium", getattr(machine, source), "--sensor-mm", "13")
+    assert by_sensor["position"] == pytest.approx(found["position"])
+
+
+@pytest.mark.parametrize("source", ["device", "map"])
+def test_equilibrium_at_given_currents(capsys, machine, source):
+    current = MASS * gravity / (MOMENT * slope(-0.095))
+    found = answer(capsys, "equilibrium", getattr(machine, source), "--currents", f"{current}")
+    np.testing.assert_allclose(found["position"], [0, 0, -0.095], atol=2e-5)
+    stiffness = MOMENT * current * bend(-0.095) * np.diag([0.5, 0.5, -1.0])
+    np.testing.assert_allclose(found["stiffness"], stiffness, rtol=0.02, atol=5e-3 * abs(stiffness[2, 2]))
+    assert found["stable_axes"] == {"x": True, "y": True, "z": False}
+    assert found["weight"] == pytest.approx(MASS * gravity)
+
+
+def test_solve_prints_the_known_values_of_the_file(capsys):
+    """Closed form beside the result, for the smallest device with iron."""
+    found = answer(capsys, "solve", "loop_and_sphere")
+    assert len(found["references"]) == 8
+    for row in found["references"]:
+        assert abs(row["ours"] / row["reference"] - 1) == pytest.approx(abs(row["deviation"]))
+        assert abs(row["deviation"]) < 2e-3
+
+
+def test_known_values_for_another_permeability_are_not_compared(capsys):
+    found = answer(capsys, "solve", "loop_and_sphere", "--mu-r", "10")
+    assert [row["ours"] for row in found["references"]] == [None] * 8
+
+
+def test_check_lists_what_is_there(capsys):
+    found = answer(capsys, "check", "drive_unit")
+    assert [coil["name"] for coil in found["coils"]] == ["1", "2", "3", "4", "5", "6"]
+    assert {coil["turns"] for coil in found["coils"]} == {840}
+    volumes = {body["name"]: body["volume"] for body in found["bodies"]}
+    assert volumes["disk"] == pytest.approx(np.pi * 0.066**2 * 0.006, rel=1e-9)
+    assert any("magnet_offset" in text for text in found["assumptions"])
+
+
+def test_info(capsys, machine):
+    found = answer(capsys, "info", machine.map)
+    assert found["coil_names"] == ["loop"]
+    np.testing.assert_allclose(found["middle"]["at"], [0, 0, -0.092], atol=1e-12)
+    np.testing.assert_allclose(found["middle"]["Bz"], [flux(-0.092)] * 2, rtol=2e-4)
+    np.testing.assert_allclose(found["middle"]["dBz_dz"], [slope(-0.092)] * 2, rtol=1e-3)
+    for row in found["lift"]:
+        assert row["current"] == pytest.approx(MASS * gravity / (MOMENT * slope(row["height"])), rel=1e-3)
+        assert row["thesis"] is None  # (7-18) was measured on another machine
+
+
+def test_the_thesis_column_is_for_the_drive_unit(machine):
+    from fieldmap import open_map, read_device
+    from fieldmap.cli.summary import lift_rows
+
+    class Named:
+        """The loop's map under the coil names of the drive unit."""
+
+        def __init__(self, inner):
+            self.inner, self.coil_names = inner, tuple("123456")
+            self.lower, self.upper = inner.lower, inner.upper
+
+        def __getattr__(self, name):
+            return lambda points, currents: getattr(self.inner, name)(points, [sum(currents)])
+
+    payload = read_device("drive_unit").payload
+    rows = lift_rows(Named(open_map(machine.map)), payload, "drive_unit")
+    # Sensor readings whose magnet, 77 + 15 mm further down, is inside the box that ends at -124 mm.
+    assert [row["sensor_mm"] for row in rows] == [10.0, 20.0, 30.0]
+    for row in rows:
+        alone = payload.mass * gravity / (payload.moment * slope(row["height"]))
+        assert row["current"] == pytest.approx(alone / 6, rel=1e-3)
+        assert row["thesis"] == thesis_lift_current(row["sensor_mm"])
+        assert row["ratio"] == pytest.approx(row["current"] / row["thesis"])
+
+
+def test_schema_accepts_a_shipped_device(capsys):
+    import tomllib
+
+    import jsonschema
+
+    from fieldmap.shipped import shipped_file
+
+    assert main(["schema"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == shipped_file("geometry", "device.schema.json").read_text()
+    schema = json.loads(printed)
+    device = tomllib.loads(shipped_file("geometry", "drive_unit").read_text())
+    jsonschema.validate(device, schema)
+    device["coil"][0]["turns"] = "many"
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(device, schema)

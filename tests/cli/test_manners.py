@@ -1,0 +1,168 @@
+"""Exit codes, messages, help, progress: how the commands behave when things go wrong or take long."""
+
+import subprocess
+import sys
+
+import pytest
+
+from fieldmap.cli import main
+from fieldmap.cli.application import _COMMANDS
+from fieldmap.cli.numbers import join_lists
+from fieldmap.cli.progress import Progress
+
+
+@pytest.fixture
+def broken(tmp_path):
+    """Files that are no map."""
+    (tmp_path / "text.h5").write_text("not a map")
+    (tmp_path / "half.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    (tmp_path / "bad.toml").write_text("format = 1\nname = 3\ncoil = 7\n[payload]\nmass_g = -1\n")
+    (tmp_path / "syntax.toml").write_text("format = = 1\n")
+    return tmp_path
+
+
+MAP_WORDS = ["--at", "0", "0", "-0.09", "--currents", "1"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "no_such_device"],
+        ["check", "."],
+        ["check", "{broken}/bad.toml"],
+        ["check", "{broken}/syntax.toml"],
+        ["check", "{map}"],
+        ["solve", "{device}", "--currents", "1", "2"],
+        ["solve", "{device}", "--mu-r", "-5"],
+        ["solve", "{device}", "--at", "0", "0"],
+        ["map", "{broken}/syntax.toml"],
+        ["map", "no_such_recipe"],
+        ["map", "{broken}"],
+        ["info", "no_such_map.h5"],
+        ["info", "{broken}/text.h5"],
+        ["info", "{broken}/half.h5"],
+        ["info", "{device}"],
+        ["info", "{broken}"],
+        ["probe", "{map}", "--at", "0", "0", "0.5", "--currents", "1"],
+        ["probe", "{map}", "--at", "0", "0", "-0.09", "--currents", "1", "2", "3"],
+        ["probe", "{map}", "--at", "0", "0", "-0.09", "--currents", "one"],
+        ["probe", "{map}", "--at", "0", "0", "nan", "--currents", "1"],
+        ["probe", "{map}", "--currents", "1"],
+        ["probe", "{map}", *MAP_WORDS, "--mu-r", "1000"],
+        ["probe", "loop_and_sphere", "--at", "0", "0", "-0.014", "--currents", "1", "--payload"],
+        ["equilibrium", "{map}"],
+        ["equilibrium", "{map}", "--currents", "1", "--height-mm", "-90"],
+        ["equilibrium", "{map}", "--height-mm", "90"],
+        ["equilibrium", "{map}", "--currents", "1", "--moment", "loose"],
+        ["equilibrium", "{map}", "--currents", "1", "--start", "0", "0", "7"],
+        ["equilibrium", "loop_and_sphere", "--currents", "1"],
+    ],
+    ids=" ".join,
+)
+def test_bad_input_ends_with_2_and_a_readable_message(capsys, machine, broken, words):
+    filled = [w.format(map=machine.map, device=machine.device, broken=broken) for w in words]
+    assert main(filled) == 2
+    caught = capsys.readouterr()
+    assert caught.out == ""
+    assert "Traceback" not in caught.err
+    lines = caught.err.splitlines()
+    for start in ("error ", "received ", "remedy "):
+        assert any(line.startswith(start) and len(line) > 10 for line in lines), caught.err
+    assert lines[-1].endswith("found.")
+
+
+def test_every_problem_of_a_file_is_printed_and_counted(capsys, broken):
+    assert main(["check", str(broken / "bad.toml")]) == 2
+    err = capsys.readouterr().err
+    count = err.count("\nremedy ")
+    assert count >= 3
+    assert err.endswith(f"{count} problems found.\n")
+
+
+def test_no_balance_ends_with_1(capsys, machine):
+    assert main(["equilibrium", machine.map, "--currents", "0.001"]) == 1
+    assert "raise the currents" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["frobnicate"], ["probe"], ["probe", "x", "--nonsense"]])
+def test_wrong_usage_ends_with_2(capsys, words):
+    assert main(words) == 2
+    assert "Usage" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", sorted(_COMMANDS))
+def test_help_has_an_example(capsys, command):
+    assert main([command, "--help"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"Example: fieldmap {command}" in out
+
+
+@pytest.mark.parametrize("command", sorted(_COMMANDS))
+def test_the_example_is_understood(capsys, command, monkeypatch):
+    """The words of every example reach the command as it declares them."""
+    import typer.main
+
+    from fieldmap.cli.application import application
+
+    words = _COMMANDS[command][1].split(">")[0].split()[1:]
+    group = typer.main.get_command(application())
+    group.make_context("fieldmap", join_lists(words)).close()
+    inner = group.commands[command]
+    inner.make_context(command, join_lists(words)[1:]).close()
+
+
+def test_help_is_quick():
+    """What makes a start slow stays out; the clock itself is no test on a busy machine."""
+    done = subprocess.run([sys.executable, "-m", "fieldmap", "--help"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "equilibrium" in done.stdout
+    loaded = subprocess.run(
+        [sys.executable, "-c", "import sys, fieldmap.cli.application; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    heavy = {"numba", "h5py", "netgen", "magpylib", "pyvista", "pydantic", "scipy"}
+    assert heavy.isdisjoint(loaded)
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "fieldmap 0.1.0\n"
+
+
+def test_lists_of_numbers_after_an_option():
+    words = ["probe", "unit", "--currents", "1", "-2,", ".5", "--at", "0", "0", "-1e-1", "--json"]
+    assert join_lists(words) == ["probe", "unit", "--currents=1,-2,.5", "--at=0,0,-1e-1", "--json"]
+    assert join_lists(["equilibrium", "--moment", "aligned"]) == ["equilibrium", "--moment", "aligned"]
+    assert join_lists(["probe", "--currents"]) == ["probe", "--currents"]
+
+
+def test_an_interrupted_map_says_how_to_go_on(capsys, machine, monkeypatch):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fieldmap.maps.generate", interrupted)
+    assert main(["map", machine.recipe]) == 130
+    assert "goes on from here" in capsys.readouterr().err
+
+
+def test_progress_without_a_terminal_is_a_few_plain_lines(capsys):
+    with Progress("solving") as progress:
+        for step in range(101):
+            progress(f"step {step}", step / 100)
+    lines = capsys.readouterr().err.splitlines()
+    assert 3 <= len(lines) <= 6
+    assert lines[0].startswith("solving:   0 % step 0")
+    assert lines[-1].startswith("solving: 100 %")
+    assert "\x1b" not in "".join(lines)
+
+
+def test_summary_is_printed_with_its_reservations(capsys, machine):
+    assert main(["map", machine.recipe, "-o", machine.map, "--summary"]) == 0
+    caught = capsys.readouterr()
+    assert "complete already" in caught.err
+    assert "A per coil (linear)" in caught.out
+    assert "magnet_offset 5 mm" in caught.out
+    assert all(len(line) <= 100 for line in caught.out.splitlines())
+    assert len(caught.out.splitlines()) <= 28
