@@ -1,0 +1,181 @@
+"""Files that are no complete, undamaged map: always a MapFileError, never a traceback, never wrong numbers."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldmap.errors import MapFileError
+from fieldmap.store import open_writer, partial_path, read_info, read_map, write_map
+
+
+@pytest.fixture
+def path(data, tmp_path):
+    return write_map(tmp_path / "map.h5", data)
+
+
+def refused(path, words):
+    with pytest.raises(MapFileError, match=words) as caught:
+        read_map(path)
+    problem = caught.value.problems[0]
+    assert str(path) in problem.where
+    assert "fieldmap" in problem.remedy
+    assert caught.value.exit_code == 2
+
+
+def test_missing_file(tmp_path):
+    refused(tmp_path / "none.h5", "an existing map file; received no such file")
+
+
+@pytest.mark.parametrize("contents", [b"", b"not a map", b"\x89HDF\r\n\x1a\n" + bytes(100)])
+def test_not_hdf5(tmp_path, contents):
+    path = tmp_path / "map.h5"
+    path.write_bytes(contents)
+    refused(path, "damaged or foreign")
+
+
+def test_someone_elses_hdf5(tmp_path):
+    path = tmp_path / "map.h5"
+    with h5py.File(path, "w") as file:
+        file["numbers"] = np.arange(5)
+    refused(path, "a map written by fieldmap")
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
+def test_truncated(path, share):
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(share * len(raw))])
+    refused(path, "damaged or foreign")
+
+
+def test_flipped_byte_in_a_chunk(path):
+    with h5py.File(path) as file:
+        info = file["/data/0/meshes/gradB_upper_left/yz"].id.get_chunk_info(0)
+    raw = bytearray(path.read_bytes())
+    raw[info.byte_offset + info.size // 2] ^= 0x10
+    path.write_bytes(raw)
+    refused(path, "damaged or foreign")
+    assert read_info(path).coil_names == ("1", "upper left")  # does not look at the numbers
+
+
+def test_any_flipped_byte_is_found_or_harmless(data, path):
+    raw = path.read_bytes()
+    found = 0
+    for position in np.random.default_rng(1).integers(0, len(raw), 300):
+        damaged = bytearray(raw)
+        damaged[position] ^= 1 << int(position) % 8
+        path.write_bytes(damaged)
+        try:
+            again = read_map(path)
+        except MapFileError:
+            found += 1
+            continue
+        np.testing.assert_array_equal(again.flux_density, data.flux_density)
+        np.testing.assert_array_equal(again.gradient, data.gradient)
+        np.testing.assert_array_equal(again.grid.lower, data.grid.lower)
+        np.testing.assert_array_equal(again.grid.spacing, data.grid.spacing)
+        assert again.provenance == data.provenance
+    assert found > 20
+
+
+def test_incomplete(data, tmp_path):
+    with open_writer(tmp_path / "map.h5", data):
+        pass
+    refused(partial_path(tmp_path / "map.h5"), "a complete map; received 0 of 1 parts; go on with it")
+
+
+def edited(path, change):
+    with h5py.File(path, "r+") as file:
+        change(file)
+
+
+def replace(name, make):
+    def change(file):
+        del file[name]
+        make(file)
+
+    return change
+
+
+BX = "/data/0/meshes/B_1/x"
+
+
+def nan_node(file):
+    file[BX][0, 0, 0] = np.nan
+
+
+def newer(file):
+    file["/fieldmap"].attrs["format_version"] = 2
+
+
+def wrong_spacing(file):
+    file["/data/0/meshes/B_1"].attrs["gridSpacing"] = [1.0, 1.0, 1.0]
+
+
+def other_recipe(file):
+    from fieldmap.store.record import write_text
+
+    write_text(file, "recipe", "spacing_mm = 5\n")
+
+
+def edited_header(file):
+    text = file["/fieldmap/header"][()].decode().replace("0.004", "0.005")
+    file["/fieldmap/header"][...] = np.bytes_(text.encode())
+
+
+def no_coils(file):
+    from fieldmap.store.record import write_text
+
+    header = json.loads(file["/fieldmap/header"][()])
+    write_text(file, "header", json.dumps(header | {"coil_names": [], "record_names": []}))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (nan_node, "B_1/x: finite numbers; received NaN"),
+        (newer, "file format 1; received format 2"),
+        (wrong_spacing, "B_1 on the map's grid; received another spacing"),
+        (other_recipe, "the recipe it was made from; received a recipe text with another hash"),
+        (edited_header, "damaged or foreign"),
+        (no_coils, "undamaged map file|at least one coil|positive currents"),
+        (replace(BX, lambda f: None), "B_1/x inside the file"),
+        (replace(BX, lambda f: f.create_dataset(BX, data=np.zeros((2, 2, 2)))), "float64 numbers of shape"),
+        (replace(BX, lambda f: f.create_dataset(BX, data=np.zeros((4, 3, 5), "f4"))), "float64 numbers"),
+        (replace(BX, lambda f: f.create_group(BX)), "float64 numbers"),
+        (replace("/fieldmap/header", lambda f: None), "header inside the file"),
+        (replace("/fieldmap/completion", lambda f: None), "completion inside the file"),
+    ],
+)
+def test_edited(path, change, words):
+    edited(path, change)
+    refused(path, words)
+
+
+def test_numbers_are_not_taken_from_another_file(path, tmp_path, make_map):
+    other = write_map(tmp_path / "other.h5", make_map(title="other"))
+    links = {
+        "external": h5py.ExternalLink(str(other), BX),
+        "soft": h5py.SoftLink("/data/0/meshes/B_upper_left/x"),
+    }
+    raw = path.read_bytes()
+    for link in links.values():
+        path.write_bytes(raw)
+        edited(path, replace(BX, lambda f, link=link: f.__setitem__(BX, link)))
+        refused(path, "B_1/x inside the file; received a link")
+
+
+def test_numbers_are_not_taken_from_virtual_or_raw_files(path, tmp_path, make_map):
+    other = write_map(tmp_path / "other.h5", make_map(title="other"))
+    raw = path.read_bytes()
+    layout = h5py.VirtualLayout((4, 3, 5), "f8")
+    layout[...] = h5py.VirtualSource(str(other), BX, shape=(4, 3, 5))
+    edited(path, replace(BX, lambda f: f.create_virtual_dataset(BX, layout)))
+    refused(path, "numbers kept in another file")
+    path.write_bytes(raw)
+    plain = tmp_path / "numbers.bin"
+    plain.write_bytes(bytes(480))
+    external = [(str(plain), 0, 480)]
+    edited(path, replace(BX, lambda f: f.create_dataset(BX, (4, 3, 5), "f8", external=external)))
+    refused(path, "numbers kept in another file")

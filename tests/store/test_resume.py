@@ -1,0 +1,218 @@
+"""Runs that are killed, and runs that must not be resumed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.store import open_writer, partial_path, read_map, write_map
+
+# Writes the map of conftest.py (9 chunks) and kills itself at the n-th time that something reaches the disk, before
+# or after it does.
+KILLED_RUN = """
+import os, signal, sys
+from importlib.util import module_from_spec, spec_from_file_location
+from fieldmap.store import partial, write_map, writer
+
+spec = spec_from_file_location("conftest", sys.argv[1])
+conftest = module_from_spec(spec)
+spec.loader.exec_module(conftest)
+count, late = int(sys.argv[3]), sys.argv[4] == "after"
+real, seen = partial.to_disk, [0]
+
+def dying(file):
+    seen[0] += 1
+    if seen[0] == count and not late:
+        os.kill(os.getpid(), signal.SIGKILL)
+    real(file)
+    if seen[0] == count:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+partial.to_disk = writer.to_disk = dying
+data = conftest.make_map(shape=(9, 20, 30))
+with writer.open_writer(sys.argv[2], data) as open_writer:
+    open_writer.save_state({"charge": data.gradient[0, 0, 0]}, {"iterations": 3})
+    for chunk in open_writer.missing:
+        planes = slice(chunk.first, chunk.last)
+        open_writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
+    open_writer.finish({"iterations": 7})
+"""
+
+
+def all_numbers(path):
+    numbers = {}
+    with h5py.File(path) as file:
+        for record in file["/data/0/meshes"].values():
+            for data in record.values():
+                numbers[data.name] = data[()].tobytes()
+    return numbers
+
+
+@pytest.mark.parametrize(
+    ("count", "late"),
+    [
+        (1, "before"),
+        (1, "after"),
+        (3, "before"),
+        (4, "after"),
+        (5, "before"),
+        (12, "before"),
+        (22, "before"),
+        (23, "before"),
+        (23, "after"),
+    ],
+)
+def test_a_killed_run_is_resumed_to_the_same_bytes(make_map, tmp_path, count, late):
+    target = tmp_path / "map.h5"
+    conftest = Path(__file__).with_name("conftest.py")
+    command = [sys.executable, "-c", KILLED_RUN, str(conftest), str(target), str(count), late]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert not target.exists()
+    data = make_map(shape=(9, 20, 30))
+    with open_writer(target, data) as writer:
+        # Flushes: 1 structure, 2 and 3 state, then numbers and flag of each chunk in turn, then the end.
+        survived = count if late == "after" else count - 1
+        if survived >= 1:
+            assert writer.note == ""
+            assert writer.resumed >= min(9, max(0, (survived - 3) // 2))
+        if 3 <= survived < 21:  # the end removes the state
+            arrays, about = writer.state()
+            np.testing.assert_array_equal(arrays["charge"], data.gradient[0, 0, 0])
+            assert about == {"iterations": 3}
+        for chunk in writer.missing:
+            planes = slice(chunk.first, chunk.last)
+            writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
+        writer.finish({"iterations": 7})
+    whole = write_map(tmp_path / "whole.h5", data)
+    assert all_numbers(target) == all_numbers(whole)
+    assert read_map(target).provenance.solver_report == {"iterations": 7}
+    assert not partial_path(target).exists()
+
+
+def half_written(target, data):
+    with open_writer(target, data) as writer:
+        for chunk in writer.chunks[:4]:
+            planes = slice(chunk.first, chunk.last)
+            writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
+
+
+@pytest.fixture
+def large(make_map):
+    return make_map(shape=(9, 20, 30))
+
+
+def test_found_again(large, tmp_path):
+    half_written(tmp_path / "map.h5", large)
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        assert writer.resumed == 4
+        assert [chunk.number for chunk in writer.missing] == [4, 5, 6, 7, 8]
+        flux, gradient = writer.read(writer.chunks[2])
+        np.testing.assert_array_equal(flux, large.flux_density[:, 2:3])
+        np.testing.assert_array_equal(gradient, large.gradient[:, 2:3])
+        with pytest.raises(ValueError, match="5 of 9 chunks are not written"):
+            writer.finish({})
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"fingerprint": "xyz"}, "another fingerprint of device, settings and versions"),
+        ({"recipe_text": "spacing_mm = 5\n"}, "another recipe"),
+        ({"device_text": "title = 1"}, "another device file"),
+        ({"versions": {"fieldmap": "0.2.0"}}, "another versions"),
+        ({"coil_names": ("1", "2")}, "another coil names"),
+        ({"reference_current": 2.0}, "another reference current"),
+        ({"shape": (9, 20, 31)}, "another shape"),
+    ],
+)
+def test_another_map_is_not_resumed_and_says_why(large, make_map, tmp_path, changed, words):
+    half_written(tmp_path / "map.h5", large)
+    with open_writer(tmp_path / "map.h5", make_map(**({"shape": (9, 20, 30)} | changed))) as writer:
+        assert writer.resumed == 0
+        assert words in writer.note
+        assert "begun anew" in writer.note
+
+
+def test_a_later_date_is_no_reason_to_begin_anew(large, make_map, tmp_path):
+    half_written(tmp_path / "map.h5", large)
+    later = make_map(shape=(9, 20, 30), created="2027-01-01 00:00:00 +0000")
+    with open_writer(tmp_path / "map.h5", later) as writer:
+        assert writer.resumed == 4
+
+
+def test_begun_anew_on_request(large, tmp_path):
+    half_written(tmp_path / "map.h5", large)
+    with open_writer(tmp_path / "map.h5", large, resume=False) as writer:
+        assert writer.resumed == 0
+        assert "as asked" in writer.note
+
+
+@pytest.mark.parametrize("contents", [b"", b"rubbish" * 100])
+def test_a_ruined_partial_file_is_begun_anew(large, tmp_path, contents):
+    partial_path(tmp_path / "map.h5").write_bytes(contents)
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        assert writer.resumed == 0
+        assert "begun anew" in writer.note
+
+
+def test_a_damaged_chunk_is_computed_again(large, tmp_path):
+    half_written(tmp_path / "map.h5", large)
+    partial = partial_path(tmp_path / "map.h5")
+    with h5py.File(partial) as file:
+        chunk = file["/data/0/meshes/B_1/y"].id.get_chunk_info_by_coord((2, 0, 0))
+    raw = bytearray(partial.read_bytes())
+    raw[chunk.byte_offset + 100] ^= 1
+    partial.write_bytes(raw)
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        assert [c.number for c in writer.missing] == [2, 4, 5, 6, 7, 8]
+        assert "1 damaged" in writer.note
+
+
+def test_one_run_at_a_time(large, tmp_path):
+    half_written(tmp_path / "map.h5", large)
+    partial = partial_path(tmp_path / "map.h5")
+    program = (
+        "import sys, h5py; f = h5py.File(sys.argv[1], 'r+'); print('open', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", program, str(partial)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "open\n"
+        for resume in (True, False):
+            with pytest.raises(InputError, match="one run writes a map at a time"):
+                open_writer(tmp_path / "map.h5", large, resume=resume)
+        other.stdin.close()
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        assert writer.resumed == 4
+
+
+def test_a_place_that_cannot_be_written(large, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="a file that can be written"):
+        open_writer(tmp_path / "file" / "map.h5", large)
+    assert sorted(os.listdir(tmp_path)) == ["file"]
+
+
+def test_numbers_that_are_not_finite_are_not_written(large, tmp_path):
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        flux = large.flux_density[:, :1].copy()
+        flux[0, 0, 3, 4, 1] = np.inf
+        with pytest.raises(FieldmapError, match="x-planes 0 to 0: flux density and gradient are finite"):
+            writer.write(writer.chunks[0], flux, large.gradient[:, :1])
+        assert len(writer.missing) == 9
+
+
+def test_discard_keeps_finished_work_only(large, tmp_path):
+    partial = partial_path(tmp_path / "map.h5")
+    writer = open_writer(tmp_path / "map.h5", large)
+    writer.discard()
+    assert not partial.exists()
+    half_written(tmp_path / "map.h5", large)
+    open_writer(tmp_path / "map.h5", large).discard()
+    assert partial.exists()

@@ -1,0 +1,77 @@
+"""What is written is what is read."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from fieldmap.store import FieldError, open_writer, partial_path, read_info, read_map, write_map
+from fieldmap.store.names import record_names
+
+
+def test_everything_comes_back(data, tmp_path):
+    path = write_map(tmp_path / "map.h5", data)
+    again = read_map(path)
+    np.testing.assert_array_equal(again.flux_density, data.flux_density)
+    np.testing.assert_array_equal(again.gradient, data.gradient)
+    np.testing.assert_array_equal(again.grid.lower, data.grid.lower)
+    np.testing.assert_array_equal(again.grid.spacing, data.grid.spacing)
+    assert again.grid.shape == data.grid.shape
+    assert again.coil_names == ("1", "upper left")
+    assert again.provenance == data.provenance
+    assert again.interpolation_error == FieldError(1e-9, 2e-7)
+    assert again.error_bound is None
+    assert not partial_path(path).exists()
+    assert read_info(path).provenance == data.provenance
+
+
+def test_another_reference_current_gives_the_same_unit_fields(make_map, tmp_path):
+    data = make_map(reference_current=2.5)
+    again = read_map(write_map(tmp_path / "map.h5", data))
+    np.testing.assert_allclose(again.flux_density, data.flux_density, rtol=4e-16)
+    np.testing.assert_allclose(again.gradient, data.gradient, rtol=4e-16)
+    np.testing.assert_array_equal(again.reference_current, [2.5, 2.5])
+
+
+def test_empty_texts_come_back_empty(make_map, tmp_path):
+    data = make_map(recipe_text="", device_text="", title="")
+    assert read_map(write_map(tmp_path / "map.h5", data)).provenance == data.provenance
+
+
+def test_several_chunks(make_map, tmp_path):
+    data = make_map(shape=(17, 12, 20))
+    with open_writer(tmp_path / "other.h5", data) as writer:
+        ends = [(chunk.first, chunk.last) for chunk in writer.chunks]
+    assert len(ends) > 1
+    assert ends[0][0] == 0
+    assert ends[-1][1] == 17
+    assert all(before[1] == after[0] for before, after in pairwise(ends))
+    again = read_map(write_map(tmp_path / "map.h5", data))
+    np.testing.assert_array_equal(again.gradient, data.gradient)
+
+
+def test_an_existing_map_is_replaced(data, make_map, tmp_path):
+    path = write_map(tmp_path / "map.h5", data)
+    write_map(path, make_map(title="another"))
+    assert read_info(path).provenance.title == "another"
+
+
+@pytest.mark.parametrize(
+    ("names", "records"),
+    [
+        (["1", "2"], ("1", "2")),
+        (["a b", "a-b", "a_b", "a_b_2"], ("a_b", "a_b_2", "a_b_3", "a_b_2_2")),
+        (["µ", "ß", ""], ("_", "__2", "__3")),
+        (["../x", "a/b"], ("___x", "a_b")),
+    ],
+)
+def test_record_names_are_plain_and_distinct(names, records):
+    assert record_names(names) == records
+
+
+def test_any_coil_name_survives(make_map, tmp_path):
+    names = ("a b", "a-b", "Spule ø", "x/y", "..")
+    data = make_map(coil_names=names)
+    again = read_map(write_map(tmp_path / "map.h5", data))
+    assert again.coil_names == names
+    np.testing.assert_array_equal(again.flux_density, data.flux_density)
