@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.kernels.elliptic import complete_integrals
+from fieldmap.kernels.meridian import BLOCK, set_field, set_gradient, to_meridian
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
     """(B_rho / rho, B_z) of a loop of radius a at (rho, z), T/A and T/(m A)."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -32,7 +33,7 @@ def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
     return radial, axial
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of a loop of radius a at (rho, z)."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -54,7 +55,7 @@ def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float
     return radial, axial, dz, drho
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
 def loop_potential(a: float, rho: float, z: float) -> float:
     """A_phi / rho of a loop of radius a, T/A: the vector potential of docs/theory/coils.md (6)."""
     q2 = (a + rho) ** 2 + z * z
@@ -64,57 +65,49 @@ def loop_potential(a: float, rho: float, z: float) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def add_meridian(out: Array, x: float, y: float, radial: float, axial: float) -> None:
-    """Add a field given by B_rho / rho and B_z to out (3,)."""
-    out[0] += x * radial
-    out[1] += y * radial
-    out[2] += axial
+def _loop_block(a: float, rho: Array, z: Array, radial: Array, axial: Array) -> None:
+    for i in range(len(rho)):
+        radial[i], axial[i] = loop_meridian(a, rho[i], z[i])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def add_meridian_gradient(
-    out: Array, x: float, y: float, radial: float, dz: float, drho: float, curl: float
+def _loop_gradient_block(
+    a: float, rho: Array, z: Array, radial: Array, axial: Array, dz: Array, drho: Array
 ) -> None:
-    """Add the gradient of an axisymmetric field to out (3, 3).
-
-    radial = B_rho / rho, dz = dB_z/dz, drho = dB_z/drho, curl = dB_rho/dz - dB_z/drho (mu0 J inside a
-    winding, else 0). div B = 0 gives dB_rho/drho.
-    """
-    rho = math.sqrt(x * x + y * y)
-    cosine, sine = 1.0, 0.0
-    if rho > 0.0:
-        cosine, sine = x / rho, y / rho
-    stretch = -2.0 * radial - dz  # dB_rho/drho - B_rho/rho
-    out[0, 0] += radial + stretch * cosine * cosine
-    out[1, 1] += radial + stretch * sine * sine
-    out[0, 1] += stretch * cosine * sine
-    out[1, 0] += stretch * cosine * sine
-    out[0, 2] += (drho + curl) * cosine
-    out[1, 2] += (drho + curl) * sine
-    out[2, 0] += drho * cosine
-    out[2, 1] += drho * sine
-    out[2, 2] += dz
+    for i in range(len(rho)):
+        radial[i], axial[i], dz[i], drho[i] = loop_meridian_gradient(a, rho[i], z[i])
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def loop_flux_density(points: Array, radius: float) -> Array:
-    """B (n, 3) in T/A at points (n, 3) in m of a loop of the given radius."""
-    field = np.zeros((len(points), 3))
-    for i in numba.prange(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        radial, axial = loop_meridian(radius, math.sqrt(x * x + y * y), z)
-        add_meridian(field[i], x, y, radial, axial)
+    """B (n, 3) in T/A at points (n, 3) in m."""
+    count = len(points)
+    field = np.empty((count, 3))
+    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+        first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
+        here, B = points[first:last], field[first:last]
+        work = np.empty((4, last - first))
+        rho, z, radial, axial = work[0], work[1], work[2], work[3]
+        to_meridian(here, rho, z)
+        _loop_block(radius, rho, z, radial, axial)
+        for i in range(last - first):
+            set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
     return field
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def loop_flux_density_and_gradient(points: Array, radius: float) -> tuple[Array, Array]:
-    """B (n, 3) in T/A and its gradient (n, 3, 3) in T/(m A) of a loop of the given radius."""
-    field = np.zeros((len(points), 3))
-    gradient = np.zeros((len(points), 3, 3))
-    for i in numba.prange(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        radial, axial, dz, drho = loop_meridian_gradient(radius, math.sqrt(x * x + y * y), z)
-        add_meridian(field[i], x, y, radial, axial)
-        add_meridian_gradient(gradient[i], x, y, radial, dz, drho, 0.0)
+    """B (n, 3) in T/A at points (n, 3) in m and its gradient (n, 3, 3) in T/(m A)."""
+    count = len(points)
+    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
+    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+        first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
+        here, B, G = points[first:last], field[first:last], gradient[first:last]
+        work = np.empty((6, last - first))
+        rho, z, radial, axial, dz, drho = work[0], work[1], work[2], work[3], work[4], work[5]
+        to_meridian(here, rho, z)
+        _loop_gradient_block(radius, rho, z, radial, axial, dz, drho)
+        for i in range(last - first):
+            set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
+            set_gradient(G[i], here[i, 0], here[i, 1], radial[i], dz[i], drho[i], 0.0)
     return field, gradient

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 STEP = 8
 RULES = 8  # 8, 16, ... 64 points
-_MARGIN = 1.0  # decimal digits on top of those asked for: cancellation between opposite sides of a coil
+MARGIN = 1.5  # decimal digits on top of those asked for: cancellation between opposite sides of a coil
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -25,7 +25,7 @@ def rule_limits(digits: float) -> Array:
     half width of w (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
     limits = np.empty((2, RULES))
     for k in range(RULES):
-        rate = 0.5 * math.log(10.0) * (digits + _MARGIN) / (STEP * (k + 1))
+        rate = 0.5 * math.log(10.0) * (digits + MARGIN) / (STEP * (k + 1))
         limits[0, k] = math.cosh(rate)
         limits[1, k] = 0.5 * math.pi / math.sinh(rate)
     return limits

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.device.model import CircularCoil, Coil, PathCoil, RoundedRectangleCoil
+from fieldmap.device.model import PathCoil, RoundedRectangleCoil
 from fieldmap.errors import InputError, Problem
 
 Array = NDArray[np.float64]
@@ -23,23 +23,13 @@ class WindingPath:
     height: float
 
 
-def winding_path(coil: Coil) -> WindingPath:
+def winding_path(coil: RoundedRectangleCoil | PathCoil) -> WindingPath:
     """Arcs and bars of a coil in its local frame, for one ampere-turn, counter-clockwise for positive current.
 
     Raises InputError where the corners of the path do not fit between each other.
     """
-    if isinstance(coil, CircularCoil):
-        arcs = [
-            _arc((0.0, 0.0), angle, math.pi / 4, coil.inner_radius, coil.outer_radius, 1.0)
-            for angle in _DIAGONALS
-        ]
-        thickness = coil.outer_radius - coil.inner_radius
-        return WindingPath(np.array(arcs), np.zeros((0, 5)), thickness, coil.height)
     corners = coil.corners if isinstance(coil, PathCoil) else _rectangle(coil)
     return _rounded(coil, np.asarray(corners, dtype=float))
-
-
-_DIAGONALS = tuple(math.pi / 4 + quarter * math.pi / 2 for quarter in range(4))
 
 
 def _rectangle(coil: RoundedRectangleCoil) -> Array:
