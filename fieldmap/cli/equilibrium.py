@@ -106,6 +106,7 @@ def _balance(field: Any, currents: Any, payload: Any, start: Any, moment: str) -
         "eigenvalues": found.eigenvalues,
         "directions": found.directions.T,
         "stable": found.stable,
+        "trace": found.trace,
         "stable_axes": found.stable_axes,
         "moment": found.moment,
         "angle_to_field_deg": found.angle_to_field,
@@ -183,14 +184,15 @@ def _balance_rows(answer: dict[str, Any]) -> list[tuple[str, str]]:
 
     from fieldmap.cli.printing import millimetres
 
-    report = answer["report"]
+    report, stiffness = answer["report"], np.linalg.norm(answer["stiffness"])
     turned = "up" if answer["moment"][2] > 0 else "down"
+    left = np.linalg.norm(answer["force_residual"]) / answer["weight"]
     rows = [
         ("moment", f"{turned}, {answer['angle_to_field_deg']:.2f} degrees from the field"),
+        ("residual", f"{left:.1e} of the weight; {report.starts} starts, {report.evaluations} field points"),
         (
-            "residual",
-            f"{np.linalg.norm(answer['force_residual']) / answer['weight']:.1e} of the weight; "
-            f"{report.starts} starts, {report.evaluations} field evaluations",
+            "trace",
+            f"{answer['trace'] / stiffness:.1e} of the stiffness (0 for a fixed dipole, below 0 for an aligned one)",
         ),
     ]
     return rows + [("also at", millimetres(point)) for point in answer["others"]]

@@ -30,8 +30,8 @@ def make_map(
         with Progress("map") as progress:
             path = generate(recipe, output=output, resume=resume, progress=progress)
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here (--fresh begins anew)", file=sys.stderr)
-        raise typer.Exit(130) from None
+        print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
+        raise
     if summary or json:
         from fieldmap.cli.summary import print_summary
 

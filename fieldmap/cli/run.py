@@ -17,17 +17,19 @@ def run(argv: list[str] | None = None) -> int:
 
     words = join_lists(sys.argv[1:] if argv is None else argv)
     command = typer.main.get_command(application())
+    code = 0
     try:
         command.main(args=words, prog_name="fieldmap")
     except SystemExit as done:
-        return done.code if isinstance(done.code, int) else 0 if done.code is None else 1
+        code = done.code if isinstance(done.code, int) else int(done.code is not None)
     except FieldmapError as error:
         print_problems(error)
-        return error.exit_code
+        code = error.exit_code
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+        code = INTERRUPTED
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+        code = 1
+    if code == INTERRUPTED:
+        print("interrupted", file=sys.stderr)
+    return code

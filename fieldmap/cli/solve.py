@@ -163,7 +163,7 @@ def _reference_table(rows: list[dict[str, Any]]) -> Any:
         if row["ours"] is None:
             verdict = ("", f"needs --mu-r {row['mu_r']:g}", "")
         else:
-            known = "" if row["tolerance"] is None else f"{100 * row['tolerance']:.1g} %"
+            known = "" if row["tolerance"] is None else f"{100 * row['tolerance']:.2g} %"
             verdict = (f"{row['ours']:.6g}", f"{100 * row['deviation']:+.3f} %", known)
         return (row["quantity"], millimetres(row["at"]), f"{row['reference']:.6g} {unit}", *verdict)
 

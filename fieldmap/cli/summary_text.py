@@ -9,6 +9,8 @@ from rich.text import Text
 from fieldmap.cli.assumptions import payload_assumptions
 from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, table
 
+RATIO = "A ratio above 1: this model needs more current than was measured (docs/theory/equilibrium.md)."
+
 
 def print_text(summary: dict[str, Any]) -> None:
     """Print a summary made by `fieldmap.cli.summary.summarise`."""
@@ -82,7 +84,7 @@ def _lift_table(summary: dict[str, Any]) -> Any:
         for row in summary["lift"]
     )
     columns = (title, "magnet z, mm", "A per coil (linear)", "thesis (7-18), measured", "ratio")
-    return table(columns, rows)
+    return Group(table(columns, rows), Text(f" {RATIO}", style="dim"))
 
 
 def _mm_z(row: dict[str, Any]) -> str:

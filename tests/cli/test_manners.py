@@ -1,7 +1,9 @@
 """Exit codes, messages, help, progress: how the commands behave when things go wrong or take long."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +11,8 @@ from fieldmap.cli import main
 from fieldmap.cli.application import _COMMANDS
 from fieldmap.cli.numbers import join_lists
 from fieldmap.cli.progress import Progress
+
+REPOSITORY = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -97,18 +101,23 @@ def test_help_has_an_example(capsys, command):
     assert f"Example: fieldmap {command}" in out
 
 
-@pytest.mark.parametrize("command", sorted(_COMMANDS))
-def test_the_example_is_understood(capsys, command, monkeypatch):
-    """The words of every example reach the command as it declares them."""
+EXAMPLES = [example for _, example in _COMMANDS.values()]
+EXAMPLES += re.findall(
+    r"^    (fieldmap .*)$", (REPOSITORY / "docs" / "commands.md").read_text(), re.MULTILINE
+)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_every_example_is_understood(example):
+    """The words of the examples in the help and in docs/commands.md fit what the command declares."""
     import typer.main
 
     from fieldmap.cli.application import application
 
-    words = _COMMANDS[command][1].split(">")[0].split()[1:]
+    words = join_lists(example.split(">")[0].split()[1:])
     group = typer.main.get_command(application())
-    group.make_context("fieldmap", join_lists(words)).close()
-    inner = group.commands[command]
-    inner.make_context(command, join_lists(words)[1:]).close()
+    inner = group.commands[words[0]]
+    inner.make_context(words[0], words[1:]).close()
 
 
 def test_help_is_quick():
@@ -144,7 +153,9 @@ def test_an_interrupted_map_says_how_to_go_on(capsys, machine, monkeypatch):
 
     monkeypatch.setattr("fieldmap.maps.generate", interrupted)
     assert main(["map", machine.recipe]) == 130
-    assert "goes on from here" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "goes on from here" in err
+    assert err.endswith("interrupted\n")
 
 
 def test_progress_without_a_terminal_is_a_few_plain_lines(capsys):
