@@ -7,7 +7,7 @@ import typer
 
 from fieldmap.cli import check, equilibrium, info, make_map, probe, schema, solve
 
-_COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
+COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
     "check": (check.check, "fieldmap check drive_unit"),
     "solve": (solve.solve, "fieldmap solve loop_and_sphere"),
     "map": (make_map.make_map, "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary"),
@@ -31,7 +31,7 @@ def application() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_common)
-    for name, (function, example) in _COMMANDS.items():
+    for name, (function, example) in COMMANDS.items():
         app.command(name=name, epilog=f"Example: {example}")(function)
     return app
 

@@ -174,7 +174,10 @@ def _common_rows(answer: dict[str, Any]) -> list[tuple[str, str]]:
         ("payload", f"{mass:.4g} g (weight {weight:.4g} mN), moment {moment:.4g} A m2"),
         ("currents", currents_text(answer["coil_names"], answer["currents"])),
         ("magnet's centre", millimetres(answer["position"])),
-        ("sensor reading", f"{answer['sensor_mm']:.3f} mm (magnet_offset {offset:g} mm)"),
+        (
+            "sensor reading",
+            f"{answer['sensor_mm']:.3f} mm in the thesis's frame (magnet_offset {offset:g} mm)",
+        ),
         ("field there", "(" + ", ".join(f"{1e3 * value:.4g}" for value in answer["field"]) + ") mT"),
     ]
 

@@ -37,9 +37,9 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "file", f"{summary['size'] / 1e6:.2f} MB, made {summary['created']}"
     error = summary["interpolation_error"]
     if error is not None:
-        sampled = f"at sampled points, with {summary['reference_current'][0]:g} A in every coil"
         sizes = f"{1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m"
-        yield "interpolation", f"at most {sizes} off {sampled}"
+        where = f"at sampled points, {summary['reference_current'][0]:g} A in every coil"
+        yield "interpolation", f"within {sizes} of the solver {where}; mesh error not included"
 
 
 def _solver_words(solver: dict[str, Any]) -> list[str]:

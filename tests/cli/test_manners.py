@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.cli.application import _COMMANDS
+from fieldmap.cli.application import COMMANDS
 from fieldmap.cli.numbers import join_lists
 from fieldmap.cli.progress import Progress
 
@@ -94,14 +94,14 @@ def test_wrong_usage_ends_with_2(capsys, words):
     assert "Usage" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", sorted(_COMMANDS))
+@pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_help_has_an_example(capsys, command):
     assert main([command, "--help"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert f"Example: fieldmap {command}" in out
 
 
-EXAMPLES = [example for _, example in _COMMANDS.values()]
+EXAMPLES = [example for _, example in COMMANDS.values()]
 EXAMPLES += re.findall(
     r"^    (fieldmap .*)$", (REPOSITORY / "docs" / "commands.md").read_text(), re.MULTILINE
 )
