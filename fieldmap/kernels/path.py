@@ -20,6 +20,7 @@ from fieldmap.kernels.quadrature import rule_limits
 
 Array = NDArray[np.float64]
 _CHUNK = 32  # points that share one work array
+_SEAM = 1e-9  # overlap of the pieces, so that no point inside the winding falls between two of them
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -137,7 +138,7 @@ def current_direction(
     for k in range(len(arcs)):
         px, py = x - arcs[k, 0], y - arcs[k, 1]
         rho = math.sqrt(px * px + py * py)
-        within = px * arcs[k, 2] + py * arcs[k, 3] >= rho * math.cos(arcs[k, 4])
+        within = px * arcs[k, 2] + py * arcs[k, 3] >= rho * (math.cos(arcs[k, 4]) - _SEAM)
         if within and arcs[k, 5] < rho < arcs[k, 6]:
             return -arcs[k, 7] * py / rho, arcs[k, 7] * px / rho
     return 0.0, 0.0

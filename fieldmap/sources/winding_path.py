@@ -26,10 +26,14 @@ class WindingPath:
 def winding_path(coil: RoundedRectangleCoil | PathCoil) -> WindingPath:
     """Arcs and bars of a coil in its local frame, for one ampere-turn, counter-clockwise for positive current.
 
-    Raises InputError where the corners of the path do not fit between each other.
+    Raises InputError where corners repeat or their roundings do not fit between each other.
     """
-    corners = coil.corners if isinstance(coil, PathCoil) else _rectangle(coil)
-    return _rounded(coil, np.asarray(corners, dtype=float))
+    corners = np.asarray(coil.corners if isinstance(coil, PathCoil) else _rectangle(coil), dtype=float)
+    if len(corners) < 3 or np.any(np.all(corners == np.roll(corners, 1, axis=0), axis=1)):
+        received = f"{len(corners)} corners, or two equal ones in a row"
+        must_hold = "a closed path needs three or more corners, each apart from the next"
+        raise InputError(Problem(f"coil {coil.name!r}, corners", must_hold, received, "correct the corners"))
+    return _rounded(coil, corners)
 
 
 def _rectangle(coil: RoundedRectangleCoil) -> Array:
