@@ -1,0 +1,216 @@
+"""From recipe to map: against closed forms and the solver, finished maps left alone, bad input leaving nothing."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.errors import DeviceFileError, GeometryError, InputError, NotConverged, Problem, RecipeError
+from fieldmap.iron import solve_linear
+from fieldmap.lookup import open_map
+from fieldmap.maps import generate, generation
+from fieldmap.store import partial_path, read_info
+
+MU0 = 4e-7 * np.pi
+
+
+def on_axis(z, centre, turns):
+    """Bz per ampere on the axis of the rig's coils (radii 20 and 30 mm, height 12 mm).
+
+    A stack of discs of current integrated in closed form; Montgomery, Solenoid Magnet Design, 1969, eq. (2.3).
+    """
+    a, b, length = 0.020, 0.030, 0.012
+
+    def end(s):
+        return s * np.log((b + np.hypot(b, s)) / (a + np.hypot(a, s)))
+
+    s = z - centre
+    return MU0 * turns / (2 * length * (b - a)) * (end(s + length / 2) - end(s - length / 2))
+
+
+@pytest.fixture
+def path(rig):
+    return generate(rig / "recipe.toml", rig / "out" / "map.h5")
+
+
+def test_field_on_the_axis_is_the_closed_form(path):
+    opened = open_map(path)
+    currents = np.array([2.0, -0.5])
+    z = np.linspace(-0.012, 0.012, 41)
+    points = np.stack([0 * z, 0 * z, z], axis=1)
+
+    def exact(z):
+        return 2.0 * on_axis(z, 0.04, 100) - 0.5 * on_axis(z, -0.04, 200)
+
+    flux, slope = opened.field_and_gradient(points, currents)
+    scale = np.abs(exact(z)).max()
+    np.testing.assert_allclose(flux[:, 2], exact(z), rtol=0, atol=2e-6 * scale)
+    np.testing.assert_allclose(flux[:, :2], 0, atol=1e-9 * scale)
+    derivative = (exact(z + 1e-6) - exact(z - 1e-6)) / 2e-6
+    np.testing.assert_allclose(slope[:, 2, 2], derivative, rtol=0, atol=1e-4 * np.abs(derivative).max())
+
+
+def test_iron_and_coil_against_the_closed_form_of_a_sphere(rig, recipe_text):
+    (rig / "sphere.toml").write_text(recipe_text.replace("pair.toml", "loop_and_sphere"))
+    opened = open_map(generate(rig / "sphere.toml", rig / "sphere.h5"))
+    compared = 0
+    for known in read_device("loop_and_sphere").references:
+        flux, slope = opened.field_and_gradient(known.at, known.currents)
+        if known.quantity.startswith("B"):
+            ours = flux["xyz".index(known.quantity[1])]
+        else:
+            ours = slope["xyz".index(known.quantity[2]), "xyz".index(known.quantity[-1])]
+        assert ours == pytest.approx(known.value, rel=2e-3), known
+        compared += 1
+    assert compared >= 8
+    assert "mu_r = 1000" in opened.info.provenance.assumptions[0]
+    assert opened.info.provenance.solver_report["surface_faces"] > 100
+
+
+def test_recorded_interpolation_error_is_what_other_points_show(path, rig):
+    opened = open_map(path)
+    solution = solve_linear(read_device(rig / "pair.toml"))
+    points = opened.lower + np.random.default_rng(99).random((2000, 3)) * (opened.upper - opened.lower)
+    flux, slope = solution.unit_fields(points)
+    of_flux = np.linalg.norm(opened.unit_field(points).swapaxes(0, 1) - flux, axis=2).sum(axis=0).max()
+    of_slope = (
+        np.linalg.norm(opened.unit_gradient(points).swapaxes(0, 1) - slope, axis=(2, 3)).sum(axis=0).max()
+    )
+    recorded = opened.interpolation_error
+    assert of_flux == pytest.approx(recorded.flux_density, rel=0.5)
+    assert of_slope == pytest.approx(recorded.gradient, rel=0.5)
+    assert opened.error_bound is None
+
+
+def test_half_the_spacing_gives_a_sixteenth_of_the_error(rig, recipe_text):
+    errors = []
+    for spacing in ("4.0", "2.0", "1.0"):
+        (rig / "recipe.toml").write_text(recipe_text.replace("2.0", spacing))
+        error = read_info(generate(rig / "recipe.toml", rig / "map.h5")).interpolation_error
+        errors.append([error.flux_density, error.gradient])
+    orders = -np.diff(np.log2(errors), axis=0).mean(axis=0)
+    assert 3.6 < orders[0] < 4.5
+    assert 2.6 < orders[1] < 3.5
+
+
+def test_record_of_what_made_it(path, rig):
+    info = read_info(path)
+    record = info.provenance
+    assert record.recipe_text == (rig / "recipe.toml").read_text()
+    assert record.device_text == (rig / "pair.toml").read_text()
+    assert (record.title, record.device_name) == ("Between two coils", "pair")
+    assert {"fieldmap", "numpy", "netgen-mesher"} <= set(record.versions)
+    assert len(record.fingerprint) == 64
+    assert record.assumptions == ("no iron: the field of the coils alone",)
+    assert info.coil_names == ("upper", "lower")
+
+
+def test_progress_runs_from_nothing_to_all(rig):
+    told = []
+    generate(rig / "recipe.toml", rig / "map.h5", progress=lambda text, share: told.append((text, share)))
+    shares = [share for _, share in told]
+    assert shares[0] == 0.0
+    assert shares[-1] == 1.0
+    assert shares == sorted(shares)
+    assert all(isinstance(text, str) and text for text, _ in told)
+
+
+def test_a_finished_map_is_left_alone_until_something_changes(path, rig, recipe_text):
+    stamp = path.stat().st_mtime_ns
+    told = []
+    generate(rig / "recipe.toml", path, progress=lambda text, share: told.append(text))
+    assert path.stat().st_mtime_ns == stamp
+    assert told[-1] == "complete already"
+    generate(rig / "recipe.toml", path, resume=False)
+    again = path.stat().st_mtime_ns
+    assert again != stamp
+    device = rig / "pair.toml"
+    device.write_text(device.read_text().replace("turns = 100", "turns = 101"))
+    generate(rig / "recipe.toml", path)
+    assert path.stat().st_mtime_ns != again
+    assert open_map(path).field([0, 0, 0], [1, 0])[2] == pytest.approx(on_axis(0, 0.04, 101), rel=1e-5)
+
+
+def test_a_ruined_map_is_made_again(path, rig):
+    raw = path.read_bytes()
+    path.write_bytes(raw[: len(raw) // 2])
+    generate(rig / "recipe.toml", path)
+    assert open_map(path).coil_names == ("upper", "lower")
+
+
+def test_default_place_is_maps_out_below_the_current_folder(rig, monkeypatch):
+    monkeypatch.chdir(rig)
+    path = generate("recipe.toml")
+    assert path.resolve() == rig / "maps" / "out" / "recipe.h5"
+
+
+def refused(rig, error, words, output="map.h5"):
+    before = sorted(rig.rglob("*"))
+    with pytest.raises(error, match=words) as caught:
+        generate(rig / "recipe.toml", rig / output)
+    assert caught.value.exit_code == 2
+    assert sorted(rig.rglob("*")) == before
+
+
+def test_a_box_that_cuts_a_winding(rig, recipe_text):
+    box = "[box]\nlower_mm = [-25, -25, 0]\nupper_mm = [25, 25, 36]\n"
+    (rig / "recipe.toml").write_text(recipe_text + box)
+    refused(rig, GeometryError, "'upper'")
+
+
+def test_a_box_that_cuts_iron(rig, recipe_text):
+    box = "[box]\nlower_mm = [-8, -8, -20]\nupper_mm = [8, 8, -5]\n"
+    (rig / "recipe.toml").write_text(recipe_text.replace("pair.toml", "loop_and_sphere") + box)
+    refused(rig, GeometryError, "'sphere'")
+
+
+MAGNET = """
+[material.ndfeb]
+kind = "permanent_magnet"
+remanence_T = [0.0, 0.0, 1.2]
+mu_r = 1.05
+
+[[body]]
+name = "magnet"
+material = "ndfeb"
+shape = "cylinder"
+radius_mm = 5.0
+height_mm = 5.0
+position_mm = [0.0, 0.0, 60.0]
+mesh_size_mm = 3.0
+"""
+
+
+def test_a_device_with_magnets_of_its_own(rig):
+    device = rig / "pair.toml"
+    device.write_text(device.read_text() + MAGNET)
+    refused(rig, RecipeError, "field follows the coil currents alone.*permanent magnets: magnet")
+
+
+def test_a_broken_device(rig):
+    device = rig / "pair.toml"
+    device.write_text(device.read_text().replace("turns = 100", 'turns = "many"'))
+    refused(rig, DeviceFileError, "coil.upper.turns")
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [("map.csv", 'ends in .h5; received "map.csv"'), (".", "ends in .h5; received a folder")],
+)
+def test_a_bad_output(rig, output, words):
+    refused(rig, RecipeError, words, output)
+
+
+def test_an_output_below_a_file(rig):
+    refused(rig, InputError, "a file that can be written", "pair.toml/map.h5")
+
+
+def test_a_solver_that_fails_leaves_nothing(rig, monkeypatch):
+    def fail(*_):
+        raise NotConverged(Problem("solve", "residual below 1e-7", "1e-3", "refine"), residuals=(1.0, 1e-3))
+
+    monkeypatch.setattr(generation, "solve_linear", fail)
+    before = sorted(rig.rglob("*"))
+    with pytest.raises(NotConverged):
+        generate(rig / "recipe.toml", rig / "map.h5")
+    assert sorted(rig.rglob("*")) == before
+    assert not partial_path(rig / "map.h5").exists()
