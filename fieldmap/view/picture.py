@@ -7,6 +7,7 @@ import pyvista as pv
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import Device
+from fieldmap.view.rendering import require_renderer
 from fieldmap.view.rulers import INK
 from fieldmap.view.scene import SceneField, device_scene, workspace_outline
 from fieldmap.view.windings import winding_surface
@@ -33,6 +34,7 @@ def save_picture(
     >>> save_picture("drive_unit.png", fieldmap.read_device("drive_unit"))        # doctest: +SKIP
     PosixPath('drive_unit.png')
     """
+    require_renderer()
     scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window_size), border=False)
     scene.subplot(0, 0)
     device_scene(device, magnet_at=magnet_at, plotter=scene)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
 from fieldmap.view.bodies import MM, body_surface
+from fieldmap.view.rendering import require_renderer
 from fieldmap.view.rulers import INK, add_rulers, label_step
 from fieldmap.view.windings import current_arrow, winding_surface
 
@@ -51,13 +52,15 @@ def device_scene(
     draw the payload's magnet. hide: names of bodies to leave out. axes: rulers in mm. plotter: draw into this
     one; otherwise a new off-screen plotter. Lengths in the scene are millimetres.
 
-    Returns the plotter; save with `.screenshot("device.png")`, look at it with `.show()`.
+    Returns the plotter; save with `.screenshot("device.png")`, look at it with `.show()`. Raises FieldmapError on
+    a machine without OpenGL.
 
     Example::
 
         device = fieldmap.read_device("drive_unit")
         device_scene(device).screenshot("drive_unit.png")
     """
+    require_renderer()
     scene = plotter if plotter is not None else pv.Plotter(off_screen=True, window_size=list(window_size))
     scene.background_color = pv.Color("white")
     for body in device.bodies:

@@ -3,9 +3,13 @@ import pytest
 import pyvista as pv
 
 import fieldmap
+from fieldmap.errors import FieldmapError
 from fieldmap.view import device_scene, save_picture
+from fieldmap.view.rendering import can_render, require_renderer
 from fieldmap.view.rulers import label_step, round_numbers
 from fieldmap.view.scene import slice_planes
+
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
 
 class Ramp:
@@ -31,6 +35,7 @@ def test_slices_hold_the_size_of_the_field_at_their_points():
     assert planes[1].bounds[0:2] == (0.0, 0.0)
 
 
+@needs_opengl
 def test_the_scene_spans_the_device_in_millimetres(device):
     scene = device_scene(device, axes=False)
     coil = device.coils[0]
@@ -42,6 +47,7 @@ def test_the_scene_spans_the_device_in_millimetres(device):
     assert -reach - 4.0 < x_low <= -reach + 0.1
 
 
+@needs_opengl
 def test_every_coil_and_body_is_drawn():
     device = fieldmap.read_device("disk_six_cores")
     scene = device_scene(device, axes=False, hide=("disk",))
@@ -53,6 +59,7 @@ def test_every_coil_and_body_is_drawn():
     assert high == pytest.approx(46.0, abs=0.1)  # top of the cores, Appendix A-3
 
 
+@needs_opengl
 def test_a_picture_is_not_blank(device, tmp_path):
     path = save_picture(tmp_path / "device.png", device, Ramp(), [1.0], window_size=(600, 360))
     pixels = pv.read(path)["PNGImage"].reshape(360, 600, -1)[:, :, :3].astype(int)
@@ -70,3 +77,9 @@ def test_a_picture_is_not_blank(device, tmp_path):
 def test_labels_are_round_numbers():
     assert [label_step(span) for span in (511.0, 60.0, 3.3, 0.2)] == pytest.approx([100.0, 10.0, 1.0, 0.05])
     assert round_numbers(-339.0, 172.0, 100.0).tolist() == [-300.0, -200.0, -100.0, 0.0, 100.0]
+
+
+def test_without_opengl_there_is_a_message_and_no_crash(monkeypatch):
+    monkeypatch.setattr("fieldmap.view.rendering.can_render", lambda: False)
+    with pytest.raises(FieldmapError, match="libegl1"):
+        require_renderer()
