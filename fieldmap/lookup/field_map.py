@@ -27,8 +27,12 @@ class FieldMap:
     `upper`: OutsideMapError, or NaN if opened with outside="nan". NaN in a point or current gives NaN in its
     row. Arguments of another shape: InputError. Objects can be pickled and used from several threads at once.
 
-    >>> m = open_map("maps/out/quick.h5")                                         # doctest: +SKIP
-    >>> m.field([0, 0, -0.09], np.ones(len(m.coil_names)))                        # doctest: +SKIP
+    >>> from fieldmap.store import Grid
+    >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
+    >>> flux, slope = np.tile([0, 0, 1e-3], (1, 3, 3, 3, 1)), np.zeros((1, 3, 3, 3, 3, 3))
+    >>> uniform = MapData(grid, ("coil",), [1.0], flux_density=flux, gradient=slope)
+    >>> FieldMap(uniform).field([0.005, 0.01, 0.02], [2.0])
+    array([0.   , 0.   , 0.002])
     """
 
     def __init__(self, data: MapData, outside: str = "raise") -> None:

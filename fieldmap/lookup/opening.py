@@ -17,7 +17,7 @@ def open_map(path: str | PathLike[str], kind: str = "hermite", outside: str = "r
     InputError for an unknown kind or outside rule.
 
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
-    >>> m.field([0, 0, -0.09], [1, 1, 1, 1, 1, 1])                                # doctest: +SKIP
+    >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
     _check_kind(kind)
     return interpolate(read_map(path), kind, outside)

@@ -42,9 +42,12 @@ def generate(
     GeometryError (a box that cuts iron or a winding) or InputError (an output that cannot be written) before
     any long work and without leaving a file; NotConverged if the solver fails.
 
-    >>> import fieldmap as fm                                                     # doctest: +SKIP
+    >>> import fieldmap as fm
     >>> fm.generate("quick")                                                      # doctest: +SKIP
     PosixPath('maps/out/quick.h5')
+    >>> fm.generate("quikc")
+    Traceback (most recent call last):
+    fieldmap.errors.RecipeError: quikc: must be a recipe file or the name of a shipped recipe; received ...
     """
     say = progress or _silent
     say("checking recipe, device and geometry", 0.0)
