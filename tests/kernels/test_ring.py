@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from fieldmap.kernels.constants import MU0
+from fieldmap.kernels.ring import ring_flux_density, ring_flux_density_and_gradient
+from fieldmap.kernels.sheet import sheet_flux_density_and_gradient
+
+INNER, OUTER, HEIGHT = 0.011, 0.021, 0.039
+
+
+def shells(points, order, low=INNER, high=OUTER):
+    """A thick coil as Gauss-Legendre sheets between two radii, per ampere-turn of the whole coil."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    field, gradient = 0, 0
+    for node, weight in zip(nodes, weights, strict=True):
+        radius = (low + high + node * (high - low)) / 2
+        share = weight * (high - low) / 2 / (OUTER - INNER)
+        one, two = sheet_flux_density_and_gradient(points, radius, HEIGHT)
+        field, gradient = field + share * one, gradient + share * two
+    return field, gradient
+
+
+def relative(a, b):
+    axes = tuple(range(1, a.ndim))
+    return (np.sqrt(np.sum((a - b) ** 2, axis=axes)) / np.sqrt(np.sum(b**2, axis=axes))).max()
+
+
+def test_on_the_axis_closed_form():
+    """mu0 J/2 sum of h ln((r2 + R2)/(r1 + R1)): the field of a thick solenoid on its axis."""
+    z = np.array([-0.1, 0.0, 0.012, 0.0195, 0.05])
+    field = ring_flux_density(np.column_stack([0 * z, 0 * z, z]), INNER, OUTER, HEIGHT, 14.0)
+    total = 0
+    for sign in (1, -1):
+        h = z + sign * HEIGHT / 2
+        total += sign * h * np.log((OUTER + np.hypot(OUTER, h)) / (INNER + np.hypot(INNER, h)))
+    expected = MU0 / (2 * (OUTER - INNER) * HEIGHT) * total
+    np.testing.assert_allclose(field[:, 2], expected, rtol=1e-12)
+    np.testing.assert_array_equal(field[:, :2], 0)
+
+
+def test_one_millimetre_from_the_winding_and_in_the_workspace():
+    points = np.array(
+        [[0.010, 0.0, 0.015], [0.006, -0.008, -0.0195], [0.0, 0.022, 0.003], [0.03, 0.01, -0.08]]
+    )
+    field, gradient = ring_flux_density_and_gradient(points, INNER, OUTER, HEIGHT, 10.0)
+    reference, reference_gradient = shells(points, 40)
+    assert relative(field, reference) < 1e-10
+    assert relative(gradient, reference_gradient) < 1e-9
+
+
+def test_above_the_winding():
+    """Over the section shells converge slowly: split where the point is."""
+    points = np.array([[0.0163, 0.0, 0.0205]])
+    field, gradient = ring_flux_density_and_gradient(points, INNER, OUTER, HEIGHT, 10.0)
+    parts = [
+        shells(points, 60, low, high) for low, high in ((INNER, 0.0153), (0.0153, 0.0173), (0.0173, OUTER))
+    ]
+    assert relative(field, sum(part[0] for part in parts)) < 1e-10
+    assert relative(gradient, sum(part[1] for part in parts)) < 1e-9
+
+
+def test_inside_the_winding():
+    """Shells inside and outside of the point's radius, panels shrinking towards it: the integrand jumps there."""
+    radius = 0.0153
+    points = np.array([[radius, 0.0, 0.004]])
+    steps = 0.25 ** np.arange(0, 14)
+    edges = np.concatenate(
+        [radius - (radius - INNER) * steps, [radius], (radius + (OUTER - radius) * steps)[::-1]]
+    )
+    reference = sum(shells(points, 10, low, high)[0] for low, high in zip(edges[:-1], edges[1:], strict=True))
+    assert relative(ring_flux_density(points, INNER, OUTER, HEIGHT, 10.0), reference) < 1e-9
+
+
+def test_curl_inside_is_mu0_j():
+    points = np.array([[0.012, 0.009, 0.01]])
+    gradient = ring_flux_density_and_gradient(points, INNER, OUTER, HEIGHT, 10.0)[1][0]
+    density = MU0 / ((OUTER - INNER) * HEIGHT)
+    curl = [gradient[2, 1] - gradient[1, 2], gradient[0, 2] - gradient[2, 0], gradient[1, 0] - gradient[0, 1]]
+    np.testing.assert_allclose(curl, density * np.array([-0.6, 0.8, 0]), atol=1e-9 * density)
+
+
+@pytest.mark.parametrize("distance", [0.19, 0.21, 0.24])
+def test_filaments_take_over_without_a_step(distance):
+    points = distance * np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
+    field, gradient = ring_flux_density_and_gradient(points, INNER, OUTER, HEIGHT, 12.0)
+    reference, reference_gradient = shells(points, 8)
+    assert relative(field, reference) < 1e-10
+    assert relative(gradient, reference_gradient) < 1e-10
+
+
+def test_no_hole_and_the_axis_of_it():
+    points = np.array([[0.0, 0.0, 0.03], [0.004, 0.003, -0.04]])
+    field = ring_flux_density(points, 0.0, 0.02, 0.01, 10.0)
+    assert np.all(np.isfinite(field))
+    h = [0.035, 0.025]
+    expected = MU0 / (2 * 0.02 * 0.01) * (h[0] * np.arcsinh(0.02 / h[0]) - h[1] * np.arcsinh(0.02 / h[1]))
+    assert field[0, 2] == pytest.approx(expected, rel=1e-10)
