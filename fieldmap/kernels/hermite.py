@@ -126,6 +126,18 @@ def contract(coefficients, currents, out):
                 target[node, m] += currents[coil] * source[node, coil, m]
 
 
+@njit(cache=True, nogil=True)
+def superpose(values, currents, out):
+    """out (n, m) = sum over coils of values (n, n_coils, m) times currents (n, n_coils), or (1, n_coils) for all."""
+    for p in range(values.shape[0]):
+        row = p if currents.shape[0] > 1 else 0
+        for m in range(values.shape[2]):
+            total = 0.0
+            for coil in range(values.shape[1]):
+                total += currents[row, coil] * values[p, coil, m]
+            out[p, m] = total
+
+
 @njit(**INLINED)
 def locate(point, lower, spacing, shape):
     """Cell (i, j, k) of a point and its coordinates (tx, ty, tz) in it, each 0..1.

@@ -1,5 +1,6 @@
 """Field, gradient and wrench at any point of a map, for any currents."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -153,11 +154,9 @@ class FieldMap:
         amperes = checked_currents(currents, self.coil_names, len(where))
         if amperes.ndim == 1 and len(where) > self._few:
             return self._interpolate(kernel, self._superposed_at(amperes), where, tails), single
+        rows = amperes if amperes.ndim == 2 else amperes[None]
         by_channel = self._interpolate(kernel, self._unit, where, tails)
-        rule = "nc...,nc->n..." if amperes.ndim == 2 else "nc...,c->n..."
-        shape = (len(where), len(self.coil_names), 3)
-        by_coil = (values.reshape(*shape, *values.shape[2:]) for values in by_channel)
-        return [np.einsum(rule, values, amperes) for values in by_coil], single
+        return [_superposed(values, rows) for values in by_channel], single
 
     def _interpolate(
         self, kernel: Callable[..., int], coefficients: Array, where: Array, tails: Tails
@@ -187,6 +186,15 @@ class FieldMap:
             f"{low * 1e3:g} to {high * 1e3:g}" for low, high in zip(self.lower, self.upper, strict=True)
         )
         return f"FieldMap({len(self.coil_names)} coils, box {corners} mm, {self._info.grid.size} nodes)"
+
+
+def _superposed(values: Array, currents: Array) -> Array:
+    """(n, 3, *tail): values (n, 3 n_coils, *tail) times currents (n, n_coils) or (1, n_coils), summed."""
+    n, tail = len(values), values.shape[2:]
+    result = np.empty((n, 3, *tail))
+    size = 3 * math.prod(tail)
+    hermite.superpose(values.reshape(n, currents.shape[1], size), currents, result.reshape(n, size))
+    return result
 
 
 def _unit_coefficients(data: MapData) -> Array:

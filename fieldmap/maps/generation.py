@@ -63,12 +63,17 @@ def generate(
     with open_writer(target, info, resume) as writer:
         if writer.note or writer.resumed:
             say(writer.note or f"resumed with {writer.resumed} of {len(writer.chunks)} parts", SOLVE)
-        solution = _solution(placed, order, writer, say)
-        _evaluate(solution, writer, say)
-        say("measuring the interpolant against the solver", MEASURE)
-        path = _finish(solution, writer)
+        _fill(writer, placed, order, say)
     say("complete", 1.0)
-    return path
+    return target
+
+
+def _fill(writer: MapWriter, device: Device, recipe: Recipe, say: Progress) -> None:
+    """All the long work."""
+    solution = _solution(device, recipe, writer, say)
+    _evaluate(solution, writer, say)
+    say("measuring the interpolant against the solver", MEASURE)
+    _finish(solution, writer)
 
 
 def _describe(recipe: Recipe, device: Device) -> MapInfo:
@@ -153,7 +158,7 @@ def _evaluate(solution: LinearSolution, writer: MapWriter, say: Progress) -> Non
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
 
 
-def _finish(solution: LinearSolution, writer: MapWriter) -> Path:
+def _finish(solution: LinearSolution, writer: MapWriter) -> None:
     parts = [writer.read(chunk) for chunk in writer.chunks]
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
     error = interpolation_error(
@@ -161,7 +166,7 @@ def _finish(solution: LinearSolution, writer: MapWriter) -> Path:
     )
     report: dict[str, Any] = asdict(solution.report)
     assumptions = tuple(report.pop("assumptions"))
-    return writer.finish(report, assumptions, error)
+    writer.finish(report, assumptions, error)
 
 
 def _silent(message: str, fraction: float) -> None:

@@ -60,6 +60,9 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
         raise MapFileError(
             *(Problem(where, p.must_hold, p.received, REMAKE) for p in error.problems)
         ) from error
+    except PermissionError as error:
+        remedy = "give yourself the right to read it"
+        raise MapFileError(Problem(where, "a file that can be read", "no permission", remedy)) from error
     except (*UNREADABLE, MemoryError) as error:
         received = f"a damaged or foreign file ({str(error).splitlines()[0] if str(error) else 'no text'})"
         raise MapFileError(Problem(where, "an undamaged map file", received, REMAKE)) from error

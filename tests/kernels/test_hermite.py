@@ -243,6 +243,19 @@ def test_no_cell_lies_beyond_the_grid():
     assert found > 100
 
 
+def test_superpose_takes_one_row_of_currents_or_one_each():
+    rng = np.random.default_rng(9)
+    values, currents = rng.normal(size=(4, 2, 9)), rng.normal(size=(4, 2))
+    out = np.empty((4, 9))
+    hermite.superpose(values, currents, out)
+    for p in range(4):
+        expected = currents[p, 0] * values[p, 0] + currents[p, 1] * values[p, 1]
+        np.testing.assert_allclose(out[p], expected, rtol=1e-14)
+    hermite.superpose(values, currents[2:3], out)
+    expected = currents[2, 0] * values[:, 0] + currents[2, 1] * values[:, 1]
+    np.testing.assert_allclose(out, expected, rtol=1e-14)
+
+
 def test_contract_superposes_the_coils():
     rng = np.random.default_rng(8)
     coefficients = rng.normal(size=(3, 2, 4, 6, 8))

@@ -208,6 +208,23 @@ def test_numbers_that_are_not_finite_are_not_written(large, tmp_path):
         assert len(writer.missing) == 9
 
 
+def test_a_full_disk_is_told_and_can_be_resumed(large, tmp_path, monkeypatch):
+    from fieldmap.store import writer as module
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "to_disk", full)
+            with pytest.raises(
+                FieldmapError, match="No space left on device; free space on the disk"
+            ) as caught:
+                writer.write(writer.chunks[0], large.flux_density[:, :1], large.gradient[:, :1])
+        assert caught.value.exit_code == 1
+        assert len(writer.missing) == 9
+
+
 def test_discard_keeps_finished_work_only(large, tmp_path):
     partial = partial_path(tmp_path / "map.h5")
     writer = open_writer(tmp_path / "map.h5", large)
