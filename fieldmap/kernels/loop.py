@@ -55,15 +55,6 @@ def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float
     return radial, axial, dz, drho
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
-def loop_potential(a: float, rho: float, z: float) -> float:
-    """A_phi / rho of a loop of radius a, T/A: the vector potential of docs/theory/coils.md (6)."""
-    q2 = (a + rho) ** 2 + z * z
-    d2 = (a - rho) ** 2 + z * z
-    k, s = complete_integrals(4.0 * a * rho / q2, math.sqrt(d2 / q2))
-    return MU0_OVER_2PI * 16.0 * a * a * k * s / (q2 * math.sqrt(q2))
-
-
 @numba.njit(cache=True, error_model="numpy")
 def _loop_block(a: float, rho: Array, z: Array, radial: Array, axial: Array) -> None:
     for i in range(len(rho)):

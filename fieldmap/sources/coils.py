@@ -16,10 +16,9 @@ FEWEST_DIGITS, MOST_DIGITS = 4, 14
 def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Array:
     """Flux density B (n, 3) of a coil carrying 1 A, T/A, at points (n, 3) or (3,) in m, global frame.
 
-    Turns and polarity are included; the current density is uniform over the winding section and J times that
-    section is turns times current: thesis eq. (2-6), docs/theory/coils.md eqs. (15)-(27). Finite and continuous
-    everywhere, inside the winding too. digits: decimal digits wanted, 4 to 14 (fewer are a little faster);
-    on the very surface of the winding about 8 are had at most.
+    Turns and polarity are included. The current density is uniform over the winding section: thesis eq. (2-6),
+    docs/theory/coils.md eqs. (15)-(26). Finite and continuous everywhere, inside the winding too. digits: decimal
+    digits wanted, 4 to 14, at any distance of a micrometre or more from the winding's surface; on it nine are had.
     Raises InputError for points of another shape or not finite, and for a path whose roundings do not fit.
 
     >>> from fieldmap.device.model import CircularCoil
@@ -37,8 +36,9 @@ def unit_flux_density_and_gradient(
 ) -> tuple[Array, Array]:
     """B (n, 3) in T/A and G (n, 3, 3), G[:, i, j] = dB_i/dx_j in T/(m A), of a coil as in `unit_flux_density`.
 
-    The gradient is analytic: symmetric and trace-free outside the winding, with curl B = mu0 J inside. It jumps at
-    the winding's surface and is logarithmically infinite on the edges of its section; docs/theory/coils.md eq. (19).
+    The gradient is analytic, docs/theory/coils.md eq. (19): symmetric and trace-free outside the winding, with
+    curl B = mu0 J inside. It jumps at the winding's surface and is logarithmically infinite on the edges of its
+    section, where a large finite number is returned.
     Raises InputError as `unit_flux_density`.
     """
     local = _local_points(coil, points)
