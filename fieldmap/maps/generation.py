@@ -135,6 +135,7 @@ def _solution(device: Device, recipe: Recipe, writer: MapWriter, say: Progress) 
             recipe.mu_r,
             recipe.tolerance,
             lambda message, fraction: say(message, SOLVE + fraction * (EVALUATE - SOLVE)),
+            recipe.refinement,
         )
     except FieldmapError:
         writer.discard()

@@ -28,8 +28,8 @@ class Recipe:
     """What map to make, in SI.
 
     device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper (3,) in m, or
-    None for the device's workspace. mu_r: None for the initial slope of the device's B-H table. file_name: of
-    the map. path and text: the file as read.
+    None for the device's workspace. mu_r: None for the initial slope of the device's B-H table. refinement:
+    divides the device's mesh sizes. file_name: of the map. path and text: the file as read.
     """
 
     path: Path
@@ -41,6 +41,7 @@ class Recipe:
     upper: Array | None
     mu_r: float | None
     tolerance: float
+    refinement: float
     reference_current: float
     file_name: str
 
@@ -78,6 +79,7 @@ def read_recipe(path_or_name: str | Path) -> Recipe:
         upper=np.array(box.upper_mm) * MILLI if box else None,
         mu_r=None if iron.mu_r == "initial" else float(iron.mu_r),
         tolerance=iron.tolerance,
+        refinement=iron.refinement,
         reference_current=output.reference_current_A,
         file_name=output.file or f"{path.stem}.h5",
     )

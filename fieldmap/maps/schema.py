@@ -77,6 +77,9 @@ class IronKeys(Table):
         default="initial", description='relative permeability, or "initial"'
     )
     tolerance: Annotated[float, Field(gt=0, le=0.1)] = Field(default=1e-3, description="of the solver")
+    refinement: Annotated[float, Field(ge=0.1, le=10)] = Field(
+        default=1.0, description="divides the device's mesh sizes"
+    )
 
 
 class OutputKeys(Table):

@@ -66,6 +66,16 @@ def test_iron_and_coil_against_the_closed_form_of_a_sphere(rig, recipe_text):
     assert opened.info.provenance.solver_report["surface_faces"] > 100
 
 
+def test_refinement_reaches_the_mesher(rig, recipe_text):
+    faces = []
+    for refinement in ("0.5", "1.0"):
+        lines = recipe_text.replace("pair.toml", "loop_and_sphere") + f"[iron]\nrefinement = {refinement}\n"
+        (rig / "sphere.toml").write_text(lines)
+        info = read_info(generate(rig / "sphere.toml", rig / "sphere.h5"))
+        faces.append(info.provenance.solver_report["surface_faces"])
+    assert faces[1] > 2 * faces[0]
+
+
 def test_recorded_interpolation_error_is_what_other_points_show(path, rig):
     opened = open_map(path)
     solution = solve_linear(read_device(rig / "pair.toml"))

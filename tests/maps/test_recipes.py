@@ -33,6 +33,7 @@ def test_everything_a_recipe_can_say(rig):
     model = "linear"
     mu_r = 4000
     tolerance = 1e-4
+    refinement = 1.5
     [output]
     file = "other.h5"
     reference_current_A = 1.5
@@ -41,6 +42,7 @@ def test_everything_a_recipe_can_say(rig):
     recipe = read_recipe(rig / "recipe.toml")
     assert (recipe.title, recipe.device, recipe.file_name) == ("All keys", "pair.toml", "other.h5")
     assert (recipe.mu_r, recipe.tolerance, recipe.reference_current) == (4000.0, 1e-4, 1.5)
+    assert recipe.refinement == 1.5
     np.testing.assert_allclose(recipe.spacing, [2e-3, 2.5e-3, 1e-3])
     np.testing.assert_allclose(recipe.lower, [-1e-3, -2e-3, -3e-3])
     np.testing.assert_allclose(recipe.upper, [9e-3, 8e-3, 7e-3])
@@ -85,6 +87,7 @@ MISTAKES = {
         "spacing_mm = 2\n[iron]\ntolerance = 2.0",
         "iron.tolerance: must be at most 0.1; received 2.0",
     ),
+    "no mesh": ("spacing_mm = 2\n[iron]\nrefinement = 0.0", "iron.refinement: must be at least 0.1"),
     "no tolerance": ("spacing_mm = 2\n[iron]\ntolerance = 0.0", "iron.tolerance: must be greater than 0"),
     "no current": (
         "spacing_mm = 2\n[output]\nreference_current_A = 0.0",
