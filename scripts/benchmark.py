@@ -76,6 +76,7 @@ def cases(count: int) -> list[Case]:
 
 
 def loop_case(points: Array) -> Case:
+    """Circular loop against magpylib's Circle."""
     radius = 0.02
     twin = magpylib.current.Circle(current=1.0, diameter=2 * radius)
     return Case(
@@ -88,6 +89,7 @@ def loop_case(points: Array) -> Case:
 
 
 def sheet_case(points: Array) -> Case:
+    """Cylindrical current sheet against the surface of a magnetised cylinder."""
     radius, height = 0.02, 0.039
     twin = magpylib.magnet.Cylinder(polarization=(0, 0, MU0 / height), dimension=(2 * radius, height))
     return Case(
@@ -100,6 +102,7 @@ def sheet_case(points: Array) -> Case:
 
 
 def triangle_case(points: Array) -> Case:
+    """One charged triangle, as on the iron's surface, against magpylib's Triangle."""
     corners = np.array([[[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.015, 0.0]]])
     normal, density = np.array([[0.0, 0.0, 1.0]]), np.array([1 / (4 * np.pi)])
     twin = magpylib.misc.Triangle(polarization=(0, 0, 1.0), vertices=corners[0])
@@ -113,6 +116,7 @@ def triangle_case(points: Array) -> Case:
 
 
 def coil_case(coil: CircularCoil | RoundedRectangleCoil, points: Array) -> Case:
+    """A coil of rectangular section against nested magnetised shells."""
     twin = magpylib_coil(coil, shells=8)
     return Case(
         f"{coil.name} (magpylib: 8 shells)",
@@ -136,6 +140,7 @@ def median_ns(function: Function, points: Array, repetitions: int) -> float:
 
 
 def measure(case: Case, repetitions: int) -> Row:
+    """Times and agreement of one case."""
     fewer = case.points[:: case.thin]
     ours = median_ns(case.field, case.points, repetitions)
     both = median_ns(case.field_and_gradient, case.points, repetitions)
@@ -146,6 +151,7 @@ def measure(case: Case, repetitions: int) -> Row:
 
 
 def machine() -> str:
+    """Processor and versions, one line."""
     name = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -159,6 +165,7 @@ def machine() -> str:
 
 
 def show(rows: list[Row], points: int, repetitions: int) -> None:
+    """Print the table."""
     console = Console(width=None if sys.stdout.isatty() else 110)
     console.print(machine(), highlight=False)
     table = Table(
@@ -180,6 +187,7 @@ def show(rows: list[Row], points: int, repetitions: int) -> None:
 
 
 def main() -> None:
+    """Command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -67,7 +69,7 @@ def test_inside_the_winding():
     edges = np.concatenate(
         [radius - (radius - INNER) * steps, [radius], (radius + (OUTER - radius) * steps)[::-1]]
     )
-    reference = sum(shells(points, 10, low, high)[0] for low, high in zip(edges[:-1], edges[1:], strict=True))
+    reference = sum(shells(points, 10, low, high)[0] for low, high in pairwise(edges))
     assert relative(ring_flux_density(points, INNER, OUTER, HEIGHT, 10.0), reference) < 1e-9
 
 
