@@ -1,7 +1,7 @@
 """Far from a winding: its section as Gauss-Legendre filaments, summed over slices like the exact section.
 
-The exact section integrals are differences over the four corners and lose (distance / size)^4 of the sixteen digits;
-filaments lose nothing. Names and frames as in `slice` and `arc`: docs/theory/coils.md (27).
+The exact section integrals are differences over the four corners and lose distance^4 / (section times enclosed area)
+of the sixteen digits; filaments lose nothing. Names and frames as in `slice` and `arc`: docs/theory/coils.md (27).
 """
 
 import math
@@ -10,16 +10,29 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
+from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, MOST_POINTS, gauss_start
 
 Array = NDArray[np.float64]
-FAR = 8.0  # distance from the middle of the winding, in units of its largest extent from there
+_NEAREST = 2.5  # extents of the winding: nearer, filaments converge too slowly
+_ROUNDING = 7e-16  # of the exact section's corner terms
 
 
 @numba.njit(cache=True, error_model="numpy")
-def section_points(half: float, distance: float, digits: float) -> int:
-    """Gauss-Legendre points over an extent of +-half seen from `distance` >= FAR * half."""
-    return int((digits + 2.0) / (2.0 * math.log10(2.0 * distance / half))) + 2
+def far_distance(size: float, volume: float, digits: float) -> float:
+    """Distance from the middle of a winding beyond which filaments are used, eq. (28).
+
+    size: largest extent of the winding from its middle; volume: section times a quarter of the enclosing rectangle,
+    m^4. The exact section loses distance^4 / volume of its digits.
+    """
+    kept = 10.0**-digits / _ROUNDING
+    return max(_NEAREST * size, (kept * volume) ** 0.25)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def section_points(half: float, gap: float, digits: float) -> int:
+    """Gauss-Legendre points over an extent of +-half of a winding at least `gap` away."""
+    q = 1.0 + gap / half
+    return min(MOST_POINTS, int((digits + 2.0) / (2.0 * math.log10(q + math.sqrt(q * q - 1.0)))) + 2)
 
 
 @numba.njit(cache=True, error_model="numpy", forceinline=True)
@@ -34,13 +47,21 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def far_arc(
-    azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float, digits: float
+    azimuths: Array,
+    n: int,
+    px: float,
+    py: float,
+    r1: float,
+    r2: float,
+    h1: float,
+    h2: float,
+    gap: float,
+    digits: float,
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """As `arc.arc_sum_gradient`, by filaments."""
+    """As `arc.arc_sum_gradient`, by filaments; the winding is at least `gap` away."""
     half_r, half_z = 0.5 * (r2 - r1), 0.5 * (h1 - h2)
     middle_r, middle_h = 0.5 * (r1 + r2), 0.5 * (h1 + h2)
-    distance = math.sqrt(px * px + py * py + middle_h * middle_h)
-    nr, nz = section_points(half_r, distance, digits), section_points(half_z, distance, digits)
+    nr, nz = section_points(half_r, gap, digits), section_points(half_z, gap, digits)
     bx, by, bz = 0.0, 0.0, 0.0
     g00, g01, g02, g10, g11, g12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(gauss_start(nr), gauss_start(nr + 1)):
@@ -67,21 +88,29 @@ def far_arc(
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
 def far_bar(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, digits: float
+    n: int,
+    v1: float,
+    v2: float,
+    X: float,
+    r1: float,
+    r2: float,
+    h1: float,
+    h2: float,
+    gap: float,
+    digits: float,
 ) -> tuple[float, float, float, float, float]:
-    """As `bar.bar_integrals_gradient`, by filaments with eight points along the bar."""
+    """As `bar.bar_integrals_gradient`, by filaments with n points along the bar, at least `gap` away."""
     half_r, half_z, half_v = 0.5 * (r2 - r1), 0.5 * (h1 - h2), 0.5 * (v2 - v1)
     middle_r, middle_h, middle_v = 0.5 * (r1 + r2), 0.5 * (h1 + h2), 0.5 * (v1 + v2)
-    distance = math.sqrt(X * X + middle_h * middle_h + middle_v * middle_v)
-    nr, nz = section_points(half_r, distance, digits), section_points(half_z, distance, digits)
+    nr, nz = section_points(half_r, gap, digits), section_points(half_z, gap, digits)
     outward, axial, dX, dv, dz = 0.0, 0.0, 0.0, 0.0, 0.0
-    start = gauss_start(8)
+    start = gauss_start(n)
     for i in range(gauss_start(nr), gauss_start(nr + 1)):
         r = middle_r + half_r * GAUSS_NODES[i]
         for j in range(gauss_start(nz), gauss_start(nz + 1)):
             h = middle_h + half_z * GAUSS_NODES[j]
             area = half_r * half_z * half_v * GAUSS_WEIGHTS[i] * GAUSS_WEIGHTS[j]
-            for k in range(8):
+            for k in range(n):
                 weight = area * GAUSS_WEIGHTS[start + k]
                 a, b, c, d, e = filament_slice(X, middle_v + half_v * GAUSS_NODES[start + k], r, h)
                 outward += weight * a

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.arc import MOST_AZIMUTHS, arc_azimuths, arc_sum, arc_sum_gradient, even_azimuths
-from fieldmap.kernels.bar import bar_integrals, bar_integrals_gradient
+from fieldmap.kernels.bar import bar_integrals, bar_integrals_gradient, bar_points
 from fieldmap.kernels.constants import MU0_OVER_4PI
-from fieldmap.kernels.filament import FAR, far_arc, far_bar
+from fieldmap.kernels.filament import far_arc, far_bar, far_distance
 from fieldmap.kernels.quadrature import rule_limits
 
 Array = NDArray[np.float64]
@@ -145,8 +145,8 @@ def current_direction(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[float, float, float]:
-    """Middle x, y of the bounding box of the path's pieces and the largest distance of the winding from there."""
+def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[float, float, float, float]:
+    """Of the bounding box of the path's pieces: middle x, y; half diagonal; a quarter of its area in the plane."""
     low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
     for k in range(len(arcs)):
         low_x, high_x = min(low_x, arcs[k, 0] - arcs[k, 6]), max(high_x, arcs[k, 0] + arcs[k, 6])
@@ -156,8 +156,9 @@ def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[f
         along = abs(bars[k, 4] * bars[k, 3]) + 0.5 * thickness
         low_x, high_x = min(low_x, bars[k, 0] - across), max(high_x, bars[k, 0] + across)
         low_y, high_y = min(low_y, bars[k, 1] - along), max(high_y, bars[k, 1] + along)
-    size = math.sqrt(0.25 * ((high_x - low_x) ** 2 + (high_y - low_y) ** 2 + height * height))
-    return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size
+    width, depth = high_x - low_x, high_y - low_y
+    size = 0.5 * math.sqrt(width * width + depth * depth + height * height)
+    return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size, 0.25 * width * depth
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -171,25 +172,32 @@ def add_far(
     y: float,
     h1: float,
     h2: float,
+    gap: float,
     even: Array,
+    limits: Array,
+    azimuths: Array,
     digits: float,
 ) -> None:
-    """Add the field integrals and in-plane gradients of all pieces, seen from far away."""
+    """Add the field integrals and in-plane gradients of all pieces, seen from `gap` or more away."""
+    t = half_thickness
     for k in range(len(arcs)):
         arc = arcs[k]
         px, py = x - arc[0], y - arc[1]
         mx, my, s = arc[2], arc[3], arc[7]
         px, py = px * mx + py * my, py * mx - px * my
-        r = far_arc(even[k], 8, px, py, arc[5], arc[6], h1, h2, digits)
+        n = arc_azimuths(px, py, arc, h1, h2, even[k], limits, azimuths)
+        r = far_arc(azimuths, n, px, py, arc[5], arc[6], h1, h2, gap, digits)
         B[0] += s * (mx * r[0] - my * r[1])
         B[1] += s * (my * r[0] + mx * r[1])
         B[2] += s * r[2]
         add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
     for k in range(len(bars)):
-        tx, ty = bars[k, 2], bars[k, 3]
+        tx, ty, half = bars[k, 2], bars[k, 3], bars[k, 4]
         px, py = x - bars[k, 0], y - bars[k, 1]
         v, X = px * tx + py * ty, px * ty - py * tx
-        q = far_bar(v - bars[k, 4], v + bars[k, 4], X, -half_thickness, half_thickness, h1, h2, digits)
+        n = bar_points(v - half, v + half, X, -t, t, h1, h2, limits)
+        n = 32 if n == 0 else n
+        q = far_bar(n, v - half, v + half, X, -t, t, h1, h2, gap, digits)
         B[0] += ty * q[0]
         B[1] -= tx * q[0]
         B[2] += q[1]
@@ -226,14 +234,32 @@ def path_flux_density(
     field = np.zeros((count, 3))
     factor = MU0_OVER_4PI / (thickness * height)
     limits, even = rule_limits(digits), _even_tables(arcs)
-    mid_x, mid_y, size = extent(arcs, bars, thickness, height)
+    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
+    far = far_distance(size, thickness * height * quarter, digits)
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         azimuths, unused = np.empty((3, MOST_AZIMUTHS)), np.empty((3, 3))
         for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             h1, h2 = z + 0.5 * height, z - 0.5 * height
-            if (x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z > (FAR * size) ** 2:
-                add_far(field[i], unused, arcs, bars, 0.5 * thickness, x, y, h1, h2, even, digits)
+            distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
+            if distance > far:
+                gap = distance - size
+                add_far(
+                    field[i],
+                    unused,
+                    arcs,
+                    bars,
+                    0.5 * thickness,
+                    x,
+                    y,
+                    h1,
+                    h2,
+                    gap,
+                    even,
+                    limits,
+                    azimuths,
+                    digits,
+                )
                 field[i] *= factor
                 continue
             for k in range(len(arcs)):
@@ -253,15 +279,18 @@ def path_flux_density_and_gradient(
     field, gradient = np.zeros((count, 3)), np.zeros((count, 3, 3))
     factor = MU0_OVER_4PI / (thickness * height)
     limits, even = rule_limits(digits), _even_tables(arcs)
-    mid_x, mid_y, size = extent(arcs, bars, thickness, height)
+    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
+    far = far_distance(size, thickness * height * quarter, digits)
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         azimuths = np.empty((3, MOST_AZIMUTHS))
         for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             h1, h2 = z + 0.5 * height, z - 0.5 * height
             B, G = field[i], gradient[i]
-            if (x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z > (FAR * size) ** 2:
-                add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, even, digits)
+            distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
+            if distance > far:
+                gap = distance - size
+                add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, gap, even, limits, azimuths, digits)
             else:
                 for k in range(len(arcs)):
                     add_arc_gradient(B, G, arcs[k], x, y, h1, h2, even[k], limits, azimuths)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fieldmap.kernels.arc import MOST_AZIMUTHS, arc_sum, arc_sum_gradient, graded_panel
 from fieldmap.kernels.constants import MU0_OVER_4PI
-from fieldmap.kernels.filament import FAR, far_arc
+from fieldmap.kernels.filament import far_arc, far_distance
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.kernels.meridian import set_field, set_gradient
 from fieldmap.kernels.quadrature import MARGIN, STEP, rule_limits, section_distance
@@ -94,17 +94,19 @@ def ring_flux_density(points: Array, inner: float, outer: float, height: float, 
     field = np.empty((count, 3))
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
     limits, tables = rule_limits(digits), _equal_tables()
-    far = FAR * FAR * (outer * outer + half * half)
+    size = math.sqrt(outer * outer + half * half)
+    far = far_distance(size, (outer - inner) * height * outer * outer, digits)
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         azimuths = np.empty((3, MOST_AZIMUTHS))
         for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             rho = math.sqrt(x * x + y * y)
+            distance = math.sqrt(rho * rho + z * z)
             h1, h2 = z + half, z - half
             n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-            if rho * rho + z * z > far:
+            if distance > far:
                 radial, _, axial, _, _, _, _, _, _ = far_arc(
-                    azimuths, n, rho, 0.0, inner, outer, h1, h2, digits
+                    azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits
                 )
             else:
                 radial, _, axial = arc_sum(azimuths, n, rho, 0.0, inner, outer, h1, h2)
@@ -121,16 +123,18 @@ def ring_flux_density_and_gradient(
     field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
     limits, tables = rule_limits(digits), _equal_tables()
-    far = FAR * FAR * (outer * outer + half * half)
+    size = math.sqrt(outer * outer + half * half)
+    far = far_distance(size, (outer - inner) * height * outer * outer, digits)
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         azimuths = np.empty((3, MOST_AZIMUTHS))
         for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             rho = math.sqrt(x * x + y * y)
+            distance = math.sqrt(rho * rho + z * z)
             h1, h2 = z + half, z - half
             n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-            if rho * rho + z * z > far:
-                r = far_arc(azimuths, n, rho, 0.0, inner, outer, h1, h2, digits)
+            if distance > far:
+                r = far_arc(azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits)
             else:
                 r = arc_sum_gradient(azimuths, n, rho, 0.0, inner, outer, h1, h2)
             within = inner < rho < outer and h1 > 0.0 and h2 < 0.0

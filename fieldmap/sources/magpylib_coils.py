@@ -2,7 +2,7 @@
 
 A winding of uniform current density is a stack of current sheets, one inside the other, and a current sheet is
 the surface of a uniformly magnetised prism: J = mu0 N I / height inside the sheet's outline, along the axis. The
-shells lie at Gauss-Legendre points of the winding's thickness; docs/theory/coils.md (28).
+shells lie at Gauss-Legendre points of the winding's thickness; docs/theory/coils.md (29).
 """
 
 import math

@@ -83,6 +83,7 @@ def test_gradient_equals_differences(point):
 
 
 def test_extent_encloses_the_winding():
-    x, y, size = extent(quarter_arcs(SHIFT), side_bars(SHIFT), THICKNESS, HEIGHT)
+    x, y, size, quarter = extent(quarter_arcs(SHIFT), side_bars(SHIFT), THICKNESS, HEIGHT)
     assert (x, y) == pytest.approx((0, 0), abs=1e-15)
+    assert quarter == pytest.approx(0.025**2)
     assert size == pytest.approx(np.sqrt(2 * 0.025**2 + 0.0195**2))

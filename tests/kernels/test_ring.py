@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.kernels.constants import MU0
+from fieldmap.kernels.loop import loop_flux_density_and_gradient
 from fieldmap.kernels.ring import ring_flux_density, ring_flux_density_and_gradient
 from fieldmap.kernels.sheet import sheet_flux_density_and_gradient
 
@@ -81,13 +82,36 @@ def test_curl_inside_is_mu0_j():
     np.testing.assert_allclose(curl, density * np.array([-0.6, 0.8, 0]), atol=1e-9 * density)
 
 
-@pytest.mark.parametrize("distance", [0.19, 0.21, 0.24])
+@pytest.mark.parametrize("distance", [0.11, 0.12, 0.13, 0.14, 0.2])
 def test_filaments_take_over_without_a_step(distance):
+    """For twelve digits that is at 0.125 m."""
     points = distance * np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
     field, gradient = ring_flux_density_and_gradient(points, INNER, OUTER, HEIGHT, 12.0)
-    reference, reference_gradient = shells(points, 8)
-    assert relative(field, reference) < 1e-10
-    assert relative(gradient, reference_gradient) < 1e-10
+    reference, reference_gradient = shells(points, 12)
+    assert relative(field, reference) < 1e-11
+    assert relative(gradient, reference_gradient) < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "height"),
+    [(0.01, 0.02, 1.0), (0.01, 0.011, 0.1), (0.1, 0.101, 0.001), (0.01, 0.02, 0.0005)],
+    ids=["rod", "tube", "hoop", "disk"],
+)
+def test_odd_shapes_keep_their_digits_at_all_distances(inner, outer, height):
+    size = np.hypot(outer, height / 2)
+    points = size * np.array([1.5, 3.0, 5.0, 8.0, 20.0])[:, None] * np.array([0.6, 0.0, 0.8])
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    nodes_r, weights_r = np.polynomial.legendre.leggauss(8)
+    reference, reference_gradient = 0, 0
+    for node, weight in zip(nodes, weights / 2, strict=True):
+        for node_r, weight_r in zip(nodes_r, weights_r / 2, strict=True):
+            radius = (inner + outer + node_r * (outer - inner)) / 2
+            one, two = loop_flux_density_and_gradient(points - [0, 0, node * height / 2], radius)
+            reference = reference + weight * weight_r * one
+            reference_gradient = reference_gradient + weight * weight_r * two
+    field, gradient = ring_flux_density_and_gradient(points, inner, outer, height, 10.0)
+    assert relative(field, reference) < 2e-10
+    assert relative(gradient, reference_gradient) < 2e-10
 
 
 def test_no_hole_and_the_axis_of_it():
