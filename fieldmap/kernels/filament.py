@@ -14,7 +14,7 @@ from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, MOST_POINTS, gaus
 
 Array = NDArray[np.float64]
 _NEAREST = 2.5  # extents of the winding: nearer, filaments converge too slowly
-_ROUNDING = 7e-16  # of the exact section's corner terms
+_ROUNDING = 2.5e-15  # of the exact section's corner terms
 
 
 @numba.njit(cache=True, error_model="numpy")

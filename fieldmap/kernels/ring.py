@@ -43,7 +43,7 @@ def _equal_points(nearness2: float, digits: float) -> int:
     """Equal steps whose error exp(-2 n depth), sinh(depth/2) = sqrt(nearness2), is small enough; 0: too many."""
     for k in range(_MOST_EQUAL // STEP):
         n = STEP * (k + 1)
-        bound = math.sinh(math.log(10.0) * (digits + MARGIN) / (4.0 * n))
+        bound = math.sinh(math.log(10.0) * (digits + MARGIN + 1.0) / (4.0 * n))
         if nearness2 >= bound * bound:
             return n
     return 0
