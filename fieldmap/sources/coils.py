@@ -28,7 +28,8 @@ def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Ar
     """
     local = _local_points(coil, points)
     field = _local_field(coil, local, _checked_digits(digits))
-    return coil.turns * coil.polarity * field @ coil.placement.rotation.T
+    field *= coil.turns * coil.polarity
+    return field if _is_upright(coil) else field @ coil.placement.rotation.T
 
 
 def unit_flux_density_and_gradient(
@@ -43,9 +44,17 @@ def unit_flux_density_and_gradient(
     """
     local = _local_points(coil, points)
     field, gradient = _local_field_and_gradient(coil, local, _checked_digits(digits))
-    ampere_turns = coil.turns * coil.polarity
+    field *= coil.turns * coil.polarity
+    gradient *= coil.turns * coil.polarity
+    if _is_upright(coil):
+        return field, gradient
     rotation = coil.placement.rotation
-    return ampere_turns * field @ rotation.T, ampere_turns * (rotation @ gradient @ rotation.T)
+    return field @ rotation.T, rotation @ gradient @ rotation.T
+
+
+def _is_upright(coil: Coil) -> bool:
+    """Nothing to turn: the usual case, and turning small matrices costs as much as the field."""
+    return bool(np.array_equal(coil.placement.rotation, np.eye(3)))
 
 
 def _local_field(coil: Coil, points: Array, digits: float) -> Array:
@@ -98,4 +107,5 @@ def checked_points(points: ArrayLike, where: str) -> Array:
 
 def _local_points(coil: Coil, points: ArrayLike) -> Array:
     checked = checked_points(points, "points")
-    return np.ascontiguousarray((checked - coil.placement.position) @ coil.placement.rotation)
+    local = checked - coil.placement.position
+    return local if _is_upright(coil) else np.ascontiguousarray(local @ coil.placement.rotation)
