@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fieldmap.device import read_device as read_device
+    from fieldmap.iron import solve as solve
     from fieldmap.iron import solve_linear as solve_linear
     from fieldmap.levitation import find_equilibrium as find_equilibrium
     from fieldmap.lookup import open_map as open_map
@@ -19,6 +20,7 @@ __version__ = "0.1.0"
 _DOORS = {
     "read_device": "fieldmap.device",
     "solve_linear": "fieldmap.iron",
+    "solve": "fieldmap.iron",
     "generate": "fieldmap.maps",
     "open_map": "fieldmap.lookup",
     "find_equilibrium": "fieldmap.levitation",

@@ -3,15 +3,19 @@
 from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.linear import solve_linear
 from fieldmap.iron.mesh import IronMesh, generate_mesh
+from fieldmap.iron.nonlinear import NonlinearSolution, NonlinearSolver, solve
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
 
 __all__ = [
     "IronMesh",
     "LinearSolution",
+    "NonlinearSolution",
+    "NonlinearSolver",
     "SolverReport",
     "check_geometry",
     "generate_mesh",
     "geometry_notes",
+    "solve",
     "solve_linear",
 ]

@@ -9,6 +9,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.errors import NotConverged, Problem
+
 Array = NDArray[np.float64]
 
 
@@ -45,3 +47,19 @@ def block_gmres(
             break
     x = sum(basis[j] * coefficients[:, j] for j in range(coefficients.shape[1]))
     return np.asarray(x) * norm, history
+
+
+def require_convergence(what: str, residuals: tuple[float, ...], tolerance: float) -> None:
+    """Raise NotConverged, with the history, unless the last residual is within the tolerance."""
+    if residuals and residuals[-1] <= tolerance:
+        return
+    last = f"{residuals[-1]:.2e} after {len(residuals)} steps" if residuals else "no step"
+    raise NotConverged(
+        Problem(
+            f"iron solver, {what}",
+            f"the residual must fall to {tolerance:g}",
+            last,
+            "loosen the tolerance, or look for slivers: bodies that nearly touch, very thin parts",
+        ),
+        residuals=residuals,
+    )

@@ -5,22 +5,30 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SolverReport:
-    """Counts, times and residuals of one linear solve.
+    """Counts, times and residuals of one solve.
 
-    tetrahedra, surface_faces, charged_faces: size of the problem; magnetic_bodies: connected pieces of iron;
-    seconds: wall time per step; iterations and residual: of the worst source; matrix_bytes: memory of the dense
-    matrix; assumptions: everything the result rests on that the device file or the caller chose.
+    form: "potential" (second order) or "flux" (lowest order), see docs/theory/iron.md; tetrahedra, surface_faces,
+    charged_faces, unknowns: size of the problem; magnetic_bodies: connected pieces of iron; iterations and residual:
+    of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the dense matrix and its factor;
+    seconds: wall time per step; assumptions: everything the result rests on that the device file or the caller
+    chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
+    lies above the last point of their B-H table; below_table: below the first.
     """
 
+    form: str
     tetrahedra: int
     surface_faces: int
     charged_faces: int
+    unknowns: int
     magnetic_bodies: int
     iterations: int
     residual: float
     matrix_bytes: int
     seconds: dict[str, float]
     assumptions: tuple[str, ...]
+    largest_flux_density: float | None = None
+    beyond_table: int = 0
+    below_table: int = 0
 
     @property
     def total_seconds(self) -> float:
@@ -29,7 +37,9 @@ class SolverReport:
 
     def __str__(self) -> str:
         steps = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
+        peak = "" if self.largest_flux_density is None else f", iron up to {self.largest_flux_density:.2f} T"
         return (
-            f"{self.tetrahedra} tetrahedra, {self.surface_faces} surface faces, {self.magnetic_bodies} magnetic "
-            f"bodies; {self.iterations} iterations to {self.residual:.1e}; {self.total_seconds:.1f} s ({steps})"
+            f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
+            f"faces, {self.magnetic_bodies} magnetic bodies{peak}; {self.iterations} iterations to "
+            f"{self.residual:.1e}; {self.total_seconds:.1f} s ({steps})"
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldmap.device.model import Device
 from fieldmap.iron import LinearSolution, SolverReport
-from fieldmap.iron.problem import LinearState
+from fieldmap.iron.state import IronState
 from fieldmap.iron.surface import ChargedFaces
 
 _FACES = [field.name for field in fields(ChargedFaces)]
@@ -36,7 +36,7 @@ def from_arrays(device: Device, arrays: Mapping[str, np.ndarray], about: Mapping
     if arrays:
         faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[name]) for name in _FACES})
         density = np.ascontiguousarray(arrays["density"])
-        state = LinearState(
-            faces, density, np.empty((len(density), 0, 4)), report.iterations, (report.residual,)
+        state = IronState(
+            faces, density, np.empty((len(density), 0, 3)), report.iterations, (report.residual,)
         )
     return LinearSolution(device.coils, None, state, bool(about["has_remanence"]), report)

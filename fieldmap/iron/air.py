@@ -1,0 +1,75 @@
+"""Checked evaluation of solved iron at points, shared by the solution objects."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.inside import containing_element
+from fieldmap.iron.mesh import IronMesh, volumes
+
+Array = NDArray[np.float64]
+
+
+def checked_points(points: ArrayLike) -> tuple[Array, bool]:
+    """Points (n, 3) and whether a single point (3,) was given. Raises InputError unless finite and of such a shape."""
+    x = np.ascontiguousarray(points, dtype=float)
+    if x.shape[-1:] != (3,) or x.ndim > 2 or not np.isfinite(x).all():
+        raise InputError(
+            Problem(
+                "points",
+                "points must be finite and of shape (n, 3) or (3,)",
+                f"shape {x.shape}",
+                "give x, y, z in m",
+            )
+        )
+    return np.atleast_2d(x), x.ndim == 1
+
+
+def checked_currents(currents: ArrayLike, names: tuple[str, ...]) -> Array:
+    """Currents (c,) in A. Raises InputError unless there is one finite value per coil name."""
+    values = np.atleast_1d(np.asarray(currents, dtype=float))
+    if values.shape != (len(names),) or not np.isfinite(values).all():
+        raise InputError(
+            Problem(
+                "currents",
+                f"there must be {len(names)} finite currents, one per coil ({', '.join(names)})",
+                f"shape {values.shape}: {values}",
+                "give them in the order of the device file",
+            )
+        )
+    return values
+
+
+def refuse_inside(mesh: IronMesh | None, x: Array) -> None:
+    """Raise InputError if a point (n, 3) lies inside the iron, where the solver defines no gradient."""
+    if mesh is None:
+        return
+    element = containing_element(mesh, x)
+    inside = np.flatnonzero(element >= 0)
+    if len(inside):
+        name = mesh.body_names[mesh.body[element[inside[0]]]]
+        raise InputError(
+            Problem(
+                "points",
+                "the gradient is defined outside the iron only",
+                f"{len(inside)} of {len(x)} points inside, the first at {x[inside[0]]} m in body '{name}'",
+                "keep the points in the air",
+            )
+        )
+
+
+def mean_over_body(mesh: IronMesh | None, body: str, flux_density: Array) -> Array:
+    """Volume mean (3,) over a named body of the flux density (e, 3). Raises InputError for an unknown name."""
+    names = mesh.body_names if mesh is not None else ()
+    if mesh is None or body not in names:
+        raise InputError(
+            Problem(
+                "flux_density, body",
+                f"the name must be one of {', '.join(names)}",
+                repr(body),
+                "use one of these",
+            )
+        )
+    mine = mesh.body == names.index(body)
+    volume = volumes(mesh.points, mesh.tets)[mine]
+    return volume @ flux_density[mine] / volume.sum()

@@ -1,0 +1,204 @@
+"""The public door to saturating iron: one state of the device at given currents."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.device.model import BHTable, Coil, Device, FluxBarrier, LinearMaterial, PermanentMagnet
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.assembled import assemble
+from fieldmap.iron.bh_law import law_tables
+from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.inside import containing_element
+from fieldmap.iron.mesh import IronMesh, generate_mesh
+from fieldmap.iron.nodal_elements import CoilField
+from fieldmap.iron.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.iron.report import SolverReport
+from fieldmap.iron.stages import Progress, Stages
+from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+
+Array = NDArray[np.float64]
+# Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
+_RESIDUAL_PER_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class NonlinearSolution:
+    """Coils and saturating iron at fixed currents. Fields in T, gradients in T/m, points (n, 3) or (3,) in m."""
+
+    coils: tuple[Coil, ...]
+    currents: Array
+    mesh: IronMesh
+    state: PotentialState
+    report: SolverReport
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return tuple(coil.name for coil in self.coils)
+
+    def field(self, points: ArrayLike) -> Array:
+        """Flux density (n, 3) or (3,); inside the iron the mean of the element. Raises InputError for bad points."""
+        x, single = checked_points(points)
+        b = self.state.iron.faces.field(x, self.state.iron.density)[0]
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            b += current * unit_flux_density(coil, x)
+        element = containing_element(self.mesh, x)
+        inside = element >= 0
+        b[inside] = self.state.iron.flux_density[0, element[inside]]
+        return b[0] if single else b
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), outside the iron. Raises InputError for points inside it."""
+        x, single = checked_points(points)
+        refuse_inside(self.mesh, x)
+        g = self.state.iron.faces.field_and_gradient(x, self.state.iron.density)[1][0]
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            g += current * unit_flux_density_and_gradient(coil, x)[1]
+        return g[0] if single else g
+
+    def flux_density(self, body: str) -> Array:
+        """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
+        return mean_over_body(self.mesh, body, self.state.iron.flux_density[0])
+
+
+class NonlinearSolver:
+    """A device meshed and assembled once, for any number of current states.
+
+    refinement divides the mesh sizes of the device file. Raises GeometryError and InputError like `solve`.
+    """
+
+    def __init__(self, device: Device, refinement: float = 1.0, progress: Progress | None = None) -> None:
+        self.device = device
+        self._progress = progress
+        _require_soft_bodies(device)
+        stages = Stages(progress)
+        stages.next("checking the geometry", 0.0)
+        check_geometry(device)
+        stages.next("meshing the iron", 0.02)
+        mesh = generate_mesh(device, refinement)
+        stages.next("mutual potentials of the faces", 0.1)
+        self._iron = assemble(mesh)
+        stages.next("air operator", 0.4)
+        self._form = PotentialForm(self._iron)
+        stages.next("field of the coils in the iron", 0.5)
+        coils = device.coils
+        self._unit = self._form.elements.coil_field(
+            lambda x: np.stack([unit_flux_density(c, x) for c in coils])
+        )
+        stages.done("assembled")
+        self._seconds = stages.seconds
+        materials = [device.materials[body.material] for body in device.bodies]
+        remanence = [m.remanence if isinstance(m, PermanentMagnet) else np.zeros(3) for m in materials]
+        self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
+
+    def solve(
+        self, currents: ArrayLike, tolerance: float = 1e-3, start: NonlinearSolution | None = None
+    ) -> NonlinearSolution:
+        """The state at currents (c,) in A, from `start` (a neighbouring state of this solver) or from zero.
+
+        Raises InputError for bad arguments, NotConverged with the residual history.
+        """
+        values = checked_currents(currents, self.device.coil_names)
+        if not (np.isfinite(tolerance) and 0 < tolerance < 1):
+            raise InputError(
+                Problem("solve, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
+            )
+        field = CoilField(
+            np.einsum("c,ced->ed", values, self._unit.constant)[None], (values @ self._unit.bubble)[None]
+        )
+        stages = Stages(self._progress)
+        stages.next("Newton iteration", 0.6)
+        begin = None if start is None else start.state.potential
+        state = self._form.solve(self._material, field, tolerance * _RESIDUAL_PER_TOLERANCE, begin)
+        stages.done()
+        report = self._report(state, {**({} if start else self._seconds), **stages.seconds})
+        return NonlinearSolution(self.device.coils, values, self._iron.mesh, state, report)
+
+    def _report(self, state: PotentialState, seconds: dict[str, float]) -> SolverReport:
+        low, high = self._material.tables.range_h[:, self._material.law]
+        largest = state.largest_h[0]
+        return SolverReport(
+            form="potential",
+            tetrahedra=len(self._iron.mesh.tets),
+            surface_faces=len(self._iron.surface.areas),
+            charged_faces=len(self._iron.surface.areas),
+            unknowns=self._form.elements.count,
+            magnetic_bodies=self._iron.magnetic_bodies,
+            iterations=state.iron.iterations,
+            residual=state.iron.residuals[-1],
+            matrix_bytes=self._iron.mutual.bytes,
+            seconds=seconds,
+            assumptions=_assumptions(self.device) + geometry_notes(self.device),
+            largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
+            beyond_table=int((largest > high).sum()),
+            below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),
+        )
+
+
+def solve(
+    device: Device,
+    currents: ArrayLike,
+    tolerance: float = 1e-3,
+    progress: Progress | None = None,
+    refinement: float = 1.0,
+) -> NonlinearSolution:
+    """Solve a device with nonlinear iron at currents (c,) in A.
+
+    Second-order potential form, Newton's method with exact line search (docs/theory/iron.md). tolerance bounds the
+    algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. For many currents
+    make a `NonlinearSolver` once. Raises GeometryError if bodies, windings and workspace do not fit together,
+    InputError for bad arguments or a body without a B(H) law, NotConverged with the residual history.
+
+    >>> import fieldmap as fm
+    >>> state = fm.solve(fm.read_device("loop_and_sphere"), currents=[1.0])
+    >>> print(f"{1e3 * state.field([0.0, 0.0, -0.014])[2]:.2f} mT")
+    1.01 mT
+    """
+    return NonlinearSolver(device, refinement, progress).solve(currents, tolerance)
+
+
+def _require_soft_bodies(device: Device) -> None:
+    if not device.bodies:
+        raise InputError(
+            Problem(
+                f"device '{device.name}'",
+                "there must be iron for a nonlinear solve",
+                "no bodies",
+                "use solve_linear",
+            )
+        )
+    problems = []
+    for body in device.bodies:
+        material = device.materials[body.material]
+        given = ""
+        if isinstance(material, FluxBarrier):
+            given = "an ideal flux barrier"
+        elif not isinstance(material, BHTable) and material.mu_r < 1:
+            given = f"mu_r = {material.mu_r:g}"
+        if given:
+            where = f"device '{device.name}', body '{body.name}'"
+            problems.append(
+                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, "use solve_linear")
+            )
+    if problems:
+        raise InputError(*problems)
+
+
+def _assumptions(device: Device) -> tuple[str, ...]:
+    used = dict.fromkeys(body.material for body in device.bodies)
+    notes = []
+    for name in used:
+        material = device.materials[name]
+        if isinstance(material, BHTable):
+            notes.append(
+                f"iron '{name}': single-valued B-H table, {material.below} below {material.b[0]:g} T, "
+                f"{material.above} above {material.b[-1]:g} T; no hysteresis"
+            )
+        elif isinstance(material, PermanentMagnet):
+            notes.append(f"magnet '{name}': constant mu_r = {material.mu_r:g}")
+        elif isinstance(material, LinearMaterial):
+            notes.append(f"iron '{name}': linear, mu_r = {material.mu_r:g}")
+    return tuple(notes)

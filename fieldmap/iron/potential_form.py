@@ -1,0 +1,196 @@
+"""The iron by a scalar potential of second order: H = t - grad phi inside, charges on the surface outside.
+
+Minimises a convex functional of the nodal potential phi. With b(h) the material's law, t the coil field
+(`fieldmap.iron.nodal_elements`) and S the air (`fieldmap.iron.exterior`),
+
+    R(phi) . v  =  int (b(t - grad phi) + b_r - t) . grad v dV  -  (S phi) . v  =  0      for all nodal v.
+
+The tangent is -(int grad (db/dh) grad + S): symmetric and, for db/dh >= 1, positive. H is tangentially continuous by
+construction, B only in the mean: the complement of the flux form (`fieldmap.iron.flux_form`), with errors of the
+other sign in closed magnetic circuits.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, diags
+
+from fieldmap.iron.assembled import AssembledIron
+from fieldmap.iron.bh_law import LawTables
+from fieldmap.iron.exterior import Exterior, factored
+from fieldmap.iron.krylov import block_gmres, require_convergence
+from fieldmap.iron.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.state import IronState
+from fieldmap.kernels import quadratic_potential as kernel
+
+Array = NDArray[np.float64]
+_MAX_LINEAR_STEPS = 80
+_MAX_NEWTON_STEPS = 40
+# The inverse of W inside a Newton step needs few digits; the residual needs all.
+_COARSE = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PotentialState:
+    """Nodal potential (n, c), largest mu0 H (c, e) of every element, and the iron's charges and flux densities."""
+
+    potential: Array
+    largest_h: Array
+    iron: IronState
+
+
+@dataclass(frozen=True, eq=False)
+class Magnetisation:
+    """The material of every element: index of its law (e,), tables of the laws, remanence (c, e, 3) per source, T."""
+
+    law: NDArray[np.int64]
+    tables: LawTables
+    remanence: Array
+
+
+class PotentialForm:
+    """One mesh in the potential form."""
+
+    def __init__(self, iron: AssembledIron) -> None:
+        self.iron = iron
+        self.elements = elements = NodalElements.from_mesh(iron.mesh, iron.topology)
+        nothing = CoilField(np.zeros((1, len(elements.volume), 3)), np.zeros((1, elements.count)))
+        vacuum = Magnetisation(np.zeros(len(elements.volume), np.int64), _unit_law(), nothing.constant)
+        self._exterior = Exterior(
+            elements, iron.mutual, self._tangent(np.zeros(elements.count), nothing, 0, vacuum)
+        )
+        one = np.ones((elements.count, 1))
+        # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
+        capacity = float((one.T @ self._exterior.apply(one))[0, 0])
+        mass = elements.face_mean.T @ iron.surface.areas
+        self._capacity = diags(mass * (capacity / mass.sum()))
+
+    def solve_linear(self, material: Magnetisation, field: CoilField, tolerance: float) -> PotentialState:
+        """All sources at once, for laws that are straight lines. Raises NotConverged."""
+        zero = np.zeros(self.elements.count)
+        stiffness = self._tangent(zero, field, 0, material)
+        factor = factored(stiffness + self._capacity)
+        right = np.column_stack([self._residual(zero, field, c, material) for c in range(len(field.bubble))])
+
+        def operator(x: Array) -> Array:
+            return factor.solve(stiffness @ x + self._exterior.apply(x))
+
+        potential, history = block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
+        residuals = tuple(float(step.max()) for step in history)
+        require_convergence("potential form", residuals, tolerance)
+        return self._state(potential, field, material, residuals)
+
+    def solve(
+        self, material: Magnetisation, field: CoilField, tolerance: float, start: Array | None = None
+    ) -> PotentialState:
+        """One source of nonlinear iron, by Newton with exact line search from `start` (n, 1). Raises NotConverged."""
+        phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
+        scale, residuals = 0.0, []
+        for _ in range(_MAX_NEWTON_STEPS):
+            right = self._full_residual(phi, field, material)
+            stiffness = self._tangent(phi, field, 0, material)
+            factor = factored(stiffness + self._capacity)
+            first = factor.solve(right)
+            # The energy norm of the residual, relative to that of the coils' drive.
+            norm = float(np.sqrt(max(right @ first, 0.0)))
+            if scale == 0.0:
+                drive = self._residual(np.zeros_like(phi), field, 0, material)
+                scale = float(np.sqrt(drive @ factor.solve(drive))) or 1.0
+            residuals.append(norm / scale)
+            if residuals[-1] < tolerance:
+                return self._state(phi[:, None], field, material, tuple(residuals))
+            step = self._newton_step(stiffness, factor, first, residuals[-1])
+            phi = phi + self._line_search(phi, step, right, field, material) * step
+        require_convergence("Newton", tuple(residuals), tolerance)
+        raise AssertionError("unreachable")
+
+    def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
+        def operator(x: Array) -> Array:
+            return factor.solve(stiffness @ x + self._exterior.apply(x, _COARSE))
+
+        tolerance = min(0.1, max(1e-4, residual))
+        step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
+        return step[:, 0]
+
+    def _line_search(self, phi, step, right, field, material) -> float:
+        """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a."""
+        air = self._exterior.apply(np.column_stack([phi, step]))
+
+        def slope(a: float) -> float:
+            inner = self._residual(phi + a * step, field, 0, material)
+            return float((inner - air[:, 0] - a * air[:, 1]) @ step)
+
+        start, end = float(right @ step), slope(1.0)
+        if abs(end) < 0.3 * abs(start) or end > 0:
+            return 1.0
+        low, high, low_value, high_value = 0.0, 1.0, start, end
+        for _ in range(12):
+            secant = low + (high - low) * np.clip(low_value / (low_value - high_value), 0.1, 0.9)
+            value = slope(secant)
+            if abs(value) < 0.1 * abs(start):
+                return float(secant)
+            if value > 0:
+                low, low_value = secant, value
+            else:
+                high, high_value = secant, value
+        return low or 0.5 * high
+
+    def _full_residual(self, phi: Array, field: CoilField, material: Magnetisation) -> Array:
+        return self._residual(phi, field, 0, material) - self._exterior.apply(phi[:, None])[:, 0]
+
+    def _residual(self, phi: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        element = kernel.residual(
+            phi,
+            field.constant[source],
+            field.bubble[source],
+            self.elements.nodes,
+            self.elements.gradients,
+            self.elements.volume,
+            material.law,
+            material.remanence[source],
+            *material.tables.arrays,
+        )
+        value = np.zeros(self.elements.count)
+        np.add.at(value, self.elements.nodes.ravel(), element.ravel())
+        return value
+
+    def _tangent(self, phi: Array, field: CoilField, source: int, material: Magnetisation) -> csr_matrix:
+        nodes = self.elements.nodes
+        element = kernel.tangent(
+            phi,
+            field.constant[source],
+            field.bubble[source],
+            nodes,
+            self.elements.gradients,
+            self.elements.volume,
+            material.law,
+            *material.tables.arrays,
+        )
+        rows, columns = np.repeat(nodes, 10, axis=1).ravel(), np.tile(nodes, (1, 10)).ravel()
+        return csr_matrix((element.ravel(), (rows, columns)), shape=(self.elements.count,) * 2)
+
+    def _state(
+        self, potential: Array, field: CoilField, material: Magnetisation, residuals
+    ) -> PotentialState:
+        fields = [
+            kernel.mean_fields(
+                np.ascontiguousarray(potential[:, c]),
+                field.constant[c],
+                field.bubble[c],
+                self.elements.nodes,
+                self.elements.gradients,
+                material.law,
+                material.remanence[c],
+                *material.tables.arrays,
+            )
+            for c in range(potential.shape[1])
+        ]
+        density = (self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T
+        mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
+        state = IronState(self.iron.surface, np.ascontiguousarray(density), mean, len(residuals), residuals)
+        return PotentialState(potential, largest, state)
+
+
+def _unit_law() -> LawTables:
+    return LawTables(np.array([0, 1]), np.zeros(1), np.array([[0.0, 0.0, 1.0, 0.0]]), np.full((2, 1), np.inf))
