@@ -25,8 +25,12 @@ _NEAREST = 1e-9  # of the outer radius: a point on the very surface is treated a
 
 @numba.njit(cache=True, error_model="numpy")
 def even_azimuths(span: float) -> Array:
-    """table (3, 24): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span."""
-    table = np.empty((3, 24))
+    """table (3, 25): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span.
+
+    The last column holds cos(span), sin(span), 4 sin(span/2).
+    """
+    table = np.empty((3, 25))
+    table[0, 24], table[1, 24], table[2, 24] = math.cos(span), math.sin(span), 4.0 * math.sin(0.5 * span)
     for n, first in ((8, 0), (16, 8)):
         start = gauss_start(n)
         for k in range(n):
@@ -37,14 +41,15 @@ def even_azimuths(span: float) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _arc_ellipse(cp: float, cm: float, nearness2: float, span: float) -> float:
-    """(|z-1| + |z+1|)/2 of the integrand's singularity, z in units of span, eq. (22).
+def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float:
+    """(|z-1| + |z+1|)/2 of the integrand's singularity, z in units of the half angle, eq. (22).
 
-    cp, cm: cosines of the angles from the point to the ends; nearness2: (distance / 2)^2 / (rho r).
+    cp, cm: cosines of the angles from the point to the ends; nearness2: (distance / 2)^2 / (rho r);
+    chords: 4 sin(half angle / 2).
     """
     depth2 = 4.0 * nearness2 / (1.0 + nearness2 / 3.0)
     ends = math.sqrt(2.0 * (1.0 - cp) + depth2) + math.sqrt(2.0 * (1.0 - cm) + depth2)
-    return ends / (4.0 * math.sin(0.5 * span))
+    return ends / chords
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -76,7 +81,7 @@ def arc_azimuths(
     px: float, py: float, arc: Array, h1: float, h2: float, even: Array, limits: Array, azimuths: Array
 ) -> int:
     """Choose the azimuths for a field point (px, py) of the arc's frame; fill azimuths (3, :); returns how many."""
-    span, r1, r2 = arc[4], arc[5], arc[6]
+    r1, r2 = arc[5], arc[6]
     rho = math.sqrt(px * px + py * py)
     cosine, sine = 1.0, 0.0
     if rho > 0.0:
@@ -84,13 +89,13 @@ def arc_azimuths(
     distance, inside = section_distance(rho, r1, r2, h1, h2)
     distance = max(distance, _NEAREST * r2)
     nearness2 = 0.25 * distance * distance / max(rho * min(max(rho, r1), r2), 1e-300)
-    c0, s0 = math.cos(span), math.sin(span)
+    c0, s0 = even[0, 24], even[1, 24]
     # angles from the point to the ends: span - theta and -span - theta
     cp, sp = c0 * cosine + s0 * sine, s0 * cosine - c0 * sine
     cm, sm = c0 * cosine - s0 * sine, -s0 * cosine - c0 * sine
     within = cosine > c0
     if not (inside and within):
-        n = even_points(_arc_ellipse(cp, cm, nearness2, span), limits, MOST_EVEN)
+        n = even_points(_arc_ellipse(cp, cm, nearness2, even[2, 24]), limits, MOST_EVEN)
         if n == 0 and min(cp, cm) < -0.98:
             n = MOST_EVEN  # opposite the arc: far from it by construction
         if n > 0:

@@ -206,7 +206,7 @@ def add_far(
 
 @numba.njit(cache=True, error_model="numpy")
 def _even_tables(arcs: Array) -> Array:
-    tables = np.empty((len(arcs), 3, 24))
+    tables = np.empty((len(arcs), 3, 25))
     for k in range(len(arcs)):
         tables[k] = even_azimuths(arcs[k, 4])
     return tables
