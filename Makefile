@@ -14,13 +14,14 @@ test: $(STAMP)
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels -m "not slow"
+	$(BIN)/pytest -q --doctest-modules fieldmap
 	$(BIN)/pytest -q -n 2
 
 bench: $(STAMP)
 	$(BIN)/python scripts/benchmark.py
 
 docs: $(VENV)/.installed-docs
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

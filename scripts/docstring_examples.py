@@ -1,14 +1,16 @@
 """Extension of the API reference: lines of a docstring that begin with >>> become code blocks.
 
 The docstrings are plain prose with doctest examples at their end; Markdown alone would read ">>>" as a quotation.
-Loaded by mkdocs.yml.
+Doctest flags are left out. Loaded by mkdocs.yml.
 """
 
+import re
 from typing import Any
 
 import griffe
 
 _FENCE = "```pycon"
+_FLAG = re.compile(r"\s*# doctest:.*$")
 
 
 class DocstringExamples(griffe.Extension):
@@ -21,16 +23,7 @@ class DocstringExamples(griffe.Extension):
 
 
 def fenced(text: str) -> str:
-    """The text with a fence around each run of lines from a ">>>" to the next empty line.
-
-    >>> print(fenced("One.\\n\\n>>> 1 + 1\\n2"))
-    One.
-    <BLANKLINE>
-    ```pycon
-    >>> 1 + 1
-    2
-    ```
-    """
+    """The text with a fence around each run of lines from a ">>>" to the next empty line."""
     lines: list[str] = []
     inside = False
     for line in text.splitlines():
@@ -40,7 +33,7 @@ def fenced(text: str) -> str:
         elif inside and not line.strip():
             inside = False
             lines.append("```")
-        lines.append(line)
+        lines.append(_FLAG.sub("", line) if inside else line)
     if inside:
         lines.append("```")
     return "\n".join(lines)

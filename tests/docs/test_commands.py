@@ -1,0 +1,79 @@
+"""Every `fieldmap ...` line in the documentation is one that the program would accept."""
+
+import contextlib
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+import typer.main
+
+from fieldmap.cli.application import application
+from fieldmap.cli.numbers import join_lists
+from fieldmap.shipped import shipped_names
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(path for folder in (".", "docs", "geometry", "maps") for path in (ROOT / folder).glob("*.md"))
+PAGES += sorted((ROOT / "docs").glob("*/*.md"))
+PROGRAM = typer.main.get_command(application())
+IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
+IN_TEXT = re.compile(r"`(fieldmap (?!COMMAND)[^`\n]*)`")
+PLACEHOLDER = re.compile(r"[A-Z_]+")
+PYTHON = re.compile(r"^```python\n.*?^```$", re.DOTALL | re.MULTILINE)
+
+
+def command_lines(path: Path) -> list[tuple[str, bool]]:
+    """Command lines of a page, and whether they are complete (a block) or a mention in the text."""
+    text = PYTHON.sub("", path.read_text())
+    return [(line, True) for line in IN_BLOCK.findall(text)] + [
+        (line, False) for line in IN_TEXT.findall(text)
+    ]
+
+
+ALL = [(str(path.relative_to(ROOT)), line, whole) for path in PAGES for line, whole in command_lines(path)]
+
+
+def words_of(line: str) -> list[str]:
+    line = re.split(r" > |#", line)[0]
+    return join_lists(shlex.split(re.sub(r"[\[\]]", "", line))[1:])
+
+
+def test_there_are_command_lines():
+    assert len(ALL) > 25
+
+
+@pytest.mark.parametrize(("page", "line", "whole"), ALL, ids=lambda value: str(value)[:60])
+def test_options_exist(page, line, whole):
+    """Parsed by the program itself up to the point at which it would begin to work."""
+    words = words_of(line)
+    if not words or words[0].startswith("--"):
+        assert words in ([], ["--help"], ["--version"])
+        return
+    command = PROGRAM.commands.get(words[0])
+    assert command is not None, f"{page}: no command {words[0]}"
+    if whole:
+        with contextlib.suppress(typer.Exit):
+            command.make_context(words[0], words[1:])
+    options = {word.split("=")[0] for word in words[1:] if word.startswith("--")}
+    known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
+    assert options <= known, f"{page}: {line}"
+
+
+@pytest.mark.parametrize(("page", "line", "whole"), ALL, ids=lambda value: str(value)[:60])
+def test_files_exist(page, line, whole):
+    """Shipped devices and recipes are named as they are."""
+    known = {"map": "maps"}
+    words = words_of(line)
+    if len(words) < 2 or words[1].startswith("-") or PLACEHOLDER.fullmatch(words[1]):
+        return
+    source = words[1]
+    if source.endswith(".toml"):
+        assert (ROOT / source).is_file() or "/" not in source, f"{page}: {line}"
+    elif not source.endswith(".h5"):
+        assert source in shipped_names(known.get(words[0], "geometry")), f"{page}: {line}"
+
+
+def test_every_command_is_on_its_page():
+    text = (ROOT / "docs" / "commands.md").read_text()
+    assert [name for name in PROGRAM.commands if f"`fieldmap {name}" not in text] == []

@@ -1,0 +1,79 @@
+"""Links between pages lead somewhere, and the site's navigation leads to every page."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(path for folder in (".", "docs", "geometry", "maps") for path in (ROOT / folder).glob("*.md"))
+PAGES += sorted((ROOT / "docs").glob("*/*.md"))
+SITE = [path for path in PAGES if path.is_relative_to(ROOT / "docs")]
+FENCE = re.compile(r"^```.*?^```\n", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+NETWORK = ("http://", "https://")
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def prose(path: Path) -> str:
+    """A page without its blocks of code."""
+    return FENCE.sub("", path.read_text())
+
+
+def anchors(path: Path) -> set[str]:
+    """The names that headings get, in the site as on the usual hosts of repositories."""
+    headings = re.findall(r"^#+ (.*)$", prose(path), re.MULTILINE)
+    plain = (re.sub(r"[`*\[\]]|\(.*?\)", "", heading).strip().lower() for heading in headings)
+    return {re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading)) for heading in plain}
+
+
+def relative_links(path: Path) -> list[str]:
+    return [link for link in LINK.findall(prose(path)) if not link.startswith(NETWORK)]
+
+
+def test_the_pages_link_to_each_other():
+    assert sum(len(relative_links(path)) for path in PAGES) > 40
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_relative_links_resolve(page):
+    for link in relative_links(page):
+        name, _, anchor = link.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists(), f"{named(page)}: {link}"
+        assert target.is_relative_to(ROOT), f"{named(page)}: {link}"
+        if anchor:
+            assert anchor in anchors(target), f"{named(page)}: {link}"
+
+
+def test_the_site_links_to_nothing_outside_itself():
+    """What a page of docs/ links to must be part of the site."""
+    for path in SITE:
+        for link in relative_links(path):
+            target = (path.parent / link.partition("#")[0]).resolve()
+            assert target.is_relative_to(ROOT / "docs"), f"{named(path)}: {link}"
+
+
+def test_the_navigation_lists_every_page_once():
+    settings = (ROOT / "mkdocs.yml").read_text()
+    navigation = settings[settings.index("\nnav:") : settings.index("\nvalidation:")]
+    listed = re.findall(r": (\S+\.md)$", navigation, re.MULTILINE)
+    assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs")) for path in SITE)
+
+
+def test_the_site_is_built_and_read_without_a_network():
+    settings = (ROOT / "mkdocs.yml").read_text()
+    assert "://" not in settings
+    assert "font: false" in settings
+
+
+def test_pages_that_the_code_names_exist():
+    """Docstrings and messages point to docs/ and to other files of the repository."""
+    named_files = set()
+    for path in (ROOT / "fieldmap").rglob("*.py"):
+        named_files |= set(re.findall(r"\bdocs/[\w/]+\.md\b", path.read_text()))
+    assert len(named_files) > 3
+    assert [name for name in sorted(named_files) if not (ROOT / name).is_file()] == []
