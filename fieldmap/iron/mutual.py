@@ -18,7 +18,9 @@ class MutualPotential:
         self._scale = 1 / np.sqrt(np.diag(matrix))[:, None]
         scaled = matrix * self._scale * self._scale.T
         try:
-            self._factor = cho_factor(scaled.astype(np.float32), lower=True, overwrite_a=True)
+            self._factor = cho_factor(
+                scaled.astype(np.float32), lower=True, overwrite_a=True, check_finite=False
+            )
         except LinAlgError:
             self._factor = cho_factor(scaled, lower=True, overwrite_a=True)
 
@@ -40,4 +42,4 @@ class MutualPotential:
 
     def _approximate(self, right: Array) -> Array:
         scaled = (self._scale * right).astype(self._factor[0].dtype)
-        return self._scale * cho_solve(self._factor, scaled)
+        return self._scale * cho_solve(self._factor, scaled, overwrite_b=True, check_finite=False)

@@ -87,8 +87,10 @@ class PotentialForm:
         """One source of nonlinear iron, by Newton with exact line search from `start` (n, 1). Raises NotConverged."""
         phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
         scale, residuals = 0.0, []
+        # The air is linear: its share of the residual is carried along instead of computed anew.
+        air = self._exterior.apply(phi[:, None])[:, 0]
         for _ in range(_MAX_NEWTON_STEPS):
-            right = self._full_residual(phi, field, material)
+            right = self._residual(phi, field, 0, material) - air
             stiffness = self._tangent(phi, field, 0, material)
             factor = factored(stiffness + self._capacity)
             first = factor.solve(right)
@@ -101,7 +103,9 @@ class PotentialForm:
             if residuals[-1] < tolerance:
                 return self._state(phi[:, None], field, material, tuple(residuals))
             step = self._newton_step(stiffness, factor, first, residuals[-1])
-            phi = phi + self._line_search(phi, step, right, field, material) * step
+            air_step = self._exterior.apply(step[:, None])[:, 0]
+            length = self._line_search(phi, step, air, air_step, field, material)
+            phi, air = phi + length * step, air + length * air_step
         require_convergence("Newton", tuple(residuals), tolerance)
         raise AssertionError("unreachable")
 
@@ -113,15 +117,14 @@ class PotentialForm:
         step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
         return step[:, 0]
 
-    def _line_search(self, phi, step, right, field, material) -> float:
+    def _line_search(self, phi, step, air, air_step, field, material) -> float:
         """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a."""
-        air = self._exterior.apply(np.column_stack([phi, step]))
 
         def slope(a: float) -> float:
             inner = self._residual(phi + a * step, field, 0, material)
-            return float((inner - air[:, 0] - a * air[:, 1]) @ step)
+            return float((inner - air - a * air_step) @ step)
 
-        start, end = float(right @ step), slope(1.0)
+        start, end = slope(0.0), slope(1.0)
         if abs(end) < 0.3 * abs(start) or end > 0:
             return 1.0
         low, high, low_value, high_value = 0.0, 1.0, start, end
@@ -135,9 +138,6 @@ class PotentialForm:
             else:
                 high, high_value = secant, value
         return low or 0.5 * high
-
-    def _full_residual(self, phi: Array, field: CoilField, material: Magnetisation) -> Array:
-        return self._residual(phi, field, 0, material) - self._exterior.apply(phi[:, None])[:, 0]
 
     def _residual(self, phi: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         element = kernel.residual(
