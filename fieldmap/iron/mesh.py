@@ -12,7 +12,7 @@ from fieldmap.iron.rounding import equal_volume_vertices
 
 _MILLIMETRE = 1e-3
 # A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.
-_CURVATURE_SAFETY = 3.0
+_CURVATURE_SAFETY = 2.4
 # Ratio of neighbouring element sizes where a fine body meets a coarse one.
 _GRADING = 0.3
 # Ratio of one layer's thickness to the next at sharp edges.

@@ -156,7 +156,9 @@ def triangles_field_and_gradient(points, corners, normals, density):
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for j in range(corners.shape[0]):
-            ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz = triangle_field_and_gradient(x, y, z, corners[j], normals[j])
+            ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz = triangle_field_and_gradient(
+                x, y, z, corners[j], normals[j]
+            )
             s = density[j]
             field[i, 0] += s * ex
             field[i, 1] += s * ey
