@@ -19,54 +19,90 @@ def _mean_potential(points, weights, corners, normal):
     return total
 
 
-@njit(cache=True, fastmath=True, inline="always")
-def _mean_inverse_distance(a, b):
-    """Mean of 1/|x - y| over three points x and three points y with equal weights."""
-    total = 0.0
-    for p in range(3):
-        for q in range(3):
-            x = a[p, 0] - b[q, 0]
-            y = a[p, 1] - b[q, 1]
-            z = a[p, 2] - b[q, 2]
-            total += 1.0 / math.sqrt(x * x + y * y + z * z)
-    return total / 9.0
+@njit(cache=True, fastmath=True)
+def _far_row(i, x, y, z, sums):
+    """Fill sums (3 (i + 1),) with the sum of 1/|p - q| over the three points p of triangle i, for the points q of the
+    triangles up to i. A loop without branches over contiguous arrays: the compiler turns it into vector code."""
+    for q in range(3 * (i + 1)):
+        sums[q] = 0.0
+    for p in range(3 * i, 3 * i + 3):
+        px, py, pz = x[p], y[p], z[p]
+        # Triangle i itself is left out: its own points coincide.
+        for q in range(3 * i):
+            dx, dy, dz = px - x[q], py - y[q], pz - z[q]
+            sums[q] += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit(cache=True, fastmath=True)
+def _near_value(i, j, corners, normals, areas, near, near_weights):
+    """Pair of separate but close triangles: the outer rule belongs to the smaller one, over which the potential of
+    the other varies less."""
+    if areas[i] < areas[j]:
+        return _mean_potential(near[i], near_weights, corners[j], normals[j]) / areas[j]
+    return _mean_potential(near[j], near_weights, corners[i], normals[i]) / areas[i]
+
+
+@njit(cache=True, fastmath=True)
+def _fill_row(
+    i, corners, normals, areas, centres, radii, near, near_weights, touch, touch_weights, reach, sums, w
+):
+    """Row i of the lower triangle of w, from the point sums of `_far_row` and closed forms near by."""
+    for j in range(i + 1):
+        x, y, z = (
+            centres[i, 0] - centres[j, 0],
+            centres[i, 1] - centres[j, 1],
+            centres[i, 2] - centres[j, 2],
+        )
+        distance2 = x * x + y * y + z * z
+        size = radii[i] + radii[j]
+        if distance2 > (reach * size) ** 2:
+            value = (sums[3 * j] + sums[3 * j + 1] + sums[3 * j + 2]) / 9.0
+        elif distance2 > size * size:
+            value = _near_value(i, j, corners, normals, areas, near, near_weights)
+        else:
+            value = 0.5 * (
+                _mean_potential(touch[i], touch_weights, corners[j], normals[j]) / areas[j]
+                + _mean_potential(touch[j], touch_weights, corners[i], normals[i]) / areas[i]
+            )
+        w[i, j] = value * _INVERSE_4PI
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def mutual_potential(corners, normals, areas, radii, far, near, near_weights, touch, touch_weights, reach):
+def mutual_potential(
+    corners, normals, areas, centres, radii, far, near, near_weights, touch, touch_weights, reach
+):
     """W (n, n) in 1/m: W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, symmetric, positive definite.
 
-    corners (n, 3, 3), normals (n, 3), areas (n,), radii (n,): farthest corner from the centre. far (n, 3, 3): points
-    of the degree-2 rule; near (n, q, 3), touch (n, t, 3): points of higher rules for the outer integral of pairs
-    whose inner integral is done in closed form. Pairs closer than `reach` times the sum of their radii are near;
-    pairs whose circles overlap use the `touch` rule, whose outer integrand has a kink.
+    corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the centre.
+    far (3, 3 n): x, y and z of the points of the degree-2 rule, triangle by triangle; near (n, q, 3), touch
+    (n, t, 3): points of higher rules for the outer integral of pairs whose inner integral is done in closed form.
+    Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap use the `touch`
+    rule, whose outer integrand has a kink.
     """
     n = areas.size
     w = np.empty((n, n))
-    for i in prange(n):
-        centre_x = (corners[i, 0, 0] + corners[i, 1, 0] + corners[i, 2, 0]) / 3.0
-        centre_y = (corners[i, 0, 1] + corners[i, 1, 1] + corners[i, 2, 1]) / 3.0
-        centre_z = (corners[i, 0, 2] + corners[i, 1, 2] + corners[i, 2, 2]) / 3.0
-        for j in range(i + 1):
-            x = centre_x - (corners[j, 0, 0] + corners[j, 1, 0] + corners[j, 2, 0]) / 3.0
-            y = centre_y - (corners[j, 0, 1] + corners[j, 1, 1] + corners[j, 2, 1]) / 3.0
-            z = centre_z - (corners[j, 0, 2] + corners[j, 1, 2] + corners[j, 2, 2]) / 3.0
-            distance2 = x * x + y * y + z * z
-            size = radii[i] + radii[j]
-            if distance2 > (reach * size) ** 2:
-                value = _mean_inverse_distance(far[i], far[j])
-            elif distance2 > size * size:
-                # The outer rule belongs to the smaller triangle, over which the potential varies less.
-                if areas[i] < areas[j]:
-                    value = _mean_potential(near[i], near_weights, corners[j], normals[j]) / areas[j]
-                else:
-                    value = _mean_potential(near[j], near_weights, corners[i], normals[i]) / areas[i]
-            else:
-                value = 0.5 * (
-                    _mean_potential(touch[i], touch_weights, corners[j], normals[j]) / areas[j]
-                    + _mean_potential(touch[j], touch_weights, corners[i], normals[i]) / areas[i]
-                )
-            w[i, j] = value * _INVERSE_4PI
+    # Rows k and n - 1 - k together cost the same for every k, so the threads share the triangle evenly.
+    for k in prange((n + 1) // 2):
+        sums = np.empty(3 * n)
+        # The loop's own index is unsigned; its difference from n would be a float.
+        low = np.int64(k)
+        for i in (low, n - 1 - low):
+            _far_row(i, far[0], far[1], far[2], sums)
+            _fill_row(
+                i,
+                corners,
+                normals,
+                areas,
+                centres,
+                radii,
+                near,
+                near_weights,
+                touch,
+                touch_weights,
+                reach,
+                sums,
+                w,
+            )
     for i in prange(n):
         for j in range(i + 1, n):
             w[i, j] = w[j, i]
