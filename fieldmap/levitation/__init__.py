@@ -15,8 +15,10 @@ from fieldmap.levitation.conventions import (
 from fieldmap.levitation.differences import DifferencedField
 from fieldmap.levitation.dipole import dipole_force, dipole_stiffness
 from fieldmap.levitation.equilibrium import find_equilibrium
+from fieldmap.levitation.fixed_currents import FixedCurrents
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.lift import LiftCurrent, lift_current
+from fieldmap.levitation.lift_nonlinear import lift_current_nonlinear
 from fieldmap.levitation.result import Equilibrium, SearchReport
 
 __all__ = [
@@ -24,6 +26,7 @@ __all__ = [
     "SENSOR_ZERO_DEPTH",
     "DifferencedField",
     "Equilibrium",
+    "FixedCurrents",
     "LevitationField",
     "LiftCurrent",
     "SearchReport",
@@ -31,6 +34,7 @@ __all__ = [
     "dipole_stiffness",
     "find_equilibrium",
     "lift_current",
+    "lift_current_nonlinear",
     "magnet_height",
     "sensor_reading",
     "thesis_lift_current",

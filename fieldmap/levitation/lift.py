@@ -25,8 +25,9 @@ class LiftCurrent:
 
     current: the common factor, A; currents (n_coils,) = current * shares. position (3,), m. force (3,):
     magnetic force there, N; its z component is the weight, the other two are not balanced. force_per_ampere
-    (3,), N/A of common current. stiffness (3, 3) = -dF_i/dx_j, N/m. field (3,), T. assumptions: what the
-    numbers rest on.
+    (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m. field (3,), T.
+    assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
+    solved on the way, empty for a linear field.
     """
 
     current: float
@@ -37,6 +38,7 @@ class LiftCurrent:
     stiffness: Array
     field: Array
     assumptions: tuple[str, ...]
+    history: tuple[tuple[float, float], ...] = ()
 
 
 def lift_current(
@@ -50,7 +52,7 @@ def lift_current(
     thesis's equal currents).
 
     Raises InputError for a payload, position or shares that do not fit, or when the force is not
-    proportional to the current (then search the current with `find_equilibrium`); Infeasible when the field
+    proportional to the current (then use `lift_current_nonlinear`); Infeasible when the field
     does not lift there at all.
 
     Example::
@@ -65,10 +67,7 @@ def lift_current(
     up = np.array([0.0, 0.0, carried.moment])
     gradient = field_map.gradient(point[None, :], weights)[0]
     force = dipole_force(up, gradient)
-    # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
-    if abs(force[2]) <= 1e-12 * carried.moment * np.linalg.norm(gradient):
-        raise Infeasible(_no_lift(point))
-    direction = float(np.sign(force[2]))
+    direction = direction_of_lift(point, carried.moment, gradient)
     weight = carried.mass * GRAVITY
     current = weight / abs(force[2])
     at = Balance(field_map, current * weights, carried.mass, carried.moment, direction * up)
@@ -90,6 +89,18 @@ def lift_current(
     )
 
 
+def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
+    """+1 if a moment that points up is pulled up in this gradient (3, 3), -1 if one that points down is.
+
+    Raises Infeasible if neither is.
+    """
+    force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
+    # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
+    if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
+        raise Infeasible(_no_lift(point))
+    return float(np.sign(force[2]))
+
+
 def _no_lift(point: Array) -> Problem:
     return Problem(
         f"lift_current at {(1e3 * point).round(3).tolist()} mm",
@@ -104,5 +115,5 @@ def _not_linear(current: float, ratio: float) -> Problem:
         f"lift_current at {current:.4g} A",
         "force must be proportional to the currents",
         f"{ratio:.6g} times the force that proportion gives",
-        "search the current with find_equilibrium; this map is not linear",
+        "use lift_current_nonlinear; this field is not linear",
     )
