@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from fieldmap.device import read_device as read_device
     from fieldmap.iron import solve as solve
     from fieldmap.iron import solve_linear as solve_linear
+    from fieldmap.iron import solve_to_tolerance as solve_to_tolerance
     from fieldmap.levitation import find_equilibrium as find_equilibrium
     from fieldmap.lookup import open_map as open_map
     from fieldmap.maps import generate as generate
@@ -20,6 +21,7 @@ __version__ = "0.1.0"
 _DOORS = {
     "read_device": "fieldmap.device",
     "solve_linear": "fieldmap.iron",
+    "solve_to_tolerance": "fieldmap.iron",
     "solve": "fieldmap.iron",
     "generate": "fieldmap.maps",
     "open_map": "fieldmap.lookup",

@@ -1,11 +1,29 @@
 """The part of the iron problem that depends on the mesh alone; both forms start from it."""
 
+import os
 from dataclasses import dataclass
 
+from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh import IronMesh
 from fieldmap.iron.mutual import MutualPotential
 from fieldmap.iron.surface import ChargedFaces
 from fieldmap.iron.topology import Faces, build_faces
+
+# Double matrix, single factor, and one single copy while it is factored.
+_BYTES_PER_PAIR = 16
+# Part of the machine's memory that one solve may take.
+_MEMORY_SHARE = 0.8
+
+
+def _needed_bytes(faces: int) -> int:
+    return _BYTES_PER_PAIR * faces**2
+
+
+def _memory_bytes() -> float | None:
+    try:
+        return _MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +41,27 @@ class AssembledIron:
         return int(self.topology.group_of_tet.max()) + 1
 
 
+def fits_into_memory(mesh: IronMesh) -> bool:
+    """Whether the dense matrix and its factor fit. Where the machine does not tell its memory, they are let be."""
+    have = _memory_bytes()
+    return have is None or _needed_bytes(len(build_faces(mesh).surface)) < have
+
+
 def assemble(mesh: IronMesh) -> AssembledIron:
-    """Costs 12 bytes times the square of the number of surface faces, and half a dense Cholesky factorisation."""
+    """Costs 12 bytes times the square of the number of surface faces, and half a dense Cholesky factorisation.
+
+    Raises InputError before it starts if the machine has too little memory for that.
+    """
     topology = build_faces(mesh)
+    count, have = len(topology.surface), _memory_bytes()
+    if have is not None and _needed_bytes(count) > have:
+        raise InputError(
+            Problem(
+                "mesh of the iron",
+                f"its dense matrix must fit into {have / 1e9:.1f} GB of memory",
+                f"{count} surface faces, {_needed_bytes(count) / 1e9:.1f} GB",
+                "use a smaller refinement or larger mesh sizes",
+            )
+        )
     surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
     return AssembledIron(mesh, topology, surface, MutualPotential(surface.mutual_potential()))

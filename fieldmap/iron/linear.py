@@ -1,14 +1,18 @@
 """The public door: a device with linear iron, solved for one ampere in every coil."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, Problem
-from fieldmap.iron.assembled import AssembledIron, assemble
+from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.iron.assembled import AssembledIron, assemble, fits_into_memory
 from fieldmap.iron.bh_law import LawTables
+from fieldmap.iron.error_estimate import estimate_error, workspace_surface
 from fieldmap.iron.flux_form import FluxForm
 from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.linkage import linkage_and_coenergy, linkage_of_means
 from fieldmap.iron.mesh import generate_mesh
 from fieldmap.iron.nodal_elements import CoilField
 from fieldmap.iron.permeability import BodyProperties, body_properties
@@ -23,6 +27,8 @@ Array = NDArray[np.float64]
 FORMS = ("auto", "potential", "flux")
 # The algebraic error is kept this far below the requested one.
 _RESIDUAL_PER_TOLERANCE = 1e-4
+# Mesh sizes of the file are divided by these in turn; each step about doubles the number of faces.
+_REFINEMENTS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 
 
 def solve_linear(
@@ -62,12 +68,77 @@ def solve_linear(
     stages.next("mutual potentials of the faces", 0.1)
     iron = assemble(mesh)
     stages.next("coil fields and solution", 0.5)
-    solver = _solve_potential if form == "potential" else _solve_flux
-    state, unknowns = solver(device, iron, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
+    solution = _solved(device, iron, properties, tolerance, form, stages)
     stages.done()
+    return solution
+
+
+def solve_to_tolerance(
+    device: Device,
+    tolerance: float = 1e-3,
+    mu_r: float | None = None,
+    progress: Progress | None = None,
+    gradient_tolerance: float | None = None,
+) -> LinearSolution:
+    """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
+
+    tolerance: of the flux density, relative to its largest value in the workspace for each coil;
+    gradient_tolerance: of the gradient, 3 x tolerance if None. Meshes grow by a factor of about two in faces; the
+    estimate compares the last two of them and both forms (`fieldmap.iron.error_estimate`). Raises NotConverged with
+    the estimates so far when the next mesh would not fit into memory, otherwise as `solve_linear`.
+    """
+    _check_arguments(tolerance, 1.0, "auto")
+    check_geometry(device)
+    points = workspace_surface(device)
+    properties = body_properties(device, mu_r)
+    if not device.bodies:
+        return _coils_alone(device, {})
+    limit = 3 * tolerance if gradient_tolerance is None else gradient_tolerance
+    stages, coarser, history = Stages(progress), None, []
+    form = _chosen_form("auto", properties)
+    for level, refinement in enumerate(_REFINEMENTS):
+        stages.next(f"refinement {refinement:g}", level / len(_REFINEMENTS))
+        mesh = generate_mesh(device, refinement)
+        if not fits_into_memory(mesh):
+            break
+        iron = assemble(mesh)
+        solution = _solved(device, iron, properties, tolerance, form, stages)
+        if coarser is not None:
+            other = "flux" if form == "potential" else ("potential" if properties.mu_r.min() >= 1 else None)
+            complement = (
+                None if other is None else _solved(device, iron, properties, tolerance, other, stages)
+            )
+            error = estimate_error(points, solution, coarser, complement)
+            history.append(error.flux_density)
+            if error.flux_density <= tolerance and error.gradient <= limit:
+                stages.done(str(error))
+                return replace(solution, report=replace(solution.report, error=error))
+        coarser = solution
+    raise NotConverged(
+        Problem(
+            f"device '{device.name}'",
+            f"the estimated error must fall to {tolerance:g} (gradient {limit:g}) on a mesh that fits into memory",
+            ", ".join(f"{value:.2g}" for value in history) or "no estimate",
+            "loosen the tolerance, or give the bodies that matter smaller mesh sizes and the others larger ones",
+        ),
+        residuals=tuple(history),
+    )
+
+
+def _solved(
+    device: Device,
+    iron: AssembledIron,
+    properties: BodyProperties,
+    tolerance: float,
+    form: str,
+    stages: Stages,
+) -> LinearSolution:
+    """One form on one mesh."""
+    solver = _solve_potential if form == "potential" else _solve_flux
+    state, unknowns, linkage = solver(device, iron, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
     report = SolverReport(
         form=form,
-        tetrahedra=len(mesh.tets),
+        tetrahedra=len(iron.mesh.tets),
         surface_faces=len(iron.surface.areas),
         charged_faces=len(state.faces.areas),
         unknowns=unknowns,
@@ -78,31 +149,41 @@ def solve_linear(
         seconds=stages.seconds,
         assumptions=properties.assumptions + geometry_notes(device),
     )
-    return LinearSolution(device.coils, mesh, state, bool(properties.remanence.any()), report)
+    has_remanence = bool(properties.remanence.any())
+    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage)
 
 
 def _solve_flux(
     device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float
-) -> tuple[IronState, int]:
+) -> tuple[IronState, int, Array]:
     problem, body = FluxForm(iron), iron.mesh.body
     load = problem.elements.load(lambda x: np.stack([unit_flux_density(coil, x) for coil in device.coils]))
     remanence = properties.remanence[body] if properties.remanence.any() else None
-    return problem.solve(properties.mu_r[body], load, remanence, tolerance), len(iron.topology.nodes)
+    state = problem.solve(properties.mu_r[body], load, remanence, tolerance)
+    constant = np.zeros_like(state.flux_density)
+    if remanence is not None:
+        constant[-1] = remanence
+    # mu0 M = B - mu0 H, constant in every element as B is.
+    magnetisation = state.flux_density - (state.flux_density - constant) / properties.mu_r[body][:, None]
+    return state, len(iron.topology.nodes), linkage_of_means(iron.mesh, magnetisation, load)
 
 
 def _solve_potential(
     device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float
-) -> tuple[IronState, int]:
+) -> tuple[IronState, int, Array]:
     problem, body = PotentialForm(iron), iron.mesh.body
     elements = problem.elements
-    field = elements.coil_field(lambda x: np.stack([unit_flux_density(coil, x) for coil in device.coils]))
+    unit = elements.coil_field(lambda x: np.stack([unit_flux_density(coil, x) for coil in device.coils]))
+    field = unit
     remanence = np.zeros((len(field.bubble), len(body), 3))
     if properties.remanence.any():
         # The remanence is a source of its own, without any coil.
         field = CoilField(*(np.concatenate([part, 0 * part[:1]]) for part in (field.constant, field.bubble)))
         remanence = np.concatenate([remanence, properties.remanence[body][None]])
     material = Magnetisation(body, _straight_laws(properties.mu_r), remanence)
-    return problem.solve_linear(material, field, tolerance).iron, elements.count
+    solved = problem.solve_linear(material, field, tolerance)
+    linkage, _ = linkage_and_coenergy(elements, material, solved.potential, field, unit)
+    return solved.iron, elements.count, linkage
 
 
 def _straight_laws(mu_r: Array) -> LawTables:

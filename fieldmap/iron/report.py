@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from fieldmap.iron.error_estimate import ErrorEstimate
+
 
 @dataclass(frozen=True)
 class SolverReport:
@@ -12,7 +14,7 @@ class SolverReport:
     of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the dense matrix and its factor;
     seconds: wall time per step; assumptions: everything the result rests on that the device file or the caller
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
-    lies above the last point of their B-H table; below_table: below the first.
+    lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made.
     """
 
     form: str
@@ -29,6 +31,7 @@ class SolverReport:
     largest_flux_density: float | None = None
     beyond_table: int = 0
     below_table: int = 0
+    error: ErrorEstimate | None = None
 
     @property
     def total_seconds(self) -> float:

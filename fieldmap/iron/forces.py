@@ -1,0 +1,162 @@
+"""Force and torque on iron and coils: charges and currents in the field of everything else (docs/theory/forces.md)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.constants import mu_0
+from scipy.spatial import cKDTree
+
+from fieldmap.device.model import Coil
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.magnetic_bodies import MagneticBodies, magnetic_bodies
+from fieldmap.iron.mesh import IronMesh
+from fieldmap.iron.surface import ChargedFaces
+from fieldmap.sources import unit_flux_density
+from fieldmap.sources.winding_rules import current_elements
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+# Exactness of the rule on faces, and on those nearer to others' charges than this many times their own radius.
+_DEGREE, _NEAR_DEGREE, _NEAR_RADII = 4, 8, 6.0
+# A force needs five digits of the coils' field.
+_DIGITS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Magnetised:
+    """A device at fixed currents (c,): its coils, and where it has iron, mesh, charged faces and density (m,) in T."""
+
+    coils: tuple[Coil, ...]
+    currents: Array
+    mesh: IronMesh | None = None
+    faces: ChargedFaces | None = None
+    density: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """Part of a device: masks of its coils (c,) and of its charged faces (m,)."""
+
+    coils: Mask
+    faces: Mask
+
+    def others(self) -> "_Share":
+        return _Share(~self.coils, ~self.faces)
+
+
+def force_and_torque(device: Magnetised, names: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
+    """Force (3,) in N and torque (3,) in N m about a point (3,) on named bodies and coils taken together.
+
+    Raises InputError for a name that is neither a body nor a coil, for a body without all that it touches (iron
+    glued to iron has no force of its own), and for a bad point.
+    """
+    centre = _checked_point(about)
+    mine = _share(device, (names,) if isinstance(names, str) else tuple(names))
+    force, torque = np.zeros(3), np.zeros(3)
+    for points, push in (*_on_charges(device, mine), *_on_currents(device, mine)):
+        force += push.sum(axis=0)
+        torque += np.cross(points - centre, push).sum(axis=0)
+    return force, torque
+
+
+def _on_charges(device: Magnetised, mine: _Share):
+    """Points (n, 3) and forces (n, 3) on the charges of the named iron: sigma B / mu0 over its faces."""
+    if device.faces is None or device.density is None or not mine.faces.any():
+        return
+    chosen, density = _subset(device.faces, mine.faces), device.density[mine.faces]
+    near = _is_near(chosen, _subset(device.faces, ~mine.faces))
+    for part, degree in ((~near, _DEGREE), (near, _NEAR_DEGREE)):
+        if not part.any():
+            continue
+        faces = _subset(chosen, part)
+        points, weights = faces.rule_points(degree)
+        charge = np.outer(density[part] * faces.areas / mu_0, weights).reshape(-1, 1)
+        points = points.reshape(-1, 3)
+        yield points, charge * _field(device, mine.others(), points)
+
+
+def _on_currents(device: Magnetised, mine: _Share):
+    """Points (n, 3) and forces (n, 3) on the currents of the named coils: I dl x B over their windings."""
+    for k in np.flatnonzero(mine.coils):
+        if device.currents[k] != 0:
+            rule = current_elements(device.coils[k])
+            field = _field(device, mine.others(), rule.points)
+            yield rule.points, device.currents[k] * np.cross(rule.vectors, field)
+
+
+def _field(device: Magnetised, sources: _Share, points: Array) -> Array:
+    """Flux density (n, 3) of part of the device."""
+    field = np.zeros_like(points)
+    for k in np.flatnonzero(sources.coils):
+        if device.currents[k] != 0:
+            field += device.currents[k] * unit_flux_density(device.coils[k], points, digits=_DIGITS)
+    if device.faces is not None and device.density is not None and sources.faces.any():
+        density = np.ascontiguousarray(device.density[None, sources.faces])
+        field += _subset(device.faces, sources.faces).field(points, density)[0]
+    return field
+
+
+def _subset(faces: ChargedFaces, mask: Mask) -> ChargedFaces:
+    return ChargedFaces(
+        faces.corners[mask], faces.normals[mask], faces.areas[mask], faces.centres[mask], faces.radii[mask]
+    )
+
+
+def _is_near(faces: ChargedFaces, others: ChargedFaces) -> Mask:
+    """Faces (n,) whose distance from the others' charges is not large against their own size."""
+    if len(others.areas) == 0:
+        return np.zeros(len(faces.areas), bool)
+    distance, _ = cKDTree(others.centres).query(faces.centres)
+    return distance < _NEAR_RADII * faces.radii
+
+
+def _share(device: Magnetised, names: tuple[str, ...]) -> _Share:
+    coil_names = tuple(coil.name for coil in device.coils)
+    body_names = device.mesh.body_names if device.mesh is not None else ()
+    known = (*body_names, *coil_names)
+    problems = [
+        Problem("force, name", f"must be a body or coil: {', '.join(known)}", repr(name), "use one of these")
+        for name in names
+        if name not in known
+    ]
+    if problems or not names:
+        raise InputError(
+            *problems or [Problem("force, name", "at least one body or coil is needed", "none", "name one")]
+        )
+    faces = np.zeros(0 if device.faces is None else len(device.faces.areas), bool)
+    bodies = tuple(name for name in names if name in body_names)
+    if bodies and device.mesh is not None and device.faces is not None:
+        pieces = magnetic_bodies(device.mesh, device.faces)
+        _require_whole_pieces(device.mesh, pieces, bodies)
+        elements = np.isin(device.mesh.body, [body_names.index(name) for name in bodies])
+        faces = np.isin(pieces.of_face, pieces.of_element[elements])
+    return _Share(np.isin(coil_names, [name for name in names if name not in bodies]), faces)
+
+
+def _require_whole_pieces(mesh: IronMesh, pieces: MagneticBodies, bodies: tuple[str, ...]) -> None:
+    problems = []
+    for name in bodies:
+        touching = pieces.touched_by(mesh, name)
+        if not set(touching) <= set(bodies):
+            listed = ", ".join(f"'{other}'" for other in touching)
+            problems.append(
+                Problem(
+                    f"force, body '{name}'",
+                    "a force is defined for whole pieces of iron, with air all around",
+                    f"'{name}', which touches {', '.join(repr(n) for n in touching if n != name)}",
+                    f"ask for the force on all of them together: [{listed}]",
+                )
+            )
+    if problems:
+        raise InputError(*problems)
+
+
+def _checked_point(about: ArrayLike) -> Array:
+    point = np.asarray(about, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError(
+            Problem("torque, about", "must be one finite point (3,)", repr(about), "give x, y, z in m")
+        )
+    return point
