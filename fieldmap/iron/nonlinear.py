@@ -1,6 +1,8 @@
 """The public door to saturating iron: one state of the device at given currents."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,14 +12,17 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.iron.air import checked_currents, checked_points, mean_over_body, refuse_inside
 from fieldmap.iron.assembled import assemble
 from fieldmap.iron.bh_law import law_tables
+from fieldmap.iron.forces import Magnetised, force_and_torque
 from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.inside import containing_element
+from fieldmap.iron.linkage import linkage_and_coenergy
 from fieldmap.iron.mesh import IronMesh, generate_mesh
 from fieldmap.iron.nodal_elements import CoilField
 from fieldmap.iron.potential_form import Magnetisation, PotentialForm, PotentialState
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.stages import Progress, Stages
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.inductance import bare_inductance
 
 Array = NDArray[np.float64]
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
@@ -26,13 +31,19 @@ _RESIDUAL_PER_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class NonlinearSolution:
-    """Coils and saturating iron at fixed currents. Fields in T, gradients in T/m, points (n, 3) or (3,) in m."""
+    """Coils and saturating iron at fixed currents. Fields in T, gradients in T/m, points (n, 3) or (3,) in m.
+
+    iron_linkage (c,) in Wb and iron_coenergy in J: what the iron adds to the coils' flux linkages and to the
+    co-energy of their field. Forces, linkages and energies: docs/theory/forces.md.
+    """
 
     coils: tuple[Coil, ...]
     currents: Array
     mesh: IronMesh
     state: PotentialState
     report: SolverReport
+    iron_linkage: Array
+    iron_coenergy: float
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -62,6 +73,42 @@ class NonlinearSolution:
     def flux_density(self, body: str) -> Array:
         """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
         return mean_over_body(self.mesh, body, self.state.iron.flux_density[0])
+
+    def force_on(self, name: str | Sequence[str]) -> Array:
+        """Force (3,) in N on a body or coil, or on several together.
+
+        Bodies that touch have a force only together: name them all. Raises InputError otherwise and for unknown
+        names.
+        """
+        return force_and_torque(self._magnetised, name, np.zeros(3))[0]
+
+    def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
+        """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
+        return force_and_torque(self._magnetised, name, about)[1]
+
+    def flux_linkage(self) -> Array:
+        """Flux linkages (c,) of the coils in Wb, all turns."""
+        return self._air_inductance @ self.currents + self.iron_linkage
+
+    def coenergy(self) -> float:
+        """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement the force.
+
+        With permanent magnets it contains a constant, that of the magnets without currents.
+        """
+        return float(0.5 * self.currents @ self._air_inductance @ self.currents) + self.iron_coenergy
+
+    def energy(self) -> float:
+        """Field energy in J, iron included: sum of currents x linkages, less the co-energy."""
+        return float(self.currents @ self.flux_linkage()) - self.coenergy()
+
+    @cached_property
+    def _air_inductance(self) -> Array:
+        return bare_inductance(self.coils)
+
+    @property
+    def _magnetised(self) -> Magnetised:
+        iron = self.state.iron
+        return Magnetised(self.coils, self.currents, self.mesh, iron.faces, iron.density[0])
 
 
 class NonlinearSolver:
@@ -115,7 +162,12 @@ class NonlinearSolver:
         state = self._form.solve(self._material, field, tolerance * _RESIDUAL_PER_TOLERANCE, begin)
         stages.done()
         report = self._report(state, {**({} if start else self._seconds), **stages.seconds})
-        return NonlinearSolution(self.device.coils, values, self._iron.mesh, state, report)
+        linkage, coenergy = linkage_and_coenergy(
+            self._form.elements, self._material, state.potential, field, self._unit
+        )
+        return NonlinearSolution(
+            self.device.coils, values, self._iron.mesh, state, report, linkage[:, 0], float(coenergy[0])
+        )
 
     def _report(self, state: PotentialState, seconds: dict[str, float]) -> SolverReport:
         low, high = self._material.tables.range_h[:, self._material.law]

@@ -1,17 +1,22 @@
 """The device with linear iron, solved: total flux density and its gradient for any currents."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import Coil
+from fieldmap.errors import InputError, Problem
 from fieldmap.iron.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.forces import Magnetised, force_and_torque
 from fieldmap.iron.inside import containing_element
 from fieldmap.iron.mesh import IronMesh
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.state import IronState
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.inductance import bare_inductance
 
 Array = NDArray[np.float64]
 
@@ -21,7 +26,8 @@ class LinearSolution:
     """Coils and linear iron, solved once per coil; any currents by superposition.
 
     Fields in T, gradients G[..., i, j] = dB_i/dx_j in T/m, points (n, 3) or (3,) in m, global frame. The remanence
-    of permanent magnets, if any, adds a field that no current changes.
+    of permanent magnets, if any, adds a field that no current changes. Forces, inductances and energy:
+    docs/theory/forces.md.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"))
@@ -35,6 +41,7 @@ class LinearSolution:
     state: IronState | None
     has_remanence: bool
     report: SolverReport
+    iron_linkage: Array | None = None
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -89,6 +96,57 @@ class LinearSolution:
         weights = self._weights(currents)
         columns = self.state.flux_density if self.state is not None else np.zeros((len(weights), 0, 3))
         return mean_over_body(self.mesh, body, np.einsum("c,ced->ed", weights, columns))
+
+    def force_on(self, name: str | Sequence[str], currents: ArrayLike) -> Array:
+        """Force (3,) in N on a body or coil, or on several together, for currents (c,) in A.
+
+        Bodies that touch have a force only together: name them all. Raises InputError otherwise, for unknown names
+        and for a wrong number of currents.
+        """
+        return force_and_torque(self._magnetised(currents), name, np.zeros(3))[0]
+
+    def torque_on(self, name: str | Sequence[str], currents: ArrayLike, about: ArrayLike) -> Array:
+        """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
+        return force_and_torque(self._magnetised(currents), name, about)[1]
+
+    def inductance(self) -> Array:
+        """Inductance matrix (c, c) in H of the coils in their iron; symmetric up to the solver's tolerance.
+
+        Raises InputError for a solution that was stored without its linkages.
+        """
+        return self._air_inductance + self._iron_linkages()[:, : len(self.coils)]
+
+    def flux_linkage(self, currents: ArrayLike) -> Array:
+        """Flux linkages (c,) in Wb (all turns) for currents (c,) in A, the permanent magnets' share included."""
+        weights = self._weights(currents)
+        return self._air_inductance @ weights[: len(self.coils)] + self._iron_linkages() @ weights
+
+    def energy(self, currents: ArrayLike) -> float:
+        """Energy in J that the currents (c,) in A have put into the field: half the sum of I L I."""
+        values = checked_currents(currents, self.coil_names)
+        return float(0.5 * values @ self.inductance() @ values)
+
+    @cached_property
+    def _air_inductance(self) -> Array:
+        return bare_inductance(self.coils)
+
+    def _iron_linkages(self) -> Array:
+        """Flux linkages (c, columns) that the iron adds."""
+        if self.iron_linkage is None and self.state is not None:
+            received = "a solution read back without them"
+            raise InputError(
+                Problem(
+                    "inductance", "the iron's flux linkages are needed", received, "solve the device again"
+                )
+            )
+        columns = len(self.coils) + self.has_remanence
+        return np.zeros((len(self.coils), columns)) if self.iron_linkage is None else self.iron_linkage
+
+    def _magnetised(self, currents: ArrayLike) -> Magnetised:
+        values, state = checked_currents(currents, self.coil_names), self.state
+        if state is None:
+            return Magnetised(self.coils, values)
+        return Magnetised(self.coils, values, self.mesh, state.faces, self._weights(values) @ state.density)
 
     def _weights(self, currents: ArrayLike) -> Array:
         values = checked_currents(currents, self.coil_names)

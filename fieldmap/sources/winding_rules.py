@@ -1,0 +1,173 @@
+"""Quadrature over windings: current elements for forces, flux elements for flux linkages.
+
+A winding is arcs and bars (`fieldmap.sources.winding_path`); a circular coil is one arc of a full turn. All rules are
+products of Gauss-Legendre rules, along the current, across the winding and along its axis; round a full turn the
+points are equally spaced.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.model import CircularCoil, Coil
+from fieldmap.sources.winding_path import WindingPath, winding_path
+
+Array = NDArray[np.float64]
+# Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
+_PER_SIDE = 4
+_FEWEST, _MOST = 4, 48
+# Flux elements: across the winding, from its axis to it, along the axis, along a piece.
+_ACROSS, _INSIDE, _ALONG_AXIS, _ALONG_PIECE = 12, 16, 24, 16
+
+
+@dataclass(frozen=True, eq=False)
+class WindingRule:
+    """points (n, 3) in m and vectors (n, 3), global frame.
+
+    Current elements: vectors in m, with sum f(points) x vectors the integral of J f over the winding for one ampere.
+    Flux elements: vectors in m^2, with sum B(points) . vectors the flux linkage. Turns and polarity are included.
+    """
+
+    points: Array
+    vectors: Array
+
+
+def current_elements(coil: Coil) -> WindingRule:
+    """Points in a winding with their current elements J dV per ampere."""
+    path = _as_path(coil)
+    spacing = min(path.thickness, path.height) / _PER_SIDE
+    across, axial = _count(path.thickness, spacing), _count(path.height, spacing)
+    parts = [_arc_currents(arc, across, spacing) for arc in path.arcs]
+    parts += [_bar_currents(bar, path.thickness, across, spacing) for bar in path.bars]
+    flat, tangent = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    vectors = np.column_stack([tangent, np.zeros(len(tangent))]) / path.thickness
+    return _stacked(coil, path.height, axial, flat, vectors)
+
+
+def flux_elements(coil: Coil) -> WindingRule:
+    """Points in the coil with the area, as a vector, that its turns span there: linkage = sum B . vectors.
+
+    The mean over the winding's section of the flux through a turn is an integral over the plane of the coil, in which
+    a point counts by the share of turns around it: 1 inside, falling to 0 across the winding.
+    """
+    path = _as_path(coil)
+    turning = math.copysign(1.0, float(path.arcs[:, 7] @ path.arcs[:, 4]))
+    middle = np.concatenate([path.arcs[:, :2], path.bars[:, :2]]).mean(axis=0)
+    parts = []
+    for arc in path.arcs:
+        parts += [_arc_strip(arc, path.thickness, turning), _fan(*_arc_edge(arc, turning), middle)]
+    for bar in path.bars:
+        parts += [
+            _bar_strip(bar, path.thickness, turning),
+            _fan(*_bar_edge(bar, path.thickness, turning), middle),
+        ]
+    flat, area = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    vectors = np.zeros((len(area), 3))
+    vectors[:, 2] = area
+    return _stacked(coil, path.height, _ALONG_AXIS, flat, vectors)
+
+
+def _as_path(coil: Coil) -> WindingPath:
+    if isinstance(coil, CircularCoil):
+        circle = np.array([[0.0, 0.0, 1.0, 0.0, math.pi, coil.inner_radius, coil.outer_radius, 1.0]])
+        return WindingPath(circle, np.zeros((0, 5)), coil.outer_radius - coil.inner_radius, coil.height)
+    return winding_path(coil)
+
+
+def _count(length: float, spacing: float) -> int:
+    return int(min(max(math.ceil(length / spacing), _FEWEST), _MOST))
+
+
+def _gauss(count: int, low: float, high: float) -> tuple[Array, Array]:
+    x, w = np.polynomial.legendre.leggauss(count)
+    return low + 0.5 * (high - low) * (x + 1), 0.5 * (high - low) * w
+
+
+def _angles(arc: Array, count: int) -> tuple[Array, Array]:
+    """Angles over an arc and weights; equally spaced on a full circle."""
+    middle, half = math.atan2(arc[3], arc[2]), arc[4]
+    if half > math.pi * (1 - 1e-12):
+        return middle + 2 * math.pi * (np.arange(2 * count) + 0.5) / (2 * count), np.full(
+            2 * count, math.pi / count
+        )
+    return _gauss(count, middle - half, middle + half)
+
+
+def _arc_currents(arc: Array, across: int, spacing: float) -> tuple[Array, Array]:
+    """Points (n, 2) of one arc and the tangents times area (n, 2)."""
+    r, wr = _gauss(across, arc[5], arc[6])
+    angle, wa = _angles(arc, _count(arc[6] * arc[4] * (1 if arc[4] > 3 else 2), spacing))
+    r, angle = (grid.ravel() for grid in np.meshgrid(r, angle, indexing="ij"))
+    weight = arc[7] * r * np.outer(wr, wa).ravel()
+    cos, sin = np.cos(angle), np.sin(angle)
+    flat = arc[:2] + r[:, None] * np.column_stack([cos, sin])
+    return flat, weight[:, None] * np.column_stack([-sin, cos])
+
+
+def _bar_currents(bar: Array, thickness: float, across: int, spacing: float) -> tuple[Array, Array]:
+    along, wa = _gauss(_count(2 * bar[4], spacing), -bar[4], bar[4])
+    side, ws = _gauss(across, -thickness / 2, thickness / 2)
+    flat = _bar_points(bar, along, side)
+    return flat, np.outer(wa, ws).reshape(-1, 1) * bar[2:4]
+
+
+def _bar_points(bar: Array, along: Array, side: Array) -> Array:
+    """Points (n, 2) at distances along the bar and to its left, the latter running fastest."""
+    a, s = (grid.ravel() for grid in np.meshgrid(along, side, indexing="ij"))
+    return bar[:2] + a[:, None] * bar[2:4] + s[:, None] * np.array([-bar[3], bar[2]])
+
+
+def _share(left: Array, thickness: float, turning: float) -> Array:
+    """Net turns around a point, as share of all, from its distance to the left of the middle line."""
+    return left / thickness + 0.5 * turning
+
+
+def _arc_strip(arc: Array, thickness: float, turning: float) -> tuple[Array, Array]:
+    r, wr = _gauss(_ACROSS, arc[5], arc[6])
+    angle, wa = _angles(arc, _ALONG_PIECE)
+    share = _share(arc[7] * (0.5 * (arc[5] + arc[6]) - r), thickness, turning)
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    flat = (arc[:2] + r[:, None, None] * unit).reshape(-1, 2)
+    return flat, np.outer(share * r * wr, wa).ravel()
+
+
+def _bar_strip(bar: Array, thickness: float, turning: float) -> tuple[Array, Array]:
+    along, wa = _gauss(_ALONG_PIECE, -bar[4], bar[4])
+    side, ws = _gauss(_ACROSS, -thickness / 2, thickness / 2)
+    return _bar_points(bar, along, side), np.outer(wa, ws * _share(side, thickness, turning)).ravel()
+
+
+def _arc_edge(arc: Array, turning: float) -> tuple[Array, Array]:
+    """Points (n, 2) on the winding's inner edge and their line elements (n, 2) along the current."""
+    radius = arc[5] if arc[7] == turning else arc[6]
+    angle, weight = _angles(arc, _ALONG_PIECE)
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    tangent = arc[7] * np.column_stack([-unit[:, 1], unit[:, 0]])
+    return arc[:2] + radius * unit, (radius * weight)[:, None] * tangent
+
+
+def _bar_edge(bar: Array, thickness: float, turning: float) -> tuple[Array, Array]:
+    along, weight = _gauss(_ALONG_PIECE, -bar[4], bar[4])
+    return _bar_points(bar, along, np.array([turning * thickness / 2])), weight[:, None] * bar[2:4]
+
+
+def _fan(edge: Array, step: Array, middle: Array) -> tuple[Array, Array]:
+    """Points (n, 2) and signed areas (n,) of the triangles from `middle` to line elements of an edge."""
+    reach = edge - middle
+    twice = reach[:, 0] * step[:, 1] - reach[:, 1] * step[:, 0]
+    s, w = _gauss(_INSIDE, 0.0, 1.0)
+    flat = (middle + s[:, None, None] * reach).reshape(-1, 2)
+    return flat, np.outer(s * w, twice).ravel()
+
+
+def _stacked(coil: Coil, height: float, count: int, flat: Array, vectors: Array) -> WindingRule:
+    """The rule of a plane (n, 2) repeated along the axis, turned and moved to the coil's place."""
+    z, wz = _gauss(count, -height / 2, height / 2)
+    local = np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in z])
+    amount = np.concatenate([vectors * (w / height) for w in wz]) * (coil.turns * coil.polarity)
+    turn = coil.placement.rotation.T
+    return WindingRule(
+        np.ascontiguousarray(local @ turn + coil.placement.position), np.ascontiguousarray(amount @ turn)
+    )
