@@ -17,9 +17,11 @@ from fieldmap.sources.winding_path import WindingPath, winding_path
 Array = NDArray[np.float64]
 # Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
 _PER_SIDE = 4
-_FEWEST, _MOST = 4, 48
-# Flux elements: across the winding, from its axis to it, along the axis, along a piece.
-_ACROSS, _INSIDE, _ALONG_AXIS, _ALONG_PIECE = 12, 16, 24, 16
+_FEWEST, _MOST_ACROSS, _MOST_ALONG = 4, 48, 200
+# Flux elements: Gauss points across the winding, along an arc, and on each panel of a graded way.
+_ACROSS, _ALONG_ARC, _PER_PANEL = 10, 12, 8
+# Panels shrink by this factor towards the winding and its ends, where its field varies over its own size.
+_PANEL_RATIO = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +40,12 @@ def current_elements(coil: Coil) -> WindingRule:
     """Points in a winding with their current elements J dV per ampere."""
     path = _as_path(coil)
     spacing = min(path.thickness, path.height) / _PER_SIDE
-    across, axial = _count(path.thickness, spacing), _count(path.height, spacing)
+    across, axial = (_count(side, spacing, _MOST_ACROSS) for side in (path.thickness, path.height))
     parts = [_arc_currents(arc, across, spacing) for arc in path.arcs]
     parts += [_bar_currents(bar, path.thickness, across, spacing) for bar in path.bars]
     flat, tangent = (np.concatenate([part[k] for part in parts]) for k in range(2))
     vectors = np.column_stack([tangent, np.zeros(len(tangent))]) / path.thickness
-    return _stacked(coil, path.height, axial, flat, vectors)
+    return _stacked(coil, _gauss(axial, -path.height / 2, path.height / 2), flat, vectors)
 
 
 def flux_elements(coil: Coil) -> WindingRule:
@@ -55,18 +57,20 @@ def flux_elements(coil: Coil) -> WindingRule:
     path = _as_path(coil)
     turning = math.copysign(1.0, float(path.arcs[:, 7] @ path.arcs[:, 4]))
     middle = np.concatenate([path.arcs[:, :2], path.bars[:, :2]]).mean(axis=0)
+    size = min(path.thickness, path.height)
     parts = []
     for arc in path.arcs:
-        parts += [_arc_strip(arc, path.thickness, turning), _fan(*_arc_edge(arc, turning), middle)]
+        parts += [_arc_strip(arc, path.thickness, turning), _fan(*_arc_edge(arc, turning), middle, size)]
     for bar in path.bars:
+        along = _graded(bar[4], size)
         parts += [
-            _bar_strip(bar, path.thickness, turning),
-            _fan(*_bar_edge(bar, path.thickness, turning), middle),
+            _bar_strip(bar, along, path.thickness, turning),
+            _fan(*_bar_edge(bar, along, turning * path.thickness / 2), middle, size),
         ]
     flat, area = (np.concatenate([part[k] for part in parts]) for k in range(2))
     vectors = np.zeros((len(area), 3))
     vectors[:, 2] = area
-    return _stacked(coil, path.height, _ALONG_AXIS, flat, vectors)
+    return _stacked(coil, _graded(path.height / 2, size), flat, vectors)
 
 
 def _as_path(coil: Coil) -> WindingPath:
@@ -76,13 +80,28 @@ def _as_path(coil: Coil) -> WindingPath:
     return winding_path(coil)
 
 
-def _count(length: float, spacing: float) -> int:
-    return int(min(max(math.ceil(length / spacing), _FEWEST), _MOST))
+def _count(length: float, spacing: float, most: int) -> int:
+    return int(min(max(math.ceil(length / spacing), _FEWEST), most))
 
 
 def _gauss(count: int, low: float, high: float) -> tuple[Array, Array]:
     x, w = np.polynomial.legendre.leggauss(count)
     return low + 0.5 * (high - low) * (x + 1), 0.5 * (high - low) * w
+
+
+def _panels(smallest: float) -> tuple[Array, Array]:
+    """Rule on [0, 1] in panels that shrink towards 1, the last about as long as `smallest`."""
+    ends = [0.0]
+    while 1 - ends[-1] > 2 * smallest:
+        ends.append(1 - _PANEL_RATIO * (1 - ends[-1]))
+    pieces = [_gauss(_PER_PANEL, low, high) for low, high in zip(ends, [*ends[1:], 1.0], strict=True)]
+    return np.concatenate([x for x, _ in pieces]), np.concatenate([w for _, w in pieces])
+
+
+def _graded(half: float, smallest: float) -> tuple[Array, Array]:
+    """Rule on [-half, half] in panels that shrink towards both ends."""
+    x, w = _panels(smallest / half)
+    return half * np.concatenate([-x[::-1], x]), half * np.concatenate([w[::-1], w])
 
 
 def _angles(arc: Array, count: int) -> tuple[Array, Array]:
@@ -98,7 +117,7 @@ def _angles(arc: Array, count: int) -> tuple[Array, Array]:
 def _arc_currents(arc: Array, across: int, spacing: float) -> tuple[Array, Array]:
     """Points (n, 2) of one arc and the tangents times area (n, 2)."""
     r, wr = _gauss(across, arc[5], arc[6])
-    angle, wa = _angles(arc, _count(arc[6] * arc[4] * (1 if arc[4] > 3 else 2), spacing))
+    angle, wa = _angles(arc, _count(arc[6] * arc[4] * (1 if arc[4] > 3 else 2), spacing, _MOST_ALONG))
     r, angle = (grid.ravel() for grid in np.meshgrid(r, angle, indexing="ij"))
     weight = arc[7] * r * np.outer(wr, wa).ravel()
     cos, sin = np.cos(angle), np.sin(angle)
@@ -107,7 +126,7 @@ def _arc_currents(arc: Array, across: int, spacing: float) -> tuple[Array, Array
 
 
 def _bar_currents(bar: Array, thickness: float, across: int, spacing: float) -> tuple[Array, Array]:
-    along, wa = _gauss(_count(2 * bar[4], spacing), -bar[4], bar[4])
+    along, wa = _gauss(_count(2 * bar[4], spacing, _MOST_ALONG), -bar[4], bar[4])
     side, ws = _gauss(across, -thickness / 2, thickness / 2)
     flat = _bar_points(bar, along, side)
     return flat, np.outer(wa, ws).reshape(-1, 1) * bar[2:4]
@@ -126,15 +145,15 @@ def _share(left: Array, thickness: float, turning: float) -> Array:
 
 def _arc_strip(arc: Array, thickness: float, turning: float) -> tuple[Array, Array]:
     r, wr = _gauss(_ACROSS, arc[5], arc[6])
-    angle, wa = _angles(arc, _ALONG_PIECE)
+    angle, wa = _angles(arc, _ALONG_ARC)
     share = _share(arc[7] * (0.5 * (arc[5] + arc[6]) - r), thickness, turning)
     unit = np.column_stack([np.cos(angle), np.sin(angle)])
     flat = (arc[:2] + r[:, None, None] * unit).reshape(-1, 2)
     return flat, np.outer(share * r * wr, wa).ravel()
 
 
-def _bar_strip(bar: Array, thickness: float, turning: float) -> tuple[Array, Array]:
-    along, wa = _gauss(_ALONG_PIECE, -bar[4], bar[4])
+def _bar_strip(bar: Array, way: tuple[Array, Array], thickness: float, turning: float) -> tuple[Array, Array]:
+    along, wa = way
     side, ws = _gauss(_ACROSS, -thickness / 2, thickness / 2)
     return _bar_points(bar, along, side), np.outer(wa, ws * _share(side, thickness, turning)).ravel()
 
@@ -142,31 +161,32 @@ def _bar_strip(bar: Array, thickness: float, turning: float) -> tuple[Array, Arr
 def _arc_edge(arc: Array, turning: float) -> tuple[Array, Array]:
     """Points (n, 2) on the winding's inner edge and their line elements (n, 2) along the current."""
     radius = arc[5] if arc[7] == turning else arc[6]
-    angle, weight = _angles(arc, _ALONG_PIECE)
+    angle, weight = _angles(arc, _ALONG_ARC)
     unit = np.column_stack([np.cos(angle), np.sin(angle)])
     tangent = arc[7] * np.column_stack([-unit[:, 1], unit[:, 0]])
     return arc[:2] + radius * unit, (radius * weight)[:, None] * tangent
 
 
-def _bar_edge(bar: Array, thickness: float, turning: float) -> tuple[Array, Array]:
-    along, weight = _gauss(_ALONG_PIECE, -bar[4], bar[4])
-    return _bar_points(bar, along, np.array([turning * thickness / 2])), weight[:, None] * bar[2:4]
+def _bar_edge(bar: Array, way: tuple[Array, Array], left: float) -> tuple[Array, Array]:
+    """As `_arc_edge`, at a distance to the left of the bar's middle line."""
+    along, weight = way
+    return _bar_points(bar, along, np.array([left])), weight[:, None] * bar[2:4]
 
 
-def _fan(edge: Array, step: Array, middle: Array) -> tuple[Array, Array]:
+def _fan(edge: Array, step: Array, middle: Array, size: float) -> tuple[Array, Array]:
     """Points (n, 2) and signed areas (n,) of the triangles from `middle` to line elements of an edge."""
     reach = edge - middle
     twice = reach[:, 0] * step[:, 1] - reach[:, 1] * step[:, 0]
-    s, w = _gauss(_INSIDE, 0.0, 1.0)
+    s, w = _panels(size / max(np.linalg.norm(reach, axis=1).max(), size))
     flat = (middle + s[:, None, None] * reach).reshape(-1, 2)
     return flat, np.outer(s * w, twice).ravel()
 
 
-def _stacked(coil: Coil, height: float, count: int, flat: Array, vectors: Array) -> WindingRule:
-    """The rule of a plane (n, 2) repeated along the axis, turned and moved to the coil's place."""
-    z, wz = _gauss(count, -height / 2, height / 2)
+def _stacked(coil: Coil, levels: tuple[Array, Array], flat: Array, vectors: Array) -> WindingRule:
+    """The rule of a plane (n, 2) repeated at levels along the axis, turned and moved to the coil's place."""
+    z, wz = levels
     local = np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in z])
-    amount = np.concatenate([vectors * (w / height) for w in wz]) * (coil.turns * coil.polarity)
+    amount = np.concatenate([vectors * w for w in wz / wz.sum()]) * (coil.turns * coil.polarity)
     turn = coil.placement.rotation.T
     return WindingRule(
         np.ascontiguousarray(local @ turn + coil.placement.position), np.ascontiguousarray(amount @ turn)
