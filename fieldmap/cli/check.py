@@ -79,14 +79,17 @@ _KINDS = {"CircularCoil": "circular", "RoundedRectangleCoil": "rounded rectangle
 
 
 def _print(device: Device, contents: dict[str, Any]) -> None:
-    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
+    from fieldmap.cli.printing import assumption_lines, count_of, facts, heading, print_page
+
+    bodies = count_of(len(device.bodies), "body", "bodies")
+    coils = count_of(len(device.coils), "coil", "coils")
 
     print_page(
         heading(device.name, device.title),
         _body_table(contents["bodies"]) if device.bodies else None,
         _coil_table(contents["coils"]) if device.coils else None,
         facts([*_extras(device), *assumption_lines(contents["assumptions"])]),
-        f"{len(device.bodies)} bodies, {len(device.coils)} coils: no problem found.",
+        f"{bodies}, {coils}: no problem found.",
     )
 
 
@@ -100,7 +103,7 @@ def _body_table(bodies: list[dict[str, Any]]) -> Any:
 
 
 def _coil_table(coils: list[dict[str, Any]]) -> Any:
-    from fieldmap.cli.printing import millimetres, table
+    from fieldmap.cli.printing import place, table
 
     rows = (
         (
@@ -110,11 +113,11 @@ def _coil_table(coils: list[dict[str, Any]]) -> Any:
             f"{c['polarity']:+d}",
             _number(c["resistance"]),
             _number(c["inductance"], 1e3),
-            millimetres(c["centre"]),
+            place(c["centre"], 2).removesuffix(" mm"),
         )
         for c in coils
     )
-    return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre"), rows, left=2)
+    return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre, mm"), rows, left=2)
 
 
 def _number(value: float | None, scale: float = 1.0) -> str:
@@ -123,7 +126,7 @@ def _number(value: float | None, scale: float = 1.0) -> str:
 
 def _extras(device: Device) -> list[tuple[str, str]]:
     from fieldmap.cli.opening import workspace_corners
-    from fieldmap.cli.printing import millimetres
+    from fieldmap.cli.printing import place
 
     rows = []
     if device.payload is not None:
@@ -136,7 +139,7 @@ def _extras(device: Device) -> list[tuple[str, str]]:
         )
     box = workspace_corners(device)
     if box is not None:
-        rows.append(("workspace", f"{millimetres(box[0])} to {millimetres(box[1])}"))
+        rows.append(("workspace", f"{place(box[0])} to {place(box[1])}"))
     if device.references:
         rows.append(("references", f"{len(device.references)} known values; compare: fieldmap solve"))
     return rows

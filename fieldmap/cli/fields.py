@@ -5,13 +5,15 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from fieldmap.cli.printing import millimetres, table
+from fieldmap.cli.printing import place, table
 
 
 def currents_text(coil_names: tuple[str, ...], currents: Any) -> str:
-    """The currents in words: "1.5 A in each of 6 coils", or coil by coil."""
+    """The currents in words: "1.5 A in each of 6 coils", "1.5 A in coil 3", or coil by coil."""
     values = [float(value) for value in currents]
-    if len(set(values)) == 1 and len(values) > 1:
+    if len(values) == 1:
+        return f"{values[0]:g} A in coil {coil_names[0]}"
+    if len(set(values)) == 1:
         return f"{values[0]:g} A in each of {len(values)} coils"
     return ", ".join(f"{name}: {value:g} A" for name, value in zip(coil_names, values, strict=True))
 
@@ -24,6 +26,6 @@ def field_table(rows: list[dict[str, Any]], coil_names: tuple[str, ...], current
         for i, axis in enumerate("xyz"):
             entries = (f"{1e3 * row['gradient'][i][j]:.6g}" for j in range(3))
             lines.append((f"B{axis}", f"{1e3 * row['B'][i]:.6g}", *entries))
-        columns = (f"at {millimetres(row['at'])}", "mT", "d/dx  mT/m", "d/dy  mT/m", "d/dz  mT/m")
+        columns = (f"at {place(row['at'])}", "mT", "d/dx  mT/m", "d/dy  mT/m", "d/dz  mT/m")
         parts.append(table(columns, lines))
     return Group(*parts)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.cli.progress import Progress
-from fieldmap.device.model import Device, Payload, WorkspaceBox
+from fieldmap.cli.iron import IronChoice, States, require_iron, solve_device
+from fieldmap.device.model import Device, Driver, Payload, WorkspaceBox
 from fieldmap.errors import InputError, MapFileError, Problem
 
 Array = NDArray[np.float64]
@@ -23,15 +23,19 @@ _MAP_SUFFIXES = {".h5", ".hdf5"}
 class Source:
     """A device or a map, read and checked, before any long work: what arguments can be held against.
 
-    corners: the box in which the field may be searched, or None. `open` gives the field itself.
+    corners: the box in which the field may be searched, or None. open(currents): the field, and what it assumes;
+    it holds for any currents unless the iron is nonlinear. states: a device's nonlinear states, one by one.
     """
 
     name: str
+    device_name: str
     kind: str
     coil_names: tuple[str, ...]
     payload: Payload | None
+    driver: Driver | None
     corners: tuple[Array, Array] | None
-    open: Callable[[], tuple[Any, tuple[str, ...]]]
+    open: Callable[[Array | None], tuple[Any, tuple[str, ...]]]
+    states: States | None = None
 
 
 def refuse_directory(name: str) -> None:
@@ -79,14 +83,6 @@ def open_device(name: str) -> Device:
     return read_device(name)
 
 
-def solve_device(device: Device, mu_r: float | None) -> Any:
-    """Linear solution of a device, with progress."""
-    from fieldmap.iron import solve_linear
-
-    with Progress("solving") as progress:
-        return solve_linear(device, mu_r=mu_r, progress=progress)
-
-
 def workspace_corners(device: Device) -> tuple[Array, Array] | None:
     """Corners (3,) of the axis-parallel box around the workspace, m, or None where the device names none."""
     space = device.workspace
@@ -109,31 +105,57 @@ def recorded_payload(text: str) -> Payload | None:
     return None if keys is None else keys.to_model()
 
 
-def find_source(name: str, mu_r: float | None = None) -> Source:
-    """The map or device of this name. `open` returns (field, assumptions); it solves a device with linear
-    iron."""
-    if is_map(name):
-        return _map_source(name, mu_r)
-    device = open_device(name)
+def recorded_driver(text: str) -> Driver | None:
+    """The driver in the text of a device file; None where there is none."""
+    if not text:
+        return None
+    from fieldmap.device.schema import DeviceFile
 
-    def solved() -> tuple[Any, tuple[str, ...]]:
-        solution = solve_device(device, mu_r)
+    keys = DeviceFile.model_validate(tomllib.loads(text)).driver
+    return None if keys is None else keys.to_model()
+
+
+def find_source(name: str, choice: IronChoice) -> Source:
+    """The map or device of this name. `open` solves a device; a map's iron is what it was made with."""
+    if is_map(name):
+        return _map_source(name, choice)
+    device = open_device(name)
+    corners = workspace_corners(device)
+    about = (device.coil_names, device.payload, device.driver, corners)
+    if choice.nonlinear:
+        require_iron(device)
+        states = States(device, choice)
+        return Source(
+            device.name, device.name, "device, nonlinear iron", *about, lambda i: _state(states, i), states
+        )
+
+    def solved(currents: Array | None) -> tuple[Any, tuple[str, ...]]:
+        solution = solve_device(device, choice)
         return solution, tuple(solution.report.assumptions)
 
-    corners = workspace_corners(device)
-    return Source(device.name, "device, linear iron", device.coil_names, device.payload, corners, solved)
+    return Source(device.name, device.name, "device, linear iron", *about, solved)
 
 
-def _map_source(name: str, mu_r: float | None) -> Source:
+def _state(states: States, currents: Array | None) -> tuple[Any, tuple[str, ...]]:
+    from fieldmap.cli.report_text import state_notes
+    from fieldmap.levitation import FixedCurrents
+
+    state = states(np.asarray(currents, dtype=float))
+    return FixedCurrents(state), state_notes(state.report)
+
+
+def _map_source(name: str, choice: IronChoice) -> Source:
     from fieldmap.lookup import open_map
 
     path = check_map_path(name)
-    if mu_r is not None:
+    if choice.given:
         remedy = "leave it out, or name a device"
-        raise InputError(Problem("--mu-r", "must go with a device", "a map, whose iron is fixed", remedy))
+        where = ", ".join(choice.given)
+        raise InputError(Problem(where, "must go with a device", "a map, whose iron is fixed", remedy))
     opened = open_map(path)
     record = opened.info.provenance
     assumptions = tuple(record.assumptions)
     corners = (np.asarray(opened.lower), np.asarray(opened.upper))
     payload = recorded_payload(record.device_text)
-    return Source(path.name, "map", opened.coil_names, payload, corners, lambda: (opened, assumptions))
+    about = (opened.coil_names, payload, recorded_driver(record.device_text), corners)
+    return Source(path.name, record.device_name, "map", *about, lambda currents: (opened, assumptions))

@@ -25,10 +25,13 @@ def console() -> Console:
 def print_page(*sections: RenderableType | None) -> None:
     """Print the sections that are there, with an empty line between them."""
     out = console()
-    for index, section in enumerate(section for section in sections if section is not None):
-        if index:
-            out.print()
-        out.print(section)
+    with out.capture() as page:
+        for index, section in enumerate(section for section in sections if section is not None):
+            if index:
+                out.print()
+            out.print(section)
+    # Tables are padded to their width; a file or a pipe should not get the blanks.
+    print("\n".join(line.rstrip() for line in page.get().splitlines()))
 
 
 def heading(title: str, subtitle: str = "") -> Text:
@@ -65,6 +68,34 @@ def assumption_lines(assumptions: Iterable[str]) -> list[tuple[str, str]]:
 def millimetres(point: Any) -> str:
     """A point in mm, to 1 um: (0.000, 0.000, -87.000) mm."""
     return "(" + ", ".join(f"{1e3 * x + 0.0:.3f}" for x in point) + ") mm"
+
+
+def place(point: Any, decimals: int = 3) -> str:
+    """A point that was given, in mm, without digits that say nothing.
+
+    >>> place([0.0, -0.0381051, -0.087])
+    '(0, -38.105, -87) mm'
+    """
+    return "(" + ", ".join(f"{round(1e3 * float(x), decimals) + 0.0:g}" for x in point) + ") mm"
+
+
+def count_of(number: int, singular: str, plural: str) -> str:
+    """A number with its noun: "1 body", "2 bodies".
+
+    >>> count_of(1, "body", "bodies"), count_of(0, "body", "bodies")
+    ('1 body', '0 bodies')
+    """
+    return f"{number:,} {singular if number == 1 else plural}"
+
+
+def without_noise(values: Any) -> np.ndarray:
+    """The values with what rounding left, below 1e-9 of the largest, as zeros.
+
+    >>> without_noise([2.0, -1e-17]).tolist()
+    [2.0, 0.0]
+    """
+    array = np.asarray(values, dtype=float)
+    return np.where(np.abs(array) <= 1e-9 * np.abs(array).max(initial=0.0), 0.0, array)
 
 
 def print_json(value: Any) -> None:

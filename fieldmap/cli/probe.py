@@ -1,10 +1,10 @@
 """`fieldmap probe`: field, gradient and force at points, of a device or a map."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from fieldmap.cli.options import At, AtMm, Form, Json, MuR, Nonlinear, Refinement
 
 if TYPE_CHECKING:
     from fieldmap.cli.opening import Source
@@ -15,40 +15,37 @@ def probe(
     currents: Annotated[
         list[str], typer.Option("--currents", metavar="A[,A...]", help="One per coil, or one for all.")
     ],
-    at: Annotated[
-        list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")
-    ] = None,
-    at_mm: Annotated[
-        list[str] | None, typer.Option("--at-mm", metavar="X Y Z", help="Point in mm; may be repeated.")
-    ] = None,
+    at: At = None,
+    at_mm: AtMm = None,
     payload: Annotated[
         bool, typer.Option("--payload", help="Force and torque on the device's payload, moment upward.")
     ] = False,
     moment: Annotated[
         str | None, typer.Option("--moment", metavar="X Y Z", help="Force and torque on this moment, A m2.")
     ] = None,
-    mu_r: Annotated[
-        float | None, typer.Option("--mu-r", help="Relative permeability of the iron; for a device only.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    mu_r: MuR = None,
+    nonlinear: Nonlinear = False,
+    refinement: Refinement = 1.0,
+    form: Form = "auto",
+    json: Json = False,
 ) -> None:
     """Print B, its gradient and, on request, force and torque at points."""
+    from fieldmap.cli.iron import checked_choice
     from fieldmap.cli.numbers import parse_currents, parse_moment, parse_points
     from fieldmap.cli.opening import find_source
-    from fieldmap.cli.solve import check_mu_r
     from fieldmap.errors import InputError, Problem
 
     points = parse_points(at or [], at_mm or [])
     if not len(points):
         remedy = "add --at X Y Z (m) or --at-mm X Y Z"
         raise InputError(Problem("--at", "must give at least one point", "none", remedy))
-    check_mu_r(mu_r)
+    choice = checked_choice(mu_r, nonlinear, refinement, form)
     dipole = None if moment is None else parse_moment(moment)
-    found = find_source(source, mu_r)
+    found = find_source(source, choice)
     amperes = parse_currents(currents, found.coil_names)
     if payload and dipole is None:
         dipole = _payload_moment(found)
-    field, assumptions = found.open()
+    field, assumptions = found.open(amperes)
     rows = _rows(field, points, amperes, dipole)
     if json:
         from fieldmap.cli.printing import print_json
@@ -60,7 +57,7 @@ def probe(
         _print(found, rows, amperes, assumptions)
 
 
-def _payload_moment(found: Source) -> Any:
+def _payload_moment(found: "Source") -> Any:
     import numpy as np
 
     from fieldmap.errors import InputError, Problem
@@ -96,7 +93,7 @@ def _rows(field: Any, points: Any, currents: Any, dipole: Any) -> list[dict[str,
     return rows
 
 
-def _print(found: Source, rows: list[dict[str, Any]], currents: Any, assumptions: tuple[str, ...]) -> None:
+def _print(found: "Source", rows: list[dict[str, Any]], currents: Any, assumptions: tuple[str, ...]) -> None:
     from fieldmap.cli.fields import field_table
     from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
 
@@ -109,13 +106,15 @@ def _print(found: Source, rows: list[dict[str, Any]], currents: Any, assumptions
 
 
 def _force_table(rows: list[dict[str, Any]]) -> Any:
-    from fieldmap.cli.printing import millimetres, table
+    from rich.console import Group
+    from rich.text import Text
+
+    from fieldmap.cli.printing import place, table
 
     cells = (
-        (millimetres(row["at"]), *(f"{1e3 * value:.5g}" for value in (*row["force"], *row["torque"])))
+        (place(row["at"]), *(f"{1e3 * value:.5g}" for value in (*row["force"], *row["torque"])))
         for row in rows
     )
     moment = ", ".join(f"{value:.4g}" for value in rows[0]["moment"])
-    return table(
-        (f"on ({moment}) A m2 at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m"), cells
-    )
+    columns = ("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m")
+    return Group(Text(f"Force and torque on a moment of ({moment}) A m2"), table(columns, cells))

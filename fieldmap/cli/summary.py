@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.cli.measured import is_measured_machine, measured_lift_current
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible
-from fieldmap.levitation import GRAVITY, lift_current, magnet_height, thesis_lift_current
+from fieldmap.levitation import GRAVITY, lift_current, magnet_height
 
 SENSOR_READINGS_MM = (10.0, 20.0, 30.0, 40.0)
 SATURATION = (
-    "The iron is linear, at the initial slope of its B-H table. Real iron saturates: at the working "
-    "currents of the drive unit linear iron is wrong by 25-35 %. Until the nonlinear solution is in, read "
-    "these numbers as the unsaturated limit."
+    "This map is linear: no saturation. fieldmap solve DEVICE --nonlinear --currents ... gives the saturated "
+    "field at given currents; maps over currents with saturation are not in yet."
 )
 
 
@@ -81,14 +81,15 @@ def lift_rows(opened: Any, payload: Payload | None, device: str) -> list[dict[st
     measured on."""
     if payload is None:
         return []
-    thesis = device.startswith("drive_unit")
+    coils = len(opened.coil_names)
+    thesis = is_measured_machine(device, coils)
     rows = []
     for reading, height in _heights(opened, payload.magnet_offset, thesis):
         try:
             current = lift_current(opened, payload, [0.0, 0.0, height]).current
         except Infeasible:
             continue
-        measured = thesis_lift_current(reading) if thesis and len(opened.coil_names) == 6 else None
+        measured = measured_lift_current(device, coils, reading)
         rows.append(
             {
                 "sensor_mm": reading if thesis else None,

@@ -7,7 +7,8 @@ from rich.console import Group
 from rich.text import Text
 
 from fieldmap.cli.assumptions import payload_assumptions
-from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, table
+from fieldmap.cli.printing import assumption_lines, count_of, facts, heading, print_page, table
+from fieldmap.cli.report_text import FORM_WORDS
 
 RATIO = "A ratio above 1: this model needs more current than was measured (docs/theory/equilibrium.md)."
 
@@ -27,7 +28,7 @@ def print_text(summary: dict[str, Any]) -> None:
 def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     grid, solver = summary["grid"], summary["solver"]
     names = summary["coil_names"]
-    yield "device", f"{summary['device']}, {len(names)} coils: {', '.join(names)}"
+    yield "device", f"{summary['device']}, {count_of(len(names), 'coil', 'coils')}: {', '.join(names)}"
     yield "iron", ", ".join(_solver_words(solver))
     shape = " x ".join(str(n) for n in grid["shape"])
     steps = dict.fromkeys(grid["spacing"].round(9))
@@ -43,7 +44,11 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _solver_words(solver: dict[str, Any]) -> list[str]:
+    if solver.get("form") == "coils":
+        return [FORM_WORDS["coils"]]
     words = ["linear"]
+    if "form" in solver:
+        words.append(FORM_WORDS.get(solver["form"], str(solver["form"])))
     for key, text in (("tetrahedra", "tetrahedra"), ("surface_faces", "surface faces")):
         if key in solver:
             words.append(f"{solver[key]:,} {text}".replace(",", " "))

@@ -1,0 +1,121 @@
+"""What `fieldmap equilibrium` answers: where the payload floats, or the current that lifts it."""
+
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.cli.measured import is_measured_machine, measured_lift_current
+from fieldmap.cli.opening import Source
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
+from fieldmap.levitation import (
+    GRAVITY,
+    DifferencedField,
+    find_equilibrium,
+    lift_current,
+    lift_current_nonlinear,
+    sensor_reading,
+)
+from fieldmap.levitation.checks import check_position
+
+Array = NDArray[np.float64]
+
+
+def floating(
+    source: Source, currents: Array, payload: Payload, start: Array | None, moment: str
+) -> dict[str, Any]:
+    """The equilibrium at given currents."""
+    if start is not None:
+        check_position(_box(source), start, "--start")
+    if moment not in ("fixed", "aligned"):
+        raise InputError(Problem("--moment", "must be fixed or aligned", moment, "choose one"))
+    field, assumptions = source.open(currents)
+    found = find_equilibrium(_searchable(source, field), currents, payload, start, moment)  # type: ignore[arg-type]
+    return _common(source, payload, found, assumptions) | {
+        "eigenvalues": found.eigenvalues,
+        "directions": found.directions.T,
+        "stable": found.stable,
+        "trace": found.trace,
+        "stable_axes": found.stable_axes,
+        "moment": found.moment,
+        "angle_to_field_deg": found.angle_to_field,
+        "others": found.others,
+        "force_residual": found.force_residual,
+        "report": found.report,
+    }
+
+
+def lifted(source: Source, payload: Payload, height: float) -> dict[str, Any]:
+    """The common current that carries the payload with its magnet at this height (m) on the axis."""
+    point = check_position(_box(source), [0.0, 0.0, height], "the magnet's centre")
+    if source.states is None:
+        field, assumptions = source.open(None)
+        lift = lift_current(_searchable(source, field), payload, point)
+    else:
+        lift, assumptions = _lift_by_states(source, payload, point)
+    answer = _common(source, payload, lift, assumptions)
+    measured = measured_lift_current(source.device_name, len(source.coil_names), answer["sensor_mm"])
+    return answer | {
+        "lift_current": lift.current,
+        "current_limit": None if source.driver is None else source.driver.current_limit,
+        "force": lift.force,
+        "force_per_ampere": lift.force_per_ampere,
+        "states": [{"current": current, "lift": newtons} for current, newtons in lift.history],
+        "thesis": measured,
+        "ratio": None if measured is None else lift.current / measured,
+    }
+
+
+def _lift_by_states(source: Source, payload: Payload, point: Array) -> tuple[Any, tuple[str, ...]]:
+    notes: tuple[str, ...] = ()
+
+    def solve_at(currents: Array) -> DifferencedField:
+        nonlocal notes
+        field, notes = source.open(currents)
+        return _searchable(source, field)
+
+    lift = lift_current_nonlinear(
+        solve_at, payload, point, np.ones(len(source.coil_names)), on_state=_tell_state
+    )
+    return lift, notes
+
+
+def _tell_state(current: float, share: float) -> None:
+    print(f"{current:.4f} A per coil lifts {100 * share:.2f} % of the weight", file=sys.stderr)
+
+
+def _box(source: Source) -> Any:
+    """The box in which an equilibrium may be looked for, known before anything is solved."""
+    if source.corners is None:
+        remedy = "add a [workspace] table to the device file"
+        raise InputError(Problem(source.name, "must have a [workspace] to search", "none", remedy))
+    return SimpleNamespace(lower=source.corners[0], upper=source.corners[1])
+
+
+def _searchable(source: Source, field: Any) -> Any:
+    """A map as it is; a solution with second gradients by differences, inside the workspace's box."""
+    box = _box(source)
+    return field if source.kind == "map" else DifferencedField(field, box.lower, box.upper)
+
+
+def _common(source: Source, payload: Payload, found: Any, assumptions: tuple[str, ...]) -> dict[str, Any]:
+    return {
+        "source": source.name,
+        "kind": source.kind,
+        "coil_names": source.coil_names,
+        "position": found.position,
+        "sensor_mm": sensor_reading(found.position[2], payload.magnet_offset),
+        "has_sensor": payload.magnet_offset != 0
+        or is_measured_machine(source.device_name, len(source.coil_names)),
+        "currents": found.currents,
+        "mass": payload.mass,
+        "weight": payload.mass * GRAVITY,
+        "moment_magnitude": payload.moment,
+        "magnet_offset": payload.magnet_offset,
+        "field": found.field,
+        "stiffness": found.stiffness,
+        "assumptions": (*found.assumptions, *assumptions),
+    }

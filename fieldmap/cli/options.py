@@ -1,0 +1,41 @@
+"""The options that several commands share, with one wording each."""
+
+from typing import Annotated
+
+import typer
+
+DeviceArgument = Annotated[str, typer.Argument(help="Device file, or the name of a shipped device.")]
+At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
+AtMm = Annotated[
+    list[str] | None, typer.Option("--at-mm", metavar="X Y Z", help="Point in mm; may be repeated.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+_IRON = "Iron (of a device)"
+MuR = Annotated[
+    float | None,
+    typer.Option(
+        "--mu-r", help="Relative permeability of all iron; the file's otherwise.", rich_help_panel=_IRON
+    ),
+]
+Nonlinear = Annotated[
+    bool,
+    typer.Option(
+        "--nonlinear",
+        help="Iron that saturates, by its B-H table, at the given currents.",
+        rich_help_panel=_IRON,
+    ),
+]
+Refinement = Annotated[
+    float,
+    typer.Option("--refinement", help="Divide the mesh sizes of the file by this.", rich_help_panel=_IRON),
+]
+Form = Annotated[
+    str,
+    typer.Option(
+        "--form",
+        metavar="NAME",
+        help="potential (second order), flux (lowest order), or auto: potential where all mu_r >= 1.",
+        rich_help_panel=_IRON,
+    ),
+]
