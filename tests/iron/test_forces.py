@@ -94,7 +94,7 @@ def test_torque_about_another_point(solution):
 
 
 def test_virtual_displacement_and_rotation():
-    """Force and torque on a coil = derivative of the field energy at constant currents (linear iron), within 1 %."""
+    """Force and torque on a coil = derivative of the field energy at constant currents (linear iron)."""
     base = fm.solve_linear(block_and_coils())
 
     def slope(step, **moves):
@@ -105,9 +105,9 @@ def test_virtual_displacement_and_rotation():
         return (ahead - behind) / (2 * step)
 
     force = base.force_on("ring", CURRENTS)
-    assert slope(5e-4, shift=5e-4) == pytest.approx(force[1], abs=0.01 * np.abs(force).max())
+    assert slope(5e-4, shift=5e-4) == pytest.approx(force[1], abs=3e-3 * np.abs(force).max())
     torque = base.torque_on("ring", CURRENTS, block_and_coils().coils[0].placement.position)
-    assert slope(0.02, angle=0.02) == pytest.approx(torque[0], rel=0.01)
+    assert slope(0.02, angle=0.02) == pytest.approx(torque[0], rel=3e-3)
 
 
 def loop_and_sphere_force(height, radius=0.01, mu_r=1000.0, turns=100, terms=60):
@@ -133,7 +133,7 @@ def test_loop_and_sphere_against_its_closed_form(form):
     unit = fm.solve_linear(fm.read_device("loop_and_sphere"), form=form)
     exact = loop_and_sphere_force(0.025)
     for name, sign in (("loop", 1), ("sphere", -1)):
-        assert unit.force_on(name, [1.0]) == pytest.approx([0, 0, sign * exact], abs=2e-3 * abs(exact))
+        assert unit.force_on(name, [1.0]) == pytest.approx([0, 0, sign * exact], abs=1e-3 * abs(exact))
 
 
 def pair_moment(distance, mu, terms=40):

@@ -1,0 +1,238 @@
+"""Flux linkage, inductance and energy of coils with iron: closed forms, derivatives, both forms of the solver."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.integrate import quad
+
+import fieldmap as fm
+from fieldmap.device.model import (
+    BHTable,
+    Body,
+    Box,
+    CircularCoil,
+    Cylinder,
+    Device,
+    LinearMaterial,
+    Part,
+    PermanentMagnet,
+    Placement,
+    Ring,
+)
+from fieldmap.errors import InputError
+from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.bh_law import law_tables
+from fieldmap.iron.linkage import law_values
+from fieldmap.maps.solver_state import from_arrays, to_arrays
+from fieldmap.sources import unit_flux_density
+from fieldmap.sources.inductance import bare_inductance
+
+STEEL = BHTable(
+    "steel",
+    np.array([200.0, 400.0, 1000.0, 3000.0, 1e4, 1e5]),
+    np.array([0.7, 1.1, 1.45, 1.65, 1.85, 2.3]),
+    "straight line to the origin",
+    "slope mu0",
+    2785.0,
+)
+
+
+def at(x, y, z):
+    return Placement(np.array([x, y, z], float), np.eye(3))
+
+
+def core_and_coils(material=None, shift=0.0):
+    """A core with a coil around it, and a second coil to one side of it."""
+    material = material or LinearMaterial("iron", 500.0)
+    core = Body("core", "iron", (Part(Cylinder(0.005, 0.03)),), 0.005)
+    coils = (
+        CircularCoil("around", 0.006, 0.010, 0.02, 200.0, placement=at(0, 0, 0.015 + shift)),
+        CircularCoil("beside", 0.005, 0.008, 0.01, 100.0, -1, placement=at(0.015, 0.004, 0.04)),
+    )
+    return Device("d", "", coils, (core,), {"iron": material})
+
+
+@pytest.fixture(scope="module")
+def forms():
+    return {form: fm.solve_linear(core_and_coils(), form=form) for form in ("potential", "flux")}
+
+
+def sphere_inductance(radius=0.01, mu_r=1000.0, turns=100, height=0.025, terms=60):
+    """What a sphere adds to the inductance of a coaxial coil: its response to every multipole of a loop, linked with
+    the loop. Flux of P_n through the cap of angle alpha: 2 pi d^2 sin(alpha) P_n^1(cos alpha) / (n (n + 1)) times the
+    radial field; with b_n of geometry/loop_and_sphere.toml, L = pi mu0 R sum -b_n (sin(alpha) P_n^1)^2 (R/d)^2n / n^2,
+    averaged over the winding's section."""
+    x = np.array([-1, 1]) / np.sqrt(3)
+    r, z = (grid.ravel() for grid in np.meshgrid(0.03 + 5e-4 * x, height + 5e-4 * x, indexing="ij"))
+    d, cosine = np.hypot(r, z), z / np.hypot(r, z)
+    total = 0.0
+    for n in range(1, terms):
+        legendre = np.polynomial.legendre.Legendre.basis(n).deriv()(cosine)
+        strength = (1 - cosine**2) * legendre * (radius / d) ** n
+        total += (mu_r - 1) / (n * (n * mu_r + n + 1)) * np.mean(strength) ** 2
+    return np.pi * mu_0 * radius * turns**2 * total
+
+
+@pytest.mark.parametrize("form", ["potential", "flux"])
+def test_coil_above_a_sphere(form):
+    device = fm.read_device("loop_and_sphere")
+    unit = fm.solve_linear(device, form=form)
+    added = unit.inductance() - bare_inductance(device.coils)
+    assert added[0, 0] == pytest.approx(sphere_inductance(), rel=1e-3)
+
+
+def test_inductance_is_symmetric_and_both_forms_agree(forms):
+    one, two = (forms[form].inductance() for form in ("potential", "flux"))
+    for matrix in (one, two):
+        assert matrix == pytest.approx(matrix.T, rel=1e-6)
+    assert one == pytest.approx(two, rel=2e-3)
+    air = bare_inductance(forms["flux"].coils)
+    assert one[0, 0] > 2 * air[0, 0]
+
+
+def test_linkage_and_energy_are_those_of_the_matrix(forms):
+    unit, currents = forms["potential"], np.array([2.0, -3.0])
+    matrix = unit.inductance()
+    assert unit.flux_linkage(currents) == pytest.approx(matrix @ currents)
+    assert unit.energy(currents) == pytest.approx(0.5 * currents @ matrix @ currents)
+
+
+@pytest.mark.parametrize("form", ["potential", "flux"])
+def test_ring_linked_with_coils_is_a_toroid(form):
+    """A closed circuit, where the coils' field has a circulation in the iron: six coils evenly round an iron ring
+    link mu0 mu_r N^2 A / (2 pi r) with each other, hardly anything leaks, and to that comes what they have in air."""
+    inner, outer, height, mu_r, turns = 0.018, 0.022, 0.004, 2000.0, 10.0
+    ring = Body("ring", "iron", (Part(Ring(inner, outer, height), at(0, 0, -height / 2)),), 0.004)
+    coils = []
+    for angle in np.pi / 3 * np.arange(6):
+        out, along = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
+        place = Placement(0.02 * out, np.column_stack([out, [0, 0, -1.0], along]))
+        coils.append(CircularCoil(f"{len(coils)}", 0.006, 0.008, 0.003, turns, placement=place))
+    unit = fm.solve_linear(
+        Device("d", "", tuple(coils), (ring,), {"iron": LinearMaterial("iron", mu_r)}), form=form
+    )
+    exact = mu_0 * mu_r * (6 * turns) ** 2 * height * np.log(outer / inner) / (2 * np.pi)
+    air = bare_inductance(coils)
+    assert unit.inductance().sum() - air.sum() == pytest.approx(exact, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def solver():
+    return NonlinearSolver(core_and_coils(STEEL))
+
+
+def test_linkage_is_the_derivative_of_the_coenergy(solver):
+    """In saturation, by each current. Exact on any mesh, up to the solver's tolerance and the difference."""
+    currents, step = np.array([20.0, 10.0]), 0.02
+    state = solver.solve(currents, tolerance=1e-5)
+    assert state.report.largest_flux_density > 1.7
+    for k in range(2):
+        ahead, behind = (
+            solver.solve(currents + s * step * np.eye(2)[k], tolerance=1e-5, start=state).coenergy()
+            for s in (1, -1)
+        )
+        assert (ahead - behind) / (2 * step) == pytest.approx(state.flux_linkage()[k], rel=1e-4)
+
+
+def test_energy_is_the_work_of_the_currents(solver):
+    """W = int I . dlambda on the way from zero, Gauss's rule in the linkage's derivative by parts:
+    W = I . lambda - int lambda dI."""
+    final = np.array([20.0, 10.0])
+    x, w = np.polynomial.legendre.leggauss(8)
+    states, begin = [], None
+    for share in 0.5 * (1 + x):
+        begin = solver.solve(share * final, tolerance=1e-4, start=begin)
+        states.append(begin.flux_linkage() @ final)
+    last = solver.solve(final, tolerance=1e-4, start=begin)
+    work = final @ last.flux_linkage() - 0.5 * w @ states
+    assert last.energy() == pytest.approx(work, rel=3e-3)
+    assert last.coenergy() == pytest.approx(0.5 * w @ states, rel=3e-3)
+    # Saturation: the co-energy is larger than the energy; in linear iron both are the same.
+    assert last.coenergy() > 1.02 * last.energy()
+
+
+def test_saturated_force_is_the_derivative_of_the_coenergy(solver):
+    """Pulling the coil along the core at constant currents, in saturation."""
+    currents, step = np.array([20.0, 0.0]), 5e-4
+    device = core_and_coils(STEEL, shift=0.004)
+    force = fm.solve(device, currents).force_on("around")
+    ahead, behind = (
+        fm.solve(core_and_coils(STEEL, shift=0.004 + s * step), currents).coenergy() for s in (1, -1)
+    )
+    assert force[2] < 0
+    assert (ahead - behind) / (2 * step) == pytest.approx(force[2], rel=2e-3)
+
+
+def test_linear_law_in_the_nonlinear_solver(forms):
+    """The same iron through Newton: linkage, energy and force of the linear door."""
+    currents = np.array([2.0, -3.0])
+    state = fm.solve(core_and_coils(), currents, tolerance=1e-4)
+    unit = forms["potential"]
+    assert state.flux_linkage() == pytest.approx(unit.flux_linkage(currents), rel=1e-5)
+    assert state.energy() == pytest.approx(unit.energy(currents), rel=1e-5)
+    assert state.coenergy() == pytest.approx(state.energy(), rel=1e-5)
+    for name in ("core", "beside"):
+        ours = state.force_on(name)
+        assert ours == pytest.approx(unit.force_on(name, currents), abs=1e-4 * np.abs(ours).max())
+        torque = state.torque_on(name, [0.0, 0.0, 0.0])
+        assert torque == pytest.approx(
+            unit.torque_on(name, currents, [0.0, 0.0, 0.0]), abs=1e-4 * np.abs(torque).max()
+        )
+
+
+@pytest.mark.parametrize("form", ["potential", "flux"])
+@pytest.mark.parametrize("mu_r", [1.0, 1.3])
+def test_magnet_links_its_flux_with_a_coil(form, mu_r):
+    """Reciprocity at mu_r = 1: linkage = int Br/mu0 . B_coil dV. With recoil permeability, both forms agree and
+    so does the saturating door."""
+    magnet = Body("magnet", "magnet", (Part(Box((0.01, 0.008, 0.006))),), 0.0025)
+    remanence = np.array([0.3, -0.2, 1.1])
+    coil = CircularCoil("coil", 0.012, 0.016, 0.006, 150.0, placement=at(0.002, 0, 0.003))
+    device = Device("d", "", (coil,), (magnet,), {"magnet": PermanentMagnet("magnet", remanence, mu_r)})
+    unit = fm.solve_linear(device, form=form)
+    linkage = unit.flux_linkage([0.0])[0]
+    assert fm.solve(device, [0.0]).flux_linkage()[0] == pytest.approx(linkage, rel=3e-3)
+    if mu_r == 1:
+        x, w = np.polynomial.legendre.leggauss(8)
+        grid = np.stack(np.meshgrid(0.005 * x, 0.004 * x, 0.003 + 0.003 * x, indexing="ij"), -1).reshape(
+            -1, 3
+        )
+        weight = np.einsum("i,j,k->ijk", w, w, w).ravel() / 8 * 0.01 * 0.008 * 0.006
+        coil_field = unit_flux_density(coil, grid)
+        assert linkage == pytest.approx(weight @ coil_field @ remanence / mu_0, rel=1e-3)
+    else:
+        assert linkage == pytest.approx(fm.solve_linear(device, form="flux").flux_linkage([0.0])[0], rel=5e-3)
+
+
+def test_law_integral():
+    """int b dh of the fitted law by quadrature, from below the first point to beyond the last."""
+    tables = law_tables([LinearMaterial("other", 7.0), STEEL])
+    h = mu_0 * np.array([50.0, 300.0, 900.0, 5e4, 3e5])
+    number = np.full(5, 1)
+    b, stored = law_values(tables, number, h)
+    for k in range(5):
+        knots = np.sort(np.append(mu_0 * STEEL.h[mu_0 * STEEL.h < h[k]], [0.0, h[k]]))
+        exact = sum(
+            quad(lambda x: law_values(tables, number[:1], np.array([x]))[0][0], low, high)[0]
+            for low, high in pairwise(knots)
+        )
+        assert stored[k] == pytest.approx(exact, rel=1e-9)
+    assert b[-1] == pytest.approx(2.3 + mu_0 * 2e5)
+    other, energy = law_values(tables, np.zeros(1, int), np.array([0.2]))
+    assert (other[0], energy[0]) == pytest.approx((1.4, 0.14))
+
+
+def test_a_stored_solution_has_no_linkages(forms):
+    """What a map keeps of a solution is the field in the air."""
+    stored = from_arrays(core_and_coils(), *to_arrays(forms["potential"]))
+    with pytest.raises(InputError, match="solve the device again"):
+        stored.inductance()
+
+
+def test_coils_alone():
+    device = replace(core_and_coils(), bodies=(), materials={})
+    unit = fm.solve_linear(device)
+    assert unit.inductance() == pytest.approx(bare_inductance(device.coils))
