@@ -3,6 +3,11 @@
 from fieldmap.device.model import BHTable, Device, Payload
 
 
+def has_bh_table(device: Device) -> bool:
+    """Whether some body can saturate."""
+    return any(isinstance(device.materials[body.material], BHTable) for body in device.bodies)
+
+
 def material_assumptions(device: Device) -> tuple[str, ...]:
     """How the B-H tables in use are extended."""
     used = {body.material for body in device.bodies}

@@ -126,7 +126,12 @@ def find_source(name: str, choice: IronChoice) -> Source:
         require_iron(device)
         states = States(device, choice)
         return Source(
-            device.name, device.name, "device, nonlinear iron", *about, lambda i: _state(states, i), states
+            device.name,
+            device.name,
+            "device, nonlinear iron",
+            *about,
+            lambda i: _state(device, states, i),
+            states,
         )
 
     def solved(currents: Array | None) -> tuple[Any, tuple[str, ...]]:
@@ -136,12 +141,12 @@ def find_source(name: str, choice: IronChoice) -> Source:
     return Source(device.name, device.name, "device, linear iron", *about, solved)
 
 
-def _state(states: States, currents: Array | None) -> tuple[Any, tuple[str, ...]]:
+def _state(device: Device, states: States, currents: Array | None) -> tuple[Any, tuple[str, ...]]:
     from fieldmap.cli.report_text import state_notes
     from fieldmap.levitation import FixedCurrents
 
     state = states(np.asarray(currents, dtype=float))
-    return FixedCurrents(state), state_notes(state.report)
+    return FixedCurrents(state), state_notes(state.report, device)
 
 
 def _map_source(name: str, choice: IronChoice) -> Source:

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.cli.assumptions import has_bh_table
 from fieldmap.cli.printing import count_of, table
+from fieldmap.device.model import Device
 
 FORM_WORDS = {
     "potential": "second-order potential form",
@@ -14,7 +16,7 @@ FORM_WORDS = {
 }
 
 
-def report_rows(report: Any, nonlinear: bool) -> Iterator[tuple[str, str]]:
+def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[str, str]]:
     """Rows for `facts` from a SolverReport."""
     words = FORM_WORDS.get(report.form, report.form)
     if report.tetrahedra == 0:
@@ -32,10 +34,12 @@ def report_rows(report: Any, nonlinear: bool) -> Iterator[tuple[str, str]]:
     steps = ", ".join(f"{step} {seconds:.1f}" for step, seconds in report.seconds.items())
     yield "seconds", f"{report.total_seconds:.1f}: {steps}"
     if nonlinear:
-        yield "B-H table", _table_words(report)
+        yield "B-H table", _table_words(report, device)
 
 
-def _table_words(report: Any) -> str:
+def _table_words(report: Any, device: Device) -> str:
+    if not has_bh_table(device):
+        return "none: all iron of this device is linear"
     total = report.tetrahedra
     if not report.beyond_table and not report.below_table:
         return "no element leaves it"
@@ -49,9 +53,9 @@ def _table_words(report: Any) -> str:
     return ", ".join(words)
 
 
-def state_notes(report: Any) -> tuple[str, ...]:
+def state_notes(report: Any, device: Device) -> tuple[str, ...]:
     """What a nonlinear state rests on, with how far its iron is driven."""
-    driven = f"iron up to {report.largest_flux_density:.2f} T; B-H table: {_table_words(report)}"
+    driven = f"iron up to {report.largest_flux_density:.2f} T; B-H table: {_table_words(report, device)}"
     return (*report.assumptions, driven)
 
 

@@ -88,7 +88,7 @@ def _print(device: "Device", answer: dict[str, Any]) -> None:
     from fieldmap.cli.report_text import body_table, report_rows
 
     report, nonlinear = answer["report"], answer["nonlinear"]
-    rows = list(report_rows(report, nonlinear))
+    rows = list(report_rows(report, device, nonlinear))
     if nonlinear:
         rows.insert(0, ("currents", currents_text(device.coil_names, answer["currents"])))
     points, bodies, references = answer["points"], answer["bodies"], answer["references"]

@@ -53,7 +53,7 @@ def _solver_words(solver: dict[str, Any]) -> list[str]:
         if key in solver:
             words.append(f"{solver[key]:,} {text}".replace(",", " "))
     if isinstance(solver.get("seconds"), Mapping):
-        words.append(f"solved in {sum(solver['seconds'].values()):.0f} s")
+        words.append(f"{sum(solver['seconds'].values()):.0f} s")
     return words
 
 

@@ -191,6 +191,29 @@ def test_linear_iron_keeps_its_known_values_in_a_state(capsys):
     assert all(abs(row["deviation"]) < 5e-3 for row in found["references"])
 
 
+def test_linear_iron_is_not_said_to_have_a_table(capsys):
+    words = ["--refinement", "0.5", "--nonlinear", "--currents", "1"]
+    assert main(["solve", "loop_and_sphere", *words]) == 0
+    assert "none: all iron of this device is linear" in capsys.readouterr().out
+
+
+def test_the_summary_of_a_map_says_that_it_is_linear(capsys, ball, tmp_path):
+    """In two lines, with what to do instead."""
+    recipe = tmp_path / "ball_map.toml"
+    recipe.write_text(
+        f'format = 1\ntitle = "Field below the ball"\ndevice = "{ball}"\nspacing_mm = 0.5\n'
+        '[iron]\nmodel = "linear"\nmu_r = "initial"\ntolerance = 1e-3\n'
+        '[output]\nfile = "ball.h5"\nreference_current_A = 1.0\n'
+    )
+    assert main(["map", str(recipe), "-o", str(tmp_path / "ball.h5"), "--summary"]) == 0
+    out = capsys.readouterr().out
+    assert "linear, second-order potential form, " in out
+    closing = out.strip().split("\n\n")[-1].splitlines()
+    assert len(closing) <= 2
+    assert closing[0].startswith("This map is linear")
+    assert "fieldmap solve DEVICE --nonlinear --currents" in " ".join(closing)
+
+
 def test_form_and_refinement_reach_the_solver(capsys):
     coarse = answer(capsys, "solve", "loop_and_sphere", "--refinement", "0.5")["report"]
     flux = answer(capsys, "solve", "loop_and_sphere", "--refinement", "0.5", "--form", "flux")["report"]
