@@ -1,4 +1,4 @@
-"""Flux linkage and co-energy of the iron, from the fields inside it: docs/theory/forces.md (5)-(8)."""
+"""Flux linkage and co-energy of the iron, from the fields inside it: docs/theory/forces.md (4), (5)."""
 
 from collections.abc import Iterator
 

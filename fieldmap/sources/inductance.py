@@ -19,8 +19,8 @@ _ROWS = 500
 def bare_inductance(coils: Sequence[Coil]) -> Array:
     """Inductance matrix (c, c) in H of coils without iron, turns and polarity included; symmetric.
 
-    Self-inductance: flux of the closed-form field through the turns, docs/theory/forces.md (9). Mutual inductance:
-    Neumann's double integral over both windings, (10). Good to about 1e-4; windings must not overlap.
+    Self-inductance: flux of the closed-form field through the turns, docs/theory/forces.md (8). Mutual inductance:
+    Neumann's double integral over both windings, (9). Good to about 1e-4; windings must not overlap.
 
     >>> from fieldmap.device.model import CircularCoil
     >>> brooks = CircularCoil("brooks", inner_radius=0.02, outer_radius=0.04, height=0.02, turns=1000)

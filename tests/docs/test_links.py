@@ -70,6 +70,16 @@ def test_the_site_is_built_and_read_without_a_network():
     assert "font: false" in settings
 
 
+def test_every_public_door_is_in_the_reference():
+    import fieldmap
+
+    page = (ROOT / "docs" / "api" / "doors.md").read_text()
+    doors = [name for name in fieldmap.__all__ if not name.startswith("_")]
+    assert [
+        name for name in doors if not re.search(rf"^::: fieldmap\.\w+\.{name}$", page, re.MULTILINE)
+    ] == []
+
+
 def test_pages_that_the_code_names_exist():
     """Docstrings and messages point to docs/ and to other files of the repository."""
     named_files = set()
