@@ -5,7 +5,7 @@ In tetrahedron e with outward fluxes phi_k through its faces (face k opposite co
     B(x) = sum_k phi_k (x - X_k) / (3 V),
 
 so div B = 0 when the four fluxes sum to zero, and B is then constant. Le-Van, Meunier, Chadebec and Guichon, IEEE
-Trans. Magn. 51 (2015) 7209704 use the same elements for the volume integral method.
+Trans. Magn. 51 (2015) use the same elements for the volume integral method.
 """
 
 from collections.abc import Callable

@@ -27,20 +27,20 @@ _MAX_ITERATIONS = 120
 
 
 class SurfacePreconditioner:
-    """Inverse of W restricted to zero net flux through every magnetic body; `column_scale` (s,) is applied last."""
+    """Inverse of W restricted to zero net flux through every magnetic body; `column_scale` (s,) is applied to W^-1."""
 
     def __init__(self, mutual: MutualPotential, group: NDArray[np.int64], column_scale: Array) -> None:
         self._mutual = mutual
         self._column_scale = column_scale[:, None]
         self._sums = (group[:, None] == np.arange(group.max() + 1)).astype(float)
-        self._to_sums = mutual.solve(self._sums)
+        # With the scale: bodies of different scale that touch must not leak into each other.
+        self._to_sums = mutual.solve(self._sums) * self._column_scale
         self._schur = np.linalg.inv(self._sums.T @ self._to_sums)
 
     def __call__(self, right: Array) -> Array:
         """Apply to (s, c). The result has zero sum over each body, to rounding."""
-        value = self._mutual.solve(right)
-        value = value - self._to_sums @ (self._schur @ (self._sums.T @ value))
-        return value * self._column_scale
+        value = self._mutual.solve(right) * self._column_scale
+        return value - self._to_sums @ (self._schur @ (self._sums.T @ value))
 
 
 class FluxForm:
