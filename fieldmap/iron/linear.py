@@ -21,7 +21,7 @@ from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.stages import Progress, Stages
 from fieldmap.iron.state import IronState
-from fieldmap.sources import unit_flux_density
+from fieldmap.sources import unit_flux_densities
 
 Array = NDArray[np.float64]
 FORMS = ("auto", "potential", "flux")
@@ -157,7 +157,7 @@ def _solve_flux(
     device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float
 ) -> tuple[IronState, int, Array]:
     problem, body = FluxForm(iron), iron.mesh.body
-    load = problem.elements.load(lambda x: np.stack([unit_flux_density(coil, x) for coil in device.coils]))
+    load = problem.elements.load(lambda x: unit_flux_densities(device.coils, x))
     remanence = properties.remanence[body] if properties.remanence.any() else None
     state = problem.solve(properties.mu_r[body], load, remanence, tolerance)
     constant = np.zeros_like(state.flux_density)
@@ -173,12 +173,15 @@ def _solve_potential(
 ) -> tuple[IronState, int, Array]:
     problem, body = PotentialForm(iron), iron.mesh.body
     elements = problem.elements
-    unit = elements.coil_field(lambda x: np.stack([unit_flux_density(coil, x) for coil in device.coils]))
+    unit = elements.coil_field(lambda x: unit_flux_densities(device.coils, x))
     field = unit
     remanence = np.zeros((len(field.bubble), len(body), 3))
     if properties.remanence.any():
         # The remanence is a source of its own, without any coil.
-        field = CoilField(*(np.concatenate([part, 0 * part[:1]]) for part in (field.constant, field.bubble)))
+        padded = (
+            np.concatenate([part, np.zeros((1, *part.shape[1:]))]) for part in (unit.constant, unit.bubble)
+        )
+        field = CoilField(*padded)
         remanence = np.concatenate([remanence, properties.remanence[body][None]])
     material = Magnetisation(body, _straight_laws(properties.mu_r), remanence)
     solved = problem.solve_linear(material, field, tolerance)

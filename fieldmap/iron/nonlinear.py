@@ -21,7 +21,7 @@ from fieldmap.iron.nodal_elements import CoilField
 from fieldmap.iron.potential_form import Magnetisation, PotentialForm, PotentialState
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.stages import Progress, Stages
-from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
 
 Array = NDArray[np.float64]
@@ -132,9 +132,7 @@ class NonlinearSolver:
         self._form = PotentialForm(self._iron)
         stages.next("field of the coils in the iron", 0.5)
         coils = device.coils
-        self._unit = self._form.elements.coil_field(
-            lambda x: np.stack([unit_flux_density(c, x) for c in coils])
-        )
+        self._unit = self._form.elements.coil_field(lambda x: unit_flux_densities(coils, x))
         stages.done("assembled")
         self._seconds = stages.seconds
         materials = [device.materials[body.material] for body in device.bodies]

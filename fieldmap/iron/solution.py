@@ -15,7 +15,7 @@ from fieldmap.iron.inside import containing_element
 from fieldmap.iron.mesh import IronMesh
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.state import IronState
-from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
 
 Array = NDArray[np.float64]
@@ -155,8 +155,7 @@ class LinearSolution:
     def _columns(self, x: Array) -> Array:
         """Field (c, n, 3) of every column: coils, then remanence."""
         b = np.zeros((len(self.coils) + self.has_remanence, len(x), 3))
-        for k, coil in enumerate(self.coils):
-            b[k] = unit_flux_density(coil, x)
+        b[: len(self.coils)] = unit_flux_densities(self.coils, x)
         if self.state is not None:
             b += self.state.faces.field(x, self.state.density)
         return b

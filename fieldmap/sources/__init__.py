@@ -3,6 +3,6 @@
 Depends on: errors, kernels, device. The only door to magpylib is `fieldmap.sources.magpylib_coils`.
 """
 
-from fieldmap.sources.coils import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.coils import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 
-__all__ = ["unit_flux_density", "unit_flux_density_and_gradient"]
+__all__ = ["unit_flux_densities", "unit_flux_density", "unit_flux_density_and_gradient"]

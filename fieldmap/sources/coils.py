@@ -1,5 +1,7 @@
 """Flux density and gradient of a device's coils, per ampere: checked input, placement, turns, polarity."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -30,6 +32,20 @@ def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Ar
     field = _local_field(coil, local, _checked_digits(digits))
     field *= coil.turns * coil.polarity
     return field if _is_upright(coil) else field @ coil.placement.rotation.T
+
+
+def unit_flux_densities(coils: Sequence[Coil], points: Array) -> Array:
+    """Flux density (c, n, 3) of every coil carrying 1 A, T/A, at points (n, 3) in m; (0, n, 3) without coils.
+
+    One `unit_flux_density` per coil; accuracy and errors are its.
+
+    >>> unit_flux_densities((), np.zeros((5, 3))).shape
+    (0, 5, 3)
+    """
+    field = np.zeros((len(coils), len(points), 3))
+    for k, coil in enumerate(coils):
+        field[k] = unit_flux_density(coil, points)
+    return field
 
 
 def unit_flux_density_and_gradient(

@@ -1,10 +1,20 @@
 """The public door: shipped devices, superposition, limits, derivative and refused input."""
 
+import magpylib
 import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import Body, Box, CircularCoil, Device, LinearMaterial, Part, Placement
+from fieldmap.device.model import (
+    Body,
+    Box,
+    CircularCoil,
+    Device,
+    LinearMaterial,
+    Part,
+    PermanentMagnet,
+    Placement,
+)
 from fieldmap.errors import FieldmapError, GeometryError, InputError
 from fieldmap.sources import unit_flux_density
 
@@ -165,3 +175,21 @@ def test_a_coil_through_iron_is_refused_before_any_work():
     coil = CircularCoil("coil", 0.005, 0.008, 0.01, 100.0, placement=low)
     with pytest.raises(GeometryError, match="block"):
         fm.solve_linear(Device("bad", "", (coil,), device.bodies, device.materials))
+
+
+@pytest.mark.parametrize("form", ["potential", "flux"])
+def test_a_magnet_without_any_coil(form):
+    """Its remanence is the only source; at mu_r = 1 magpylib's block is exact."""
+    body = Body("block", "magnet", (Part(Box((0.02, 0.03, 0.01))),), 0.006)
+    device = Device(
+        "m", "", (), (body,), {"magnet": PermanentMagnet("magnet", np.array([0.3, 0.0, 1.2]), 1.0)}
+    )
+    solution = fm.solve_linear(device, form=form)
+    block = magpylib.magnet.Cuboid(
+        polarization=(0.3, 0, 1.2), dimension=(0.02, 0.03, 0.01), position=(0, 0, 0.005)
+    )
+    exact = block.getB(BELOW)
+    field, gradient = solution.remanent_fields(BELOW)
+    assert field == pytest.approx(exact, abs=5e-3 * np.abs(exact).max())
+    assert solution.field(BELOW, []) == pytest.approx(field, rel=1e-12)
+    assert np.abs(np.trace(gradient, axis1=1, axis2=2)).max() < 1e-10 * np.abs(gradient).max()
