@@ -25,11 +25,11 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.iron import NonlinearSolver, generate_mesh
-from fieldmap.iron.assembled import assemble
-from fieldmap.iron.bh_law import law_tables
-from fieldmap.iron.flux_form import FluxForm
-from fieldmap.iron.potential_form import Magnetisation, PotentialForm
-from fieldmap.iron.state import IronState
+from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.flux_form import FluxForm
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.operators.assembled import assemble
 
 Array = NDArray[np.float64]
 REFERENCES = Path(__file__).parents[1] / "tests" / "reference"

@@ -7,20 +7,20 @@ from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.iron.assembled import AssembledIron, assemble, fits_into_memory
-from fieldmap.iron.bh_law import LawTables
+from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.error_estimate import estimate_error, workspace_surface
-from fieldmap.iron.flux_form import FluxForm
-from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.linkage import linkage_and_coenergy, linkage_of_means
-from fieldmap.iron.mesh import generate_mesh
-from fieldmap.iron.nodal_elements import CoilField
-from fieldmap.iron.permeability import BodyProperties, body_properties
-from fieldmap.iron.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.forms.flux_form import FluxForm
+from fieldmap.iron.forms.nodal_elements import CoilField
+from fieldmap.iron.forms.permeability import BodyProperties, body_properties
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into_memory
+from fieldmap.iron.quantities.linkage import linkage_and_coenergy, linkage_of_means
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.stages import Progress, Stages
-from fieldmap.iron.state import IronState
 from fieldmap.sources import unit_flux_densities
 
 Array = NDArray[np.float64]

@@ -9,16 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import BHTable, Coil, Device, FluxBarrier, LinearMaterial, PermanentMagnet
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.air import checked_currents, checked_points, mean_over_body, refuse_inside
-from fieldmap.iron.assembled import assemble
-from fieldmap.iron.bh_law import law_tables
-from fieldmap.iron.forces import Magnetised, force_and_torque
-from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.inside import containing_element
-from fieldmap.iron.linkage import linkage_and_coenergy
-from fieldmap.iron.mesh import IronMesh, generate_mesh
-from fieldmap.iron.nodal_elements import CoilField
-from fieldmap.iron.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.nodal_elements import CoilField
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
+from fieldmap.iron.quantities.inside import containing_element
+from fieldmap.iron.quantities.linkage import linkage_and_coenergy
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.stages import Progress, Stages
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import Coil
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.air import checked_currents, checked_points, mean_over_body, refuse_inside
-from fieldmap.iron.forces import Magnetised, force_and_torque
-from fieldmap.iron.inside import containing_element
-from fieldmap.iron.mesh import IronMesh
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
+from fieldmap.iron.quantities.inside import containing_element
 from fieldmap.iron.report import SolverReport
-from fieldmap.iron.state import IronState
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
 

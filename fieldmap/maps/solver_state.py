@@ -13,8 +13,8 @@ import numpy as np
 
 from fieldmap.device.model import Device
 from fieldmap.iron import LinearSolution, SolverReport
-from fieldmap.iron.state import IronState
-from fieldmap.iron.surface import ChargedFaces
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.operators.surface import ChargedFaces
 
 _FACES = [field.name for field in fields(ChargedFaces)]
 

@@ -10,8 +10,8 @@ import pytest
 import fieldmap as fm
 from fieldmap.device.model import WorkspaceBox, WorkspaceCylinder
 from fieldmap.errors import InputError, NotConverged
-from fieldmap.iron import assembled
 from fieldmap.iron.error_estimate import estimate_error, workspace_surface
+from fieldmap.iron.operators import assembled
 
 _SPEC = importlib.util.spec_from_file_location(
     "axisymmetric", Path(__file__).with_name("test_axisymmetric_iron.py")

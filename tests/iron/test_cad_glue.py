@@ -6,7 +6,7 @@ from netgen.occ import OCCGeometry
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, Sphere
 from fieldmap.errors import GeometryError
-from fieldmap.iron.cad import glue_bodies, magnetic_bodies
+from fieldmap.iron.cad.solids import glue_bodies, touching_bodies
 
 
 def at(x: float, y: float, z: float) -> Placement:
@@ -65,15 +65,15 @@ def test_the_mesher_gives_each_body_its_own_region_and_shares_points_at_the_cont
 
 def test_bodies_that_touch_through_others_are_one_magnetic_body():
     chain = device(body("left", CUBE, 0), BALL, body("right", CUBE, 20), body("middle", CUBE, 10))
-    assert magnetic_bodies(chain) == (("left", "right", "middle"), ("ball",))
+    assert touching_bodies(chain) == (("left", "right", "middle"), ("ball",))
 
 
 def test_bodies_apart_or_in_edge_contact_stay_separate():
-    assert magnetic_bodies(device(body("a", CUBE), body("b", CUBE, 10, 10))) == (("a",), ("b",))
-    assert magnetic_bodies(device(body("a", CUBE), body("b", CUBE, 11))) == (("a",), ("b",))
+    assert touching_bodies(device(body("a", CUBE), body("b", CUBE, 10, 10))) == (("a",), ("b",))
+    assert touching_bodies(device(body("a", CUBE), body("b", CUBE, 11))) == (("a",), ("b",))
 
 
 def test_a_device_of_coils_alone_has_no_magnetic_bodies_and_nothing_to_glue():
-    assert magnetic_bodies(device()) == ()
+    assert touching_bodies(device()) == ()
     with pytest.raises(GeometryError, match="must have a body to mesh"):
         glue_bodies(device())

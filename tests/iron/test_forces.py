@@ -22,11 +22,11 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import InputError
-from fieldmap.iron.assembled import assemble
-from fieldmap.iron.bh_law import law_tables
-from fieldmap.iron.forces import Magnetised, force_and_torque
-from fieldmap.iron.mesh import generate_mesh
-from fieldmap.iron.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 
 TILT = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])
 

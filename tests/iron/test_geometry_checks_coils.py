@@ -19,9 +19,9 @@ from fieldmap.device.model import (
     WorkspaceCylinder,
 )
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.cad import magnetic_bodies
-from fieldmap.iron.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.windings import winding_solid
+from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.cad.solids import touching_bodies
+from fieldmap.iron.cad.windings import winding_solid
 
 
 def at(x: float, y: float, z: float) -> Placement:
@@ -172,7 +172,7 @@ def drive_unit() -> Device:
 def test_the_drive_unit_is_sound_and_one_magnetic_body(drive_unit):
     assert problems(drive_unit) == ()
     assert geometry_notes(drive_unit) == ()
-    assert magnetic_bodies(drive_unit) == (tuple(body.name for body in drive_unit.bodies),)
+    assert touching_bodies(drive_unit) == (tuple(body.name for body in drive_unit.bodies),)
 
 
 def test_neighbouring_rounded_square_coils_clear_each_other_by_their_corners(drive_unit):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.surface import ChargedFaces
+from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.kernels.charged_triangle import triangles_field_and_gradient
 
 RNG = np.random.default_rng(3)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Cylinder, Device, LinearMaterial, Part
-from fieldmap.iron.assembled import assemble
-from fieldmap.iron.flux_form import FluxForm
-from fieldmap.iron.mesh import generate_mesh
+from fieldmap.iron.forms.flux_form import FluxForm
+from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import assemble
 
 # Magnetometric (volume-averaged) axial factors of cylinders at mu_r = 1 + small susceptibility; Chen, Brug and
 # Goldfarb, IEEE Trans. Magn. 27 (1991) 3601, table I, chi = 0, by length/diameter.

@@ -7,10 +7,10 @@ from scipy.optimize import brentq
 
 import fieldmap as fm
 from fieldmap.device.model import Body, Device, LinearMaterial, Part, Sphere
-from fieldmap.iron.assembled import assemble
-from fieldmap.iron.bh_law import law_tables
-from fieldmap.iron.mesh import generate_mesh
-from fieldmap.iron.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import assemble
 
 RADIUS = 0.05
 DIRECTION = np.array([0.48, -0.6, 0.64])

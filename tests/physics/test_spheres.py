@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Device, LinearMaterial, Part, Placement, Sphere
-from fieldmap.iron.assembled import assemble
-from fieldmap.iron.bh_law import law_tables
-from fieldmap.iron.flux_form import FluxForm
-from fieldmap.iron.mesh import generate_mesh, volumes
-from fieldmap.iron.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.flux_form import FluxForm
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.meshing.mesh import generate_mesh, volumes
+from fieldmap.iron.operators.assembled import assemble
 
 RADIUS = 0.05
 UP = np.array([0.0, 0.0, 1.0])

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
-from fieldmap.iron.cad import glue_bodies
-from fieldmap.iron.edge_grading import grade_edges, sharp_edges
-from fieldmap.iron.rounding import equal_volume_vertices
+from fieldmap.iron.cad.solids import glue_bodies
+from fieldmap.iron.meshing.edge_grading import grade_edges, sharp_edges
+from fieldmap.iron.meshing.rounding import equal_volume_vertices
 
 _MILLIMETRE = 1e-3
 # A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.

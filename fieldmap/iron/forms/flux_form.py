@@ -2,8 +2,8 @@
 
 Unknown is the outward flux x through every surface face. The charge of a face is (1 - nu) x / mu0, where nu = 1/mu_r
 of its element; between elements of different nu it is (nu_2 - nu_1) times the flux. With W the mutual potential of
-the faces, T x the surface potential that the interior needs to carry x (`fieldmap.iron.interior`), and g that of the
-sources alone,
+the faces, T x the surface potential that the interior needs to carry x (`fieldmap.iron.operators.interior`), and g
+that of the sources alone,
 
     W (1 - nu) x + W_i c phi_i(x) + T x = g + const per magnetic body,     sum of x = 0 over each body.
 
@@ -14,13 +14,13 @@ any permeability. The net flux is kept at zero exactly: a defect of 3e-3 would c
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.iron.assembled import AssembledIron
-from fieldmap.iron.flux_elements import FluxElements
-from fieldmap.iron.interior import Interior
-from fieldmap.iron.krylov import block_gmres, require_convergence
-from fieldmap.iron.mutual import MutualPotential
-from fieldmap.iron.state import IronState
-from fieldmap.iron.surface import ChargedFaces
+from fieldmap.iron.forms.flux_elements import FluxElements
+from fieldmap.iron.forms.krylov import block_gmres, require_convergence
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.operators.interior import Interior
+from fieldmap.iron.operators.mutual import MutualPotential
+from fieldmap.iron.operators.surface import ChargedFaces
 
 Array = NDArray[np.float64]
 _MAX_ITERATIONS = 120

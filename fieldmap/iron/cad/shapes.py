@@ -21,7 +21,7 @@ from fieldmap.device.model import (
     StepFile,
 )
 from fieldmap.device.polygons import polygon_fault, signed_area
-from fieldmap.iron.step_files import solid_of_step_file
+from fieldmap.iron.cad.step_files import solid_of_step_file
 
 Array = NDArray[np.float64]
 

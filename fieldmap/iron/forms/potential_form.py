@@ -1,12 +1,12 @@
 """The iron by a scalar potential of second order: H = t - grad phi inside, charges on the surface outside.
 
 Minimises a convex functional of the nodal potential phi. With b(h) the material's law, t the coil field
-(`fieldmap.iron.nodal_elements`) and S the air (`fieldmap.iron.exterior`),
+(`fieldmap.iron.forms.nodal_elements`) and S the air (`fieldmap.iron.operators.exterior`),
 
     R(phi) . v  =  int (b(t - grad phi) + b_r - t) . grad v dV  -  (S phi) . v  =  0      for all nodal v.
 
 The tangent is -(int grad (db/dh) grad + S): symmetric and, for db/dh >= 1, positive. H is tangentially continuous by
-construction, B only in the mean: the complement of the flux form (`fieldmap.iron.flux_form`), with errors of the
+construction, B only in the mean: the complement of the flux form (`fieldmap.iron.forms.flux_form`), with errors of the
 other sign in closed magnetic circuits.
 """
 
@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from fieldmap.iron.assembled import AssembledIron
-from fieldmap.iron.bh_law import LawTables
-from fieldmap.iron.exterior import Exterior, factored
-from fieldmap.iron.krylov import block_gmres, require_convergence
-from fieldmap.iron.nodal_elements import CoilField, NodalElements
-from fieldmap.iron.state import IronState
+from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.forms.krylov import block_gmres, require_convergence
+from fieldmap.iron.forms.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.operators.exterior import Exterior, factored
 from fieldmap.kernels import quadratic_potential as kernel
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from fieldmap.iron.topology import Faces
+from fieldmap.iron.meshing.topology import Faces
 
 Array = NDArray[np.float64]
 

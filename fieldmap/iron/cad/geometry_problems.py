@@ -3,8 +3,8 @@
 import numpy as np
 
 from fieldmap.errors import Problem
-from fieldmap.iron.contacts import LEAST_GAP, NearMiss, Pinch
-from fieldmap.iron.overlaps import NamedSolid, Overlap
+from fieldmap.iron.cad.contacts import LEAST_GAP, NearMiss, Pinch
+from fieldmap.iron.cad.overlaps import NamedSolid, Overlap
 
 
 def no_volume(label: str, body: NamedSolid) -> Problem:

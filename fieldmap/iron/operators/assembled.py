@@ -4,10 +4,10 @@ import os
 from dataclasses import dataclass
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.mesh import IronMesh
-from fieldmap.iron.mutual import MutualPotential
-from fieldmap.iron.surface import ChargedFaces
-from fieldmap.iron.topology import Faces, build_faces
+from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.iron.meshing.topology import Faces, build_faces
+from fieldmap.iron.operators.mutual import MutualPotential
+from fieldmap.iron.operators.surface import ChargedFaces
 
 # Double matrix, single factor, and one single copy while it is factored.
 _BYTES_PER_PAIR = 16

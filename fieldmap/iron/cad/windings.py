@@ -14,8 +14,17 @@ from fieldmap.device.model import (
     WorkspaceCylinder,
 )
 from fieldmap.device.polygons import polygon_fault, rounding_fault
-from fieldmap.iron.rounded_outline import Corner, outline_points, rounded_outline
-from fieldmap.iron.shapes import MILLIMETRES, checked_polygon, cylinder, place, point, positive, ring, segment
+from fieldmap.iron.cad.rounded_outline import Corner, outline_points, rounded_outline
+from fieldmap.iron.cad.shapes import (
+    MILLIMETRES,
+    checked_polygon,
+    cylinder,
+    place,
+    point,
+    positive,
+    ring,
+    segment,
+)
 
 Array = NDArray[np.float64]
 
@@ -26,7 +35,7 @@ SHORTEST_EDGE = 1e-6
 def winding_solid(coil: Coil) -> occ.TopoDS_Shape:
     """The space that a coil's winding fills, in the global frame; its name is the coil's.
 
-    Raises one of `fieldmap.iron.shapes.KERNEL_ERRORS` where the winding cannot be built.
+    Raises one of `fieldmap.iron.cad.shapes.KERNEL_ERRORS` where the winding cannot be built.
     """
     match coil:
         case CircularCoil():

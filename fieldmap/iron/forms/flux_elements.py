@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.iron.mesh import IronMesh, volumes
+from fieldmap.iron.meshing.mesh import IronMesh, volumes
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.iron.mesh import IronMesh
+from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.kernels.containment import find_tetrahedron
 
 Array = NDArray[np.float64]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from fieldmap.iron.mesh import IronMesh, volumes
-from fieldmap.iron.topology import Faces
+from fieldmap.iron.meshing.mesh import IronMesh, volumes
+from fieldmap.iron.meshing.topology import Faces
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

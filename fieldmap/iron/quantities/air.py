@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.inside import containing_element
-from fieldmap.iron.mesh import IronMesh, volumes
+from fieldmap.iron.meshing.mesh import IronMesh, volumes
+from fieldmap.iron.quantities.inside import containing_element
 
 Array = NDArray[np.float64]
 

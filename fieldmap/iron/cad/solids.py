@@ -1,6 +1,6 @@
 """Iron bodies as solids of the CAD kernel, and all of them glued together for the mesher.
 
-The kernel is Open CASCADE, reached through netgen. Inside it lengths are millimetres (`fieldmap.iron.shapes`
+The kernel is Open CASCADE, reached through netgen. Inside it lengths are millimetres (`fieldmap.iron.cad.shapes`
 says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements.
 """
 
@@ -10,7 +10,7 @@ from netgen import occ
 
 from fieldmap.device.model import Body, Device, Shape, StepFile
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.shapes import KERNEL_ERRORS, MILLIMETRES, local_solid, place
+from fieldmap.iron.cad.shapes import KERNEL_ERRORS, MILLIMETRES, local_solid, place
 
 
 def device_label(device: Device) -> str:
@@ -77,7 +77,7 @@ def glue_bodies(device: Device) -> occ.TopoDS_Shape:
     """All bodies of the device in one compound, mm. Bodies that touch share the faces in which they touch.
 
     Every solid carries its body's name and, as `maxh`, its mesh size in mm. The device is taken to be sound;
-    `fieldmap.iron.geometry_checks.check_geometry` says whether it is. Raises GeometryError where a body
+    `fieldmap.iron.cad.geometry_checks.check_geometry` says whether it is. Raises GeometryError where a body
     cannot be built or there is none.
     """
     source = device_label(device)
@@ -88,7 +88,7 @@ def glue_bodies(device: Device) -> occ.TopoDS_Shape:
     return glue_solids(body_solid(body, source) for body in device.bodies)
 
 
-def magnetic_bodies(device: Device) -> tuple[tuple[str, ...], ...]:
+def touching_bodies(device: Device) -> tuple[tuple[str, ...], ...]:
     """Names of the bodies, one tuple for each group connected through shared faces, in device order."""
     if not device.bodies:
         return ()

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from fieldmap.device.model import Body, Coil, Device, StepFile
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron import geometry_problems as say
-from fieldmap.iron.cad import body_solid, device_label, glue_solids
-from fieldmap.iron.contacts import near_misses, pinches
-from fieldmap.iron.overlaps import (
+from fieldmap.iron.cad import geometry_problems as say
+from fieldmap.iron.cad.contacts import near_misses, pinches
+from fieldmap.iron.cad.overlaps import (
     CONTACT_DISTANCE,
     NamedSolid,
     Overlap,
@@ -28,9 +27,10 @@ from fieldmap.iron.overlaps import (
     overlaps_among,
     overlaps_between,
 )
-from fieldmap.iron.shapes import KERNEL_ERRORS
-from fieldmap.iron.step_files import declared_step_unit
-from fieldmap.iron.windings import winding_solid, workspace_solid
+from fieldmap.iron.cad.shapes import KERNEL_ERRORS
+from fieldmap.iron.cad.solids import body_solid, device_label, glue_solids
+from fieldmap.iron.cad.step_files import declared_step_unit
+from fieldmap.iron.cad.windings import winding_solid, workspace_solid
 
 Item = TypeVar("Item", bound=Body | Coil)
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from fieldmap.iron.bh_law import LawTables
-from fieldmap.iron.mesh import IronMesh, volumes
-from fieldmap.iron.nodal_elements import CoilField, NodalElements
-from fieldmap.iron.potential_form import Magnetisation
+from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.forms.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.forms.potential_form import Magnetisation
+from fieldmap.iron.meshing.mesh import IronMesh, volumes
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 
 Array = NDArray[np.float64]

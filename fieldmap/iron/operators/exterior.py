@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse import bmat, csr_matrix, identity
 from scipy.sparse.linalg import SuperLU, splu
 
-from fieldmap.iron.mutual import MutualPotential
-from fieldmap.iron.nodal_elements import NodalElements
+from fieldmap.iron.forms.nodal_elements import NodalElements
+from fieldmap.iron.operators.mutual import MutualPotential
 
 Array = NDArray[np.float64]
 

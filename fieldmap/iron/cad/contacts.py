@@ -12,7 +12,7 @@ from itertools import combinations
 
 from netgen import occ
 
-from fieldmap.iron.overlaps import CONTACT_DISTANCE, NamedSolid, bounds_nearer_than
+from fieldmap.iron.cad.overlaps import CONTACT_DISTANCE, NamedSolid, bounds_nearer_than
 
 Point = tuple[float, float, float]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.iron.surface import ChargedFaces
+from fieldmap.iron.operators.surface import ChargedFaces
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from fieldmap.device.model import Coil
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.magnetic_bodies import MagneticBodies, magnetic_bodies
-from fieldmap.iron.mesh import IronMesh
-from fieldmap.iron.surface import ChargedFaces
+from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.quantities.magnetic_bodies import MagneticBodies, magnetic_bodies
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.winding_rules import current_elements
 

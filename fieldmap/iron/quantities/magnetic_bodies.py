@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fieldmap.iron.mesh import IronMesh
-from fieldmap.iron.surface import ChargedFaces
+from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.iron.operators.surface import ChargedFaces
 
 Index = NDArray[np.int64]
 

@@ -1,0 +1,1 @@
+"""What the mesh alone decides: the charged surface, its mutual potentials, the air, the sparse interior."""

@@ -1,0 +1,1 @@
+"""What a solved state says: field in the air and inside, forces, linkages."""
