@@ -1,14 +1,11 @@
 """The public door: a device with linear iron, solved for one ampere in every coil."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.error_estimate import estimate_error, workspace_surface
 from fieldmap.iron.forms.bh_law import LawTables
 from fieldmap.iron.forms.flux_form import FluxForm
 from fieldmap.iron.forms.nodal_elements import CoilField
@@ -16,7 +13,7 @@ from fieldmap.iron.forms.permeability import BodyProperties, body_properties
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
 from fieldmap.iron.forms.state import IronState
 from fieldmap.iron.meshing.mesh import generate_mesh
-from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into_memory
+from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy, linkage_of_means
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
@@ -27,8 +24,6 @@ Array = NDArray[np.float64]
 FORMS = ("auto", "potential", "flux")
 # The algebraic error is kept this far below the requested one.
 _RESIDUAL_PER_TOLERANCE = 1e-4
-# Mesh sizes of the file are divided by these in turn; each step about doubles the number of faces.
-_REFINEMENTS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 
 
 def solve_linear(
@@ -54,78 +49,26 @@ def solve_linear(
     >>> unit.report.magnetic_bodies, unit.report.residual < 1e-7
     (1, True)
     """
-    _check_arguments(tolerance, refinement, form)
+    check_arguments(tolerance, refinement, form)
     stages = Stages(progress)
     stages.next("checking the geometry", 0.0)
     check_geometry(device)
     properties = body_properties(device, mu_r)
     if not device.bodies:
         stages.done()
-        return _coils_alone(device, stages.seconds)
-    form = _chosen_form(form, properties)
+        return coils_alone(device, stages.seconds)
+    form = chosen_form(form, properties)
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement)
     stages.next("mutual potentials of the faces", 0.1)
     iron = assemble(mesh)
     stages.next("coil fields and solution", 0.5)
-    solution = _solved(device, iron, properties, tolerance, form, stages)
+    solution = solved_in_form(device, iron, properties, tolerance, form, stages)
     stages.done()
     return solution
 
 
-def solve_to_tolerance(
-    device: Device,
-    tolerance: float = 1e-3,
-    mu_r: float | None = None,
-    progress: Progress | None = None,
-    gradient_tolerance: float | None = None,
-) -> LinearSolution:
-    """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
-
-    tolerance: of the flux density, relative to its largest value in the workspace for each coil;
-    gradient_tolerance: of the gradient, 3 x tolerance if None. Meshes grow by a factor of about two in faces; the
-    estimate compares the last two of them and both forms (`fieldmap.iron.error_estimate`). Raises NotConverged with
-    the estimates so far when the next mesh would not fit into memory, otherwise as `solve_linear`.
-    """
-    _check_arguments(tolerance, 1.0, "auto")
-    check_geometry(device)
-    points = workspace_surface(device)
-    properties = body_properties(device, mu_r)
-    if not device.bodies:
-        return _coils_alone(device, {})
-    limit = 3 * tolerance if gradient_tolerance is None else gradient_tolerance
-    stages, coarser, history = Stages(progress), None, []
-    form = _chosen_form("auto", properties)
-    for level, refinement in enumerate(_REFINEMENTS):
-        stages.next(f"refinement {refinement:g}", level / len(_REFINEMENTS))
-        mesh = generate_mesh(device, refinement)
-        if not fits_into_memory(mesh):
-            break
-        iron = assemble(mesh)
-        solution = _solved(device, iron, properties, tolerance, form, stages)
-        if coarser is not None:
-            other = "flux" if form == "potential" else ("potential" if properties.mu_r.min() >= 1 else None)
-            complement = (
-                None if other is None else _solved(device, iron, properties, tolerance, other, stages)
-            )
-            error = estimate_error(points, solution, coarser, complement)
-            history.append(error.flux_density)
-            if error.flux_density <= tolerance and error.gradient <= limit:
-                stages.done(str(error))
-                return replace(solution, report=replace(solution.report, error=error))
-        coarser = solution
-    raise NotConverged(
-        Problem(
-            f"device '{device.name}'",
-            f"the estimated error must fall to {tolerance:g} (gradient {limit:g}) on a mesh that fits into memory",
-            ", ".join(f"{value:.2g}" for value in history) or "no estimate",
-            "loosen the tolerance, or give the bodies that matter smaller mesh sizes and the others larger ones",
-        ),
-        residuals=tuple(history),
-    )
-
-
-def _solved(
+def solved_in_form(
     device: Device,
     iron: AssembledIron,
     properties: BodyProperties,
@@ -197,7 +140,8 @@ def _straight_laws(mu_r: Array) -> LawTables:
     return LawTables(np.arange(count + 1), np.zeros(count), coefficients, np.full((2, count), np.inf))
 
 
-def _chosen_form(form: str, properties: BodyProperties) -> str:
+def chosen_form(form: str, properties: BodyProperties) -> str:
+    """The form that "auto" stands for with these materials. Raises InputError where a form may not be used."""
     weakest = float(properties.mu_r.min())
     if form == "auto":
         return "potential" if weakest >= 1 else "flux"
@@ -213,7 +157,8 @@ def _chosen_form(form: str, properties: BodyProperties) -> str:
     return form
 
 
-def _check_arguments(tolerance: float, refinement: float, form: str) -> None:
+def check_arguments(tolerance: float, refinement: float, form: str) -> None:
+    """Raise InputError for arguments of `solve_linear` that cannot be meant."""
     problems = []
     if not (np.isfinite(tolerance) and 0 < tolerance < 1):
         problems.append(
@@ -231,7 +176,8 @@ def _check_arguments(tolerance: float, refinement: float, form: str) -> None:
         raise InputError(*problems)
 
 
-def _coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
+def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
+    """The solution of a device without iron."""
     none = ("no iron: the field of the coils alone",)
     report = SolverReport("coils", 0, 0, 0, 0, 0, 0, 0.0, 0, seconds, none)
     return LinearSolution(device.coils, None, None, False, report)
