@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.iron.meshing.topology import Faces, build_faces
-from fieldmap.iron.operators.mutual import MutualPotential
+from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces
 
 # Double matrix, single factor, and one single copy while it is factored.
@@ -64,4 +64,4 @@ def assemble(mesh: IronMesh) -> AssembledIron:
             )
         )
     surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
-    return AssembledIron(mesh, topology, surface, MutualPotential(surface.mutual_potential()))
+    return AssembledIron(mesh, topology, surface, DenseMutualPotential(surface.mutual_potential()))

@@ -46,7 +46,7 @@ class Exterior:
         self._mean = elements.face_mean
         self._mutual = mutual
         self._count = elements.count
-        small = _REGULARISATION * mutual.matrix.diagonal().min()
+        small = _REGULARISATION * mutual.diagonal.min()
         self._vacuum = factored(
             bmat([[vacuum, self._mean.T], [self._mean, -small * identity(self._mean.shape[0])]])
         )

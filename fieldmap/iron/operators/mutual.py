@@ -1,4 +1,6 @@
-"""The dense matrix of mutual potentials and its inverse, shared by both forms of the iron problem."""
+"""The mutual potentials of the surface faces and their inverse: what the forms ask of them, and the dense matrix."""
+
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,10 +9,42 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 Array = NDArray[np.float64]
 
 
-class MutualPotential:
-    """W (s, s), see `fieldmap.kernels.mutual_potential`, with its Cholesky factor in single precision.
+class MutualPotential(Protocol):
+    """W (s, s), see `fieldmap.kernels.mutual_potential`: symmetric, positive definite, however it is stored."""
 
-    Half the time and memory of a double factor; what needs more digits refines with the matrix itself.
+    @property
+    def diagonal(self) -> Array:
+        """Mean potentials (s,) of the faces' own unit charges."""
+        ...
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the matrix and of what its inverse needs."""
+        ...
+
+    @property
+    def storage(self) -> str:
+        """How it is stored, in words, for the report."""
+        ...
+
+    def __matmul__(self, charge: Array) -> Array:
+        """Mean potentials (s, c) of charges (s, c)."""
+        ...
+
+    def solve(self, potential: Array, refinements: int = 0) -> Array:
+        """Charges (s, c) with these mean potentials (s, c).
+
+        Without refinement a fixed linear map, good as a preconditioner (three digits or more); each refinement with
+        the matrix itself gains as many again.
+        """
+        ...
+
+
+class DenseMutualPotential:
+    """The whole matrix, with its Cholesky factor in single precision.
+
+    Half the time and memory of a double factor; what needs more digits refines with the matrix itself, about four
+    at a time.
     """
 
     def __init__(self, matrix: Array) -> None:
@@ -25,16 +59,26 @@ class MutualPotential:
             self._factor = cho_factor(scaled, lower=True, overwrite_a=True)
 
     @property
+    def diagonal(self) -> Array:
+        """Mean potentials (s,) of the faces' own unit charges."""
+        return np.diagonal(self.matrix)
+
+    @property
     def bytes(self) -> int:
         """Memory of the matrix and its factor."""
         return self.matrix.nbytes + self._factor[0].nbytes
+
+    @property
+    def storage(self) -> str:
+        """How it is stored, in words."""
+        return "dense"
 
     def __matmul__(self, charge: Array) -> Array:
         """Mean potentials (s, c) of charges (s, c)."""
         return self.matrix @ charge
 
     def solve(self, potential: Array, refinements: int = 0) -> Array:
-        """Charges (s, c) with these mean potentials (s, c); each refinement gains about four digits."""
+        """Charges (s, c) with these mean potentials (s, c); see `MutualPotential.solve`."""
         charge = self._approximate(potential)
         for _ in range(refinements):
             charge = charge + self._approximate(potential - self.matrix @ charge)
