@@ -35,9 +35,7 @@ def explain(error: ErrorDetails, root: type[BaseModel], data: Any) -> Finding:
 def _missing(location: Location, place: Place) -> Finding:
     key = str(location[-1])
     about = description(place.table, key)
-    return Finding(
-        location, REQUIRED, "nothing", f"add {key}" + (f" ({about})" if about else "")
-    )
+    return Finding(location, REQUIRED, "nothing", f"add {key}" + (f" ({about})" if about else ""))
 
 
 def _unknown_key(location: Location, place: Place) -> Finding:

@@ -45,7 +45,9 @@ def _gradient(values, nodes, d, out):
 
 
 @njit(cache=True, parallel=True)
-def residual(potential, source, bubble, nodes, gradients, volume, law, remanence, offset, knots, coefficients):
+def residual(
+    potential, source, bubble, nodes, gradients, volume, law, remanence, offset, knots, coefficients
+):
     """Element vectors (e, 10) of int (b(h) + br - t) . grad N_i, with h = t - grad potential, t = source + grad bubble.
 
     potential, bubble (n,); source (e, 3) and remanence (e, 3), constant per element; nodes (e, 10);
@@ -91,7 +93,11 @@ def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, kn
             _shape_gradients(q, gradients[e], d)
             _gradient(potential, nodes[e], d, up)
             _gradient(bubble, nodes[e], d, ub)
-            hx, hy, hz = source[e, 0] + ub[0] - up[0], source[e, 1] + ub[1] - up[1], source[e, 2] + ub[2] - up[2]
+            hx, hy, hz = (
+                source[e, 0] + ub[0] - up[0],
+                source[e, 1] + ub[1] - up[1],
+                source[e, 2] + ub[2] - up[2],
+            )
             h = math.sqrt(hx * hx + hy * hy + hz * hz)
             b, slope = flux_density(h, law[e], offset, knots, coefficients)
             m = b / h if h > 1e-30 else slope
@@ -122,7 +128,11 @@ def mean_fields(potential, source, bubble, nodes, gradients, law, remanence, off
             _shape_gradients(q, gradients[e], d)
             _gradient(potential, nodes[e], d, up)
             _gradient(bubble, nodes[e], d, ub)
-            hx, hy, hz = source[e, 0] + ub[0] - up[0], source[e, 1] + ub[1] - up[1], source[e, 2] + ub[2] - up[2]
+            hx, hy, hz = (
+                source[e, 0] + ub[0] - up[0],
+                source[e, 1] + ub[1] - up[1],
+                source[e, 2] + ub[2] - up[2],
+            )
             h = math.sqrt(hx * hx + hy * hy + hz * hz)
             b, slope = flux_density(h, law[e], offset, knots, coefficients)
             m = b / h if h > 1e-30 else slope
