@@ -8,6 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fieldmap import control as control
+    from fieldmap import instruments as instruments
     from fieldmap.device import read_device as read_device
     from fieldmap.iron import solve as solve
     from fieldmap.iron import solve_linear as solve_linear
@@ -27,12 +29,15 @@ _DOORS = {
     "open_map": "fieldmap.lookup",
     "find_equilibrium": "fieldmap.levitation",
 }
-__all__ = [*_DOORS, "__version__"]
+_ROOMS = ("control", "instruments")
+__all__ = [*_DOORS, *_ROOMS, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
     if name in _DOORS:
         return getattr(import_module(_DOORS[name]), name)
+    if name in _ROOMS:
+        return import_module(f"fieldmap.{name}")
     raise AttributeError(f"module 'fieldmap' has no attribute {name!r}")
 
 

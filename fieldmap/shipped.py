@@ -1,4 +1,4 @@
-"""Data files that come with the package: devices and materials (geometry), map recipes (maps).
+"""Data files that come with the package: devices and materials (geometry), recipes (maps), printed numbers (thesis).
 
 In an installed wheel they lie in fieldmap/shipped/; in a checkout, in the folders of the same name beside the
 package.
@@ -7,11 +7,11 @@ package.
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
-KINDS = ("geometry", "maps")
+KINDS = ("geometry", "maps", "thesis")
 
 
 def shipped_folder(kind: str) -> Path:
-    """Folder of the shipped files of one kind, "geometry" or "maps"."""
+    """Folder of the shipped files of one kind: "geometry", "maps" or "thesis"."""
     if kind not in KINDS:
         raise ValueError(f"shipped_folder: kind must be one of {', '.join(KINDS)}; received {kind!r}")
     installed = PACKAGE / "shipped" / kind

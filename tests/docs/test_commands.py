@@ -12,9 +12,12 @@ import typer.main
 from fieldmap.cli.application import application
 from fieldmap.cli.numbers import join_lists
 from fieldmap.shipped import shipped_names
+from fieldmap.thesis import row_names
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(path for folder in (".", "docs", "geometry", "maps") for path in (ROOT / folder).glob("*.md"))
+PAGES = sorted(
+    path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
+)
 PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 PROGRAM = typer.main.get_command(application())
 IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
@@ -66,6 +69,9 @@ def test_files_exist(page, line, whole):
     known = {"map": "maps"}
     words = words_of(line)
     if len(words) < 2 or words[1].startswith("-") or PLACEHOLDER.fullmatch(words[1]):
+        return
+    if words[0] == "thesis":
+        assert set(words[1:]) - {"--json"} <= set(row_names()), f"{page}: {line}"
         return
     source = words[1]
     if source.endswith(".toml"):

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(path for folder in (".", "docs", "geometry", "maps") for path in (ROOT / folder).glob("*.md"))
+PAGES = sorted(
+    path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
+)
 PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 MARKED = re.compile(
     r"<!-- runs -->\n```python\n(?P<code>.*?)^```\n(?:<!-- prints -->\n```text\n(?P<prints>.*?)^```\n)?",

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(path for folder in (".", "docs", "geometry", "maps") for path in (ROOT / folder).glob("*.md"))
+PAGES = sorted(
+    path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
+)
 PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 SITE = [path for path in PAGES if path.is_relative_to(ROOT / "docs")]
 FENCE = re.compile(r"^```.*?^```\n", re.DOTALL | re.MULTILINE)

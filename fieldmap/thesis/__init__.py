@@ -1,0 +1,11 @@
+"""The numbers that the thesis prints, beside ours: one row per system, as data and a function.
+
+What is printed lies in the data folder thesis/ (one TOML file per part of a row, every number with its place); what
+we make of it lies here, one function per part. `compare` puts the two side by side. Depends on every room but `cli`
+and `view`, each imported when its row is asked for.
+"""
+
+from fieldmap.thesis.comparison import Comparison, compare
+from fieldmap.thesis.registry import PARTS, Ours, row_names
+
+__all__ = ["PARTS", "Comparison", "Ours", "compare", "row_names"]

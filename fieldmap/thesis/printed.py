@@ -1,0 +1,87 @@
+"""What the thesis prints: the data files of thesis/ as frozen data."""
+
+import tomllib
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+
+from fieldmap.shipped import shipped_folder
+
+KINDS = ("sharp", "model", "measured")
+
+
+@dataclass(frozen=True)
+class PrintedNumber:
+    """One printed number.
+
+    name: "k[2]" for an entry of a table, counted from 0. text: as printed, so that its digits are kept. half_unit:
+    half a unit of its last digit (of the table's precision, where an entry is printed shorter). misprint: why it
+    cannot be right, or "".
+    """
+
+    name: str
+    quantity: str
+    unit: str
+    text: str
+    place: str
+    kind: str
+    half_unit: float
+    misprint: str = ""
+
+    @property
+    def value(self) -> float:
+        """The number."""
+        return float(self.text)
+
+
+@dataclass(frozen=True)
+class PrintedPart:
+    """One data file: title, inputs by name, and names of the printed quantities -> their numbers in C order."""
+
+    title: str
+    inputs: dict[str, Any]
+    numbers: dict[str, tuple[PrintedNumber, ...]] = field(default_factory=dict)
+
+
+def read_part(part: str) -> PrintedPart:
+    """The data of a part, from thesis/PART.toml."""
+    path = shipped_folder("thesis") / f"{part}.toml"
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    inputs = {name: _number_or_array(entry["value"]) for name, entry in content.get("inputs", {}).items()}
+    numbers = {entry["name"]: tuple(_entries(entry)) for entry in content["printed"]}
+    return PrintedPart(content["title"], inputs, numbers)
+
+
+def _number_or_array(value: Any) -> Any:
+    return np.array(value) if isinstance(value, list) else value
+
+
+def _entries(entry: dict[str, Any]) -> list[PrintedNumber]:
+    """The numbers of one [[printed]] table."""
+    texts = np.array(entry["value"], dtype=object)
+    misprints = {tuple(m.get("index", ())): m["why"] for m in entry.get("misprints", ())}
+    return [
+        PrintedNumber(
+            name=entry["name"] + (f"[{','.join(map(str, index))}]" if index else ""),
+            quantity=entry["quantity"],
+            unit=entry["unit"],
+            text=str(texts[index]),
+            place=entry["place"],
+            kind=entry["kind"],
+            half_unit=entry.get("half_unit", half_unit(str(texts[index]))),
+            misprint=misprints.get(index, ""),
+        )
+        for index in np.ndindex(texts.shape)
+    ]
+
+
+def half_unit(text: str) -> float:
+    """Half a unit of the last printed digit.
+
+    >>> half_unit("0.00706"), half_unit("1.942e-6"), half_unit("1850")
+    (5e-06, 5e-10, 0.5)
+    """
+    exponent = Decimal(text).as_tuple().exponent
+    return float(Decimal(5).scaleb(int(exponent) - 1))
