@@ -1,21 +1,22 @@
 """What results rest on, said in words."""
 
-from fieldmap.device.model import BHTable, Device, Payload
+from fieldmap.device.model import Device, Payload, SaturatingMaterial
 
 
-def has_bh_table(device: Device) -> bool:
+def saturates(device: Device) -> bool:
     """Whether some body can saturate."""
-    return any(isinstance(device.materials[body.material], BHTable) for body in device.bodies)
+    return any(isinstance(device.materials[body.material], SaturatingMaterial) for body in device.bodies)
 
 
 def material_assumptions(device: Device) -> tuple[str, ...]:
-    """How the B-H tables in use are extended."""
+    """The laws of the iron in use, with what holds outside the points of a table."""
+    from fieldmap.iron.forms.bh_law import initial_mu_r, law_words
+
     used = {body.material for body in device.bodies}
     return tuple(
-        f"B-H table '{name}': {material.below} below {material.b[0]:.3g} T "
-        f"(mu_r {material.initial_mu_r:.0f}), {material.above} above {material.b[-1]:.3g} T"
+        f"iron '{name}': {law_words(material)}; initial mu_r {initial_mu_r(material):.0f}"
         for name, material in device.materials.items()
-        if name in used and isinstance(material, BHTable)
+        if name in used and isinstance(material, SaturatingMaterial)
     )
 
 

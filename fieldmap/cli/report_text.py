@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.cli.assumptions import has_bh_table
+from fieldmap.cli.assumptions import saturates
 from fieldmap.cli.printing import count_of, table
 from fieldmap.device.model import Device
 
@@ -34,15 +34,15 @@ def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[
     steps = ", ".join(f"{step} {seconds:.1f}" for step, seconds in report.seconds.items())
     yield "seconds", f"{report.total_seconds:.1f}: {steps}"
     if nonlinear:
-        yield "B-H table", _table_words(report, device)
+        yield "B-H law", _table_words(report, device)
 
 
 def _table_words(report: Any, device: Device) -> str:
-    if not has_bh_table(device):
+    if not saturates(device):
         return "none: all iron of this device is linear"
     total = report.tetrahedra
     if not report.beyond_table and not report.below_table:
-        return "no element leaves it"
+        return "no element leaves the range of its points or formula"
     words = []
     for count, side in (
         (report.below_table, "below its first point"),
@@ -50,12 +50,12 @@ def _table_words(report: Any, device: Device) -> str:
     ):
         share = 100 * count / total
         words.append(f"{count:,} elements ({share:.3g} %) {side}" if count else f"none {side}")
-    return ", ".join(words)
+    return f"{', '.join(words)}; there its stated extensions hold"
 
 
 def state_notes(report: Any, device: Device) -> tuple[str, ...]:
     """What a nonlinear state rests on, with how far its iron is driven."""
-    driven = f"iron up to {report.largest_flux_density:.2f} T; B-H table: {_table_words(report, device)}"
+    driven = f"iron up to {report.largest_flux_density:.2f} T; B-H law: {_table_words(report, device)}"
     return (*report.assumptions, driven)
 
 

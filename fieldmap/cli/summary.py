@@ -60,7 +60,7 @@ def summarise(path: Path, opened: Any) -> dict[str, Any]:
         "assumptions": tuple(record.assumptions),
         "payload": payload,
         "lift": lift_rows(opened, payload, record.device_name),
-        "saturation": SATURATION if _has_bh_table(record.device_text) else "",
+        "saturation": SATURATION if _saturates(record.device_text) else "",
     }
 
 
@@ -119,8 +119,9 @@ def weight(payload: Payload) -> float:
     return payload.mass * GRAVITY
 
 
-def _has_bh_table(text: str) -> bool:
+def _saturates(text: str) -> bool:
     import tomllib
 
     materials = tomllib.loads(text).get("material", {}) if text else {}
-    return any(material.get("kind") == "bh_table" for material in materials.values())
+    kinds = ("bh_table", "froehlich", "arctangent", "marrocco")
+    return any(material.get("kind") in kinds for material in materials.values())

@@ -163,6 +163,7 @@ _TELLERS: dict[str, Callable[[dict[str, Any]], tuple[str, str]]] = {
     "model_attributes_type": _table,
     "greater_than": _bound("greater than", "gt"),
     "greater_than_equal": _bound("at least", "ge"),
+    "less_than": _bound("less than", "lt"),
     "less_than_equal": _bound("at most", "le"),
     "too_short": _too_short,
     "too_long": _too_long,

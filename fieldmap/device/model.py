@@ -127,7 +127,8 @@ class BHTable:
     """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
 
     below: law from the origin to the first point ("straight line to the origin" is the only one so far);
-    above: law past the last point ("slope mu0": saturated). Both are named assumptions, printed with results.
+    above: law past the last point: "slope mu0" (saturated), or "towards saturation": the polarisation B - mu0 H goes
+    on rising to `saturation`, T. Both are named assumptions, printed with results.
     """
 
     name: str
@@ -136,6 +137,42 @@ class BHTable:
     below: str
     above: str
     initial_mu_r: float
+    saturation: float | None = None
+
+
+@dataclass(frozen=True)
+class Froehlich:
+    """Froehlich-Kennelly: polarisation B - mu0 H = chi mu0 H / (1 + chi mu0 H / saturation), chi = mu_r - 1.
+
+    mu_r: initial relative permeability; saturation: polarisation at large H, T.
+    """
+
+    name: str
+    mu_r: float
+    saturation: float
+
+
+@dataclass(frozen=True)
+class Arctangent:
+    """Polarisation (2/pi) saturation arctan(pi chi mu0 H / (2 saturation)), chi = mu_r - 1; names as for Froehlich."""
+
+    name: str
+    mu_r: float
+    saturation: float
+
+
+@dataclass(frozen=True)
+class Marrocco:
+    """Reluctivity H/B = (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0, B in T.
+
+    The formula holds up to the flux density where its slope dB/dH has fallen to mu0; there the iron is saturated.
+    """
+
+    name: str
+    eps: float
+    c: float
+    alpha: float
+    tau: float
 
 
 @dataclass(frozen=True)
@@ -154,7 +191,8 @@ class PermanentMagnet:
     mu_r: float
 
 
-Material = LinearMaterial | BHTable | FluxBarrier | PermanentMagnet
+SaturatingMaterial = BHTable | Froehlich | Arctangent | Marrocco
+Material = LinearMaterial | SaturatingMaterial | FluxBarrier | PermanentMagnet
 
 
 # ---- coils: axis along local z, winding centred at the local origin, positive current counter-clockwise ----

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import PydanticCustomError
 
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.explain import REQUIRED, explain
@@ -17,7 +18,7 @@ from fieldmap.device.findings import Finding, closest, one_of, shown
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.model import Device, StepFile
 from fieldmap.device.schema import DeviceFile, MaterialFile
-from fieldmap.device.schema.materials import Curves
+from fieldmap.device.schema.materials import Curves, require_room_to_saturate
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import DeviceFileError, Problem
 from fieldmap.shipped import shipped_file, shipped_names
@@ -42,6 +43,8 @@ def read_device(path_or_name: str | Path) -> Device:
     findings = _schema_findings(DeviceFile, document.data)
     missing = {dotted(document.data, found.location) for found in findings if found.must_hold == REQUIRED}
     findings += cross_findings(document.data, path.parent, missing)
+    if not findings and not problems:
+        findings += _curves_that_cannot_saturate(document.data, curves)
     problems = [*document.problems(findings), *problems]
     if problems:
         raise DeviceFileError(*problems)
@@ -156,6 +159,22 @@ def _no_such_file(material: str, file: str) -> Finding:
         shown(file),
         f"correct the path; shipped are {one_of(shipped_names('geometry', 'materials'))}",
     )
+
+
+def _curves_that_cannot_saturate(data: dict[str, Any], curves: Curves) -> list[Finding]:
+    """The rule of `require_room_to_saturate` for curves from files of their own."""
+    found = []
+    for material, file in _named_files(data):
+        saturation = data["material"][material].get("saturation_polarisation_T")
+        if saturation is None:
+            continue
+        try:
+            require_room_to_saturate(*curves[file], saturation)
+        except PydanticCustomError as error:
+            told = error.context or {}
+            place = ("material", material, "saturation_polarisation_T")
+            found.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
+    return found
 
 
 def _named_files(data: dict[str, Any]) -> list[tuple[str, str]]:

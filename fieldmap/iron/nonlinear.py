@@ -7,10 +7,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.device.model import BHTable, Coil, Device, FluxBarrier, LinearMaterial, PermanentMagnet
+from fieldmap.device.model import (
+    Coil,
+    Device,
+    FluxBarrier,
+    LinearMaterial,
+    PermanentMagnet,
+    SaturatingMaterial,
+)
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.bh_law import law_tables, law_words
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
 from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
@@ -226,7 +233,7 @@ def _require_soft_bodies(device: Device) -> None:
         given = ""
         if isinstance(material, FluxBarrier):
             given = "an ideal flux barrier"
-        elif not isinstance(material, BHTable) and material.mu_r < 1:
+        elif not isinstance(material, SaturatingMaterial) and material.mu_r < 1:
             given = f"mu_r = {material.mu_r:g}"
         if given:
             where = f"device '{device.name}', body '{body.name}'"
@@ -242,11 +249,8 @@ def _assumptions(device: Device) -> tuple[str, ...]:
     notes = []
     for name in used:
         material = device.materials[name]
-        if isinstance(material, BHTable):
-            notes.append(
-                f"iron '{name}': single-valued B-H table, {material.below} below {material.b[0]:g} T, "
-                f"{material.above} above {material.b[-1]:g} T; no hysteresis"
-            )
+        if isinstance(material, SaturatingMaterial):
+            notes.append(f"iron '{name}': {law_words(material)}; no hysteresis")
         elif isinstance(material, PermanentMagnet):
             notes.append(f"magnet '{name}': constant mu_r = {material.mu_r:g}")
         elif isinstance(material, LinearMaterial):

@@ -44,5 +44,13 @@ class SolverReport:
         return (
             f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
             f"faces, {self.magnetic_bodies} magnetic bodies{peak}; {self.iterations} iterations to "
-            f"{self.residual:.1e}; {self.total_seconds:.1f} s ({steps})"
+            f"{self.residual:.1e}{self._outside()}; {self.total_seconds:.1f} s ({steps})"
         )
+
+    def _outside(self) -> str:
+        """How much of the iron the extensions of its laws speak for."""
+        sides = ((self.below_table, "below the first point"), (self.beyond_table, "above the last point"))
+        words = [
+            f"{100 * count / self.tetrahedra:.3g} % of the elements {side}" for count, side in sides if count
+        ]
+        return f"; {' and '.join(words)} of their B-H law" if words else ""

@@ -150,6 +150,23 @@ mu_r = 4000
 tolerance = 1e-3
 source = "an example"
 
+[material.powder]
+kind = "froehlich"
+mu_r = 400
+saturation_polarisation_T = 1.6
+
+[material.sheet]
+kind = "arctangent"
+mu_r = 5000
+saturation_polarisation_T = 2.0
+
+[material.lamination]
+kind = "marrocco"
+eps = 2e-4
+alpha = 5.5
+tau = 5e4
+c = 1.0
+
 [provenance]
 "body.disk.radius_mm" = "an example"
 "coil.*.turns" = "an example"

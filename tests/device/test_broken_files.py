@@ -135,3 +135,16 @@ def test_errors_of_a_material_file_come_with_those_of_the_device_file(valid_text
 def test_the_error_is_one_of_the_family():
     assert DeviceFileError.exit_code == 2
     assert issubclass(DeviceFileError, ValueError)
+
+
+def test_a_curve_from_a_file_must_have_room_to_saturate(valid_text, tmp_path):
+    (tmp_path / "curve.toml").write_text(
+        'format = 1\nname = "curve"\ntitle = "Two points"\nH_A_per_m = [100, 1000]\nB_T = [1.0, 1.6]\n'
+    )
+    points = "H_A_per_m = [355, 405, 470]\nB_T = [0.70, 0.80, 0.90]"
+    text = valid_text.replace(points, 'file = "curve.toml"').replace(
+        'above = "slope mu0"', 'above = "towards saturation"\nsaturation_polarisation_T = 1.5'
+    )
+    (problem,) = problems_of(text, tmp_path)
+    assert problem.where.endswith("material.steel.saturation_polarisation_T")
+    assert "1.599 T" in problem.must_hold

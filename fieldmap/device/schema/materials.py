@@ -8,13 +8,20 @@ from pydantic import Field, Tag, ValidationInfo, field_validator
 from scipy.constants import mu_0
 
 from fieldmap.device import model
+from fieldmap.device.marrocco import marrocco_end, marrocco_field
 from fieldmap.device.schema.base import Positive, Table, Text, Vector, broken, chosen_with, read_only
 
 # Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
 SMALLEST_SLOPE = 0.99 * mu_0
 FROM_A_FILE = "bh_table from a file"
 
+TOWARDS_SATURATION = "towards saturation"
+# Iron-cobalt, the strongest material known, saturates at 2.45 T.
+LARGEST_POLARISATION_T = 3.0
+
 Curve = Annotated[list[Positive], Field(min_length=2)]
+Polarisation = Annotated[float, Field(gt=0, le=LARGEST_POLARISATION_T)]
+InitialMuR = Annotated[float, Field(gt=1)]
 Curves = Mapping[str, tuple[list[float], list[float]]]
 
 
@@ -90,11 +97,59 @@ class _ExtensionKeys(Table):
     below: Literal["straight line to the origin"] = Field(
         description='law below the first point: "straight line to the origin"'
     )
-    above: Literal["slope mu0"] = Field(description='law past the last point: "slope mu0" (saturated)')
+    above: Literal["slope mu0", "towards saturation"] = Field(
+        description='law past the last point: "slope mu0" (saturated) or "towards saturation"'
+    )
+    saturation_polarisation_T: Polarisation | None = Field(
+        default=None,
+        validate_default=True,
+        description='with "towards saturation": what B - mu0 H rises to past the last point',
+    )
+
+    @field_validator("saturation_polarisation_T")
+    @classmethod
+    def _goes_with_above(cls, value: float | None, info: ValidationInfo) -> float | None:
+        above = info.data.get("above")
+        if above == TOWARDS_SATURATION and value is None:
+            raise broken(
+                f'above = "{TOWARDS_SATURATION}" needs the polarisation that it rises to',
+                "no saturation_polarisation_T",
+                'add it (about 2.15 for iron), or choose "slope mu0"',
+            )
+        if above == "slope mu0" and value is not None:
+            raise broken(
+                f'saturation_polarisation_T belongs to above = "{TOWARDS_SATURATION}"',
+                f'{value:g} with above = "slope mu0"',
+                f'remove it, or choose "{TOWARDS_SATURATION}"',
+            )
+        h, b = info.data.get("H_A_per_m"), info.data.get("B_T")
+        if value is not None and h is not None and b is not None:
+            require_room_to_saturate(h, b, value)
+        return value
 
     def _table(self, name: str, h: list[float], b: list[float]) -> model.BHTable:
         initial_mu_r = b[0] / (mu_0 * h[0])
-        return model.BHTable(name, read_only(h), read_only(b), self.below, self.above, initial_mu_r)
+        saturation = self.saturation_polarisation_T
+        return model.BHTable(
+            name, read_only(h), read_only(b), self.below, self.above, initial_mu_r, saturation
+        )
+
+
+def require_room_to_saturate(h: list[float], b: list[float], saturation: float) -> None:
+    """Raise unless the polarisation still rises at the table's end, and ends below its saturation."""
+    before, end = (b[k] - mu_0 * h[k] for k in (-2, -1))
+    if end >= saturation:
+        raise broken(
+            f"saturation_polarisation_T must be above B - mu0 H of the table's last point, {end:.4g} T",
+            f"{saturation:g}",
+            'correct it, or choose above = "slope mu0": the table is saturated already',
+        )
+    if end <= before:
+        raise broken(
+            "B - mu0 H must still rise between the table's last two points, to be continued towards saturation",
+            f"{before:.4g} T, then {end:.4g} T",
+            'choose above = "slope mu0": the table is saturated already',
+        )
 
 
 class BHTableKeys(_ExtensionKeys, CurveKeys):
@@ -113,6 +168,66 @@ class BHTableFromFileKeys(_ExtensionKeys):
     def to_model(self, name: str, curves: Curves) -> model.BHTable:
         """In SI; `curves` holds what the named file contains."""
         return self._table(name, *curves[self.file])
+
+
+class FroehlichKeys(Table):
+    """Froehlich-Kennelly law."""
+
+    kind: Literal["froehlich"] = Field(description="Froehlich-Kennelly law of the polarisation")
+    mu_r: InitialMuR = Field(description="initial relative permeability")
+    saturation_polarisation_T: Polarisation = Field(description="B - mu0 H in saturation")
+
+    def to_model(self, name: str, curves: Curves) -> model.Froehlich:
+        """In SI."""
+        return model.Froehlich(name, self.mu_r, self.saturation_polarisation_T)
+
+
+class ArctangentKeys(Table):
+    """Arctangent law, which saturates more sharply."""
+
+    kind: Literal["arctangent"] = Field(description="arctangent law of the polarisation")
+    mu_r: InitialMuR = Field(description="initial relative permeability")
+    saturation_polarisation_T: Polarisation = Field(description="B - mu0 H in saturation")
+
+    def to_model(self, name: str, curves: Curves) -> model.Arctangent:
+        """In SI."""
+        return model.Arctangent(name, self.mu_r, self.saturation_polarisation_T)
+
+
+class MarroccoKeys(Table):
+    """Marrocco's reluctivity, (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0."""
+
+    kind: Literal["marrocco"] = Field(description="Marrocco's formula for the reluctivity")
+    eps: Annotated[float, Field(gt=0, lt=1)] = Field(description="relative reluctivity at B = 0")
+    alpha: Annotated[float, Field(ge=1, le=20)] = Field(description="half the exponent of B")
+    tau: Positive = Field(description="B^(2 alpha) at the middle of the knee, B in T")
+    c: Positive = Field(description="relative reluctivity that the formula tends to")
+
+    @field_validator("c")
+    @classmethod
+    def _saturates(cls, value: float, info: ValidationInfo) -> float:
+        known = info.data
+        if not {"eps", "alpha", "tau"} <= set(known):
+            return value
+        end = marrocco_end(known["eps"], value, known["alpha"], known["tau"])
+        if not end <= 10 * LARGEST_POLARISATION_T:
+            raise broken(
+                "the slope dB/dH of Marrocco's formula must fall to that of free space, where iron is saturated",
+                f"c = {value:g}, with which the iron never saturates",
+                "raise c (near 1 is usual) or correct the other constants",
+            )
+        polarisation = end - marrocco_field(end, known["eps"], value, known["alpha"], known["tau"])
+        if polarisation > LARGEST_POLARISATION_T:
+            raise broken(
+                f"the polarisation in saturation must be at most {LARGEST_POLARISATION_T:g} T",
+                f"{polarisation:.3g} T, from these constants",
+                "lower tau: it is B^(2 alpha) at the knee, with B in T",
+            )
+        return value
+
+    def to_model(self, name: str, curves: Curves) -> model.Marrocco:
+        """In SI."""
+        return model.Marrocco(name, self.eps, self.c, self.alpha, self.tau)
 
 
 class FluxBarrierKeys(Table):
@@ -146,6 +261,9 @@ AnyMaterial = Annotated[
     Annotated[LinearKeys, Tag("linear")]
     | Annotated[BHTableKeys, Tag("bh_table")]
     | Annotated[BHTableFromFileKeys, Tag(FROM_A_FILE)]
+    | Annotated[FroehlichKeys, Tag("froehlich")]
+    | Annotated[ArctangentKeys, Tag("arctangent")]
+    | Annotated[MarroccoKeys, Tag("marrocco")]
     | Annotated[FluxBarrierKeys, Tag("flux_barrier")]
     | Annotated[PermanentMagnetKeys, Tag("permanent_magnet")],
     chosen_with(_kind_of_material),

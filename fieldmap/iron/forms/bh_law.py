@@ -2,7 +2,8 @@
 
 The magnetic polarisation J = B - mu0 H is interpolated by the monotone cubics of Fritsch and Carlson (SIAM J. Numer.
 Anal. 17 (1980) 238), so that it never overshoots and dB/dH >= mu0 everywhere: the functional that Newton minimises
-is convex. Below the first point of a table and above its last the stated laws hold.
+is convex. Below the first point of a table and above its last the stated laws hold. Analytic laws are sampled so
+densely that the cubics differ from them by less than 1e-6 of J.
 """
 
 from collections.abc import Sequence
@@ -13,17 +14,30 @@ from numpy.typing import NDArray
 from scipy.constants import mu_0
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from fieldmap.device.model import BHTable, FluxBarrier, LinearMaterial, Material, PermanentMagnet
+from fieldmap.device.marrocco import marrocco_end, marrocco_field
+from fieldmap.device.model import (
+    Arctangent,
+    BHTable,
+    FluxBarrier,
+    Froehlich,
+    Marrocco,
+    Material,
+    SaturatingMaterial,
+)
 
 Array = NDArray[np.float64]
+Pieces = tuple[Array, Array]
+# Analytic laws are sampled where chi mu0 H / saturation has these values: at the last, J is saturated to 1e-7.
+_SAMPLES = np.concatenate([[0.0], np.geomspace(1e-3, 1e7, 240)])
+_MARROCCO_SAMPLES = 600
 
 
 @dataclass(frozen=True, eq=False)
 class LawTables:
     """Piecewise cubics of several laws, see `fieldmap.kernels.magnetisation_law`; h and b in tesla.
 
-    offset (l + 1,), knots (k,), coefficients (k, 4); range_h (2, l): mu0 H of the first and last point of the table,
-    infinite for linear laws.
+    offset (l + 1,), knots (k,), coefficients (k, 4); range_h (2, l): mu0 H of the first and last point of the table.
+    For a formula the first is infinite, and the last is where it ends; infinite where it holds everywhere.
     """
 
     offset: NDArray[np.int64]
@@ -50,33 +64,136 @@ def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawT
 
 
 def _law(material: Material, mu_r: float | None) -> tuple[Array, Array, tuple[float, float]]:
-    if isinstance(material, BHTable) and mu_r is None:
-        return (
-            *_table_law(material.h, material.b),
-            (mu_0 * float(material.h[0]), mu_0 * float(material.h[-1])),
-        )
     if isinstance(material, FluxBarrier):
         raise TypeError("a flux barrier has no B(H) law")
-    slope = material.mu_r if isinstance(material, PermanentMagnet) or mu_r is None else mu_r  # type: ignore[union-attr]
-    assert isinstance(material, BHTable | LinearMaterial | PermanentMagnet)
+    if isinstance(material, SaturatingMaterial) and mu_r is None:
+        knots, coefficients = saturating_law(material)
+        return knots, coefficients, law_range(material)
+    slope = mu_r if isinstance(material, SaturatingMaterial) or mu_r is not None else material.mu_r
     return np.zeros(1), np.array([[0.0, 0.0, slope, 0.0]]), (np.inf, np.inf)
 
 
-def _table_law(h: Array, b: Array) -> tuple[Array, Array]:
-    """Knots and coefficients of a table that starts with a straight line from the origin and ends saturated."""
-    field = mu_0 * np.concatenate([[0.0], h])
-    polarisation = np.concatenate([[0.0], b]) - field
+def law_range(material: SaturatingMaterial) -> tuple[float, float]:
+    """mu0 H in T where the law's own points or formula begin and end; see `LawTables.range_h`."""
+    if isinstance(material, BHTable):
+        return mu_0 * float(material.h[0]), mu_0 * float(material.h[-1])
+    if isinstance(material, Marrocco):
+        constants = material.eps, material.c, material.alpha, material.tau
+        return np.inf, marrocco_field(marrocco_end(*constants), *constants)
+    return np.inf, np.inf
+
+
+def saturating_law(material: SaturatingMaterial) -> Pieces:
+    """Knots (k,) and coefficients (k, 4) of b(h), in T."""
+    if isinstance(material, BHTable):
+        return _table_law(material)
+    if isinstance(material, Marrocco):
+        return _marrocco_law(material)
+    field = _SAMPLES * material.saturation / (material.mu_r - 1)
+    if isinstance(material, Froehlich):
+        polarisation = material.saturation * _SAMPLES / (1 + _SAMPLES)
+        slope = (material.mu_r - 1) / (1 + _SAMPLES) ** 2
+    else:
+        assert isinstance(material, Arctangent)
+        polarisation = material.saturation * 2 / np.pi * np.arctan(0.5 * np.pi * _SAMPLES)
+        slope = (material.mu_r - 1) / (1 + (0.5 * np.pi * _SAMPLES) ** 2)
+    return _pieces(field, polarisation, slope)
+
+
+def _pieces(field: Array, polarisation: Array, slope: Array) -> Pieces:
+    """Cubics through points of J with given slopes dJ/dh, limited so that J never falls; beyond the last, J stays."""
     secant = np.diff(polarisation) / np.diff(field)
-    # A flat continuation makes the slope at the last point zero: dB/dH passes to mu0 without a jump.
-    beyond = PchipInterpolator(np.append(field, 2 * field[-1]), np.append(polarisation, polarisation[-1]))
-    slope = beyond.derivative()(field)
-    # The stated straight line to the origin, as far as monotony of the next piece allows (Fritsch and Carlson).
-    slope[0] = secant[0]
-    slope[1] = min(secant[0], 3 * secant[1]) if len(secant) > 1 else secant[0]
-    spline = CubicHermiteSpline(field, polarisation, slope)
+    slope = np.maximum(slope, 0.0)
+    # Fritsch and Carlson: monotone if no end slope of a piece exceeds three times its secant.
+    slope[:-1] = np.minimum(slope[:-1], 3 * np.maximum(secant, 0.0))
+    slope[1:] = np.minimum(slope[1:], 3 * np.maximum(secant, 0.0))
     coefficients = np.zeros((len(field), 4))
-    coefficients[:-1] = spline.c.T
+    coefficients[:-1] = CubicHermiteSpline(field, polarisation, slope).c.T
     coefficients[-1, 3] = polarisation[-1]
     coefficients[:, 2] += 1.0
     coefficients[:, 3] += field
     return field, coefficients
+
+
+def _marrocco_law(material: Marrocco) -> Pieces:
+    constants = material.eps, material.c, material.alpha, material.tau
+    b = np.linspace(0.0, marrocco_end(*constants), _MARROCCO_SAMPLES)
+    power = b ** (2 * material.alpha)
+    s = power / (power + material.tau)
+    span = material.c - material.eps
+    field = (material.eps + span * s) * b
+    reluctivity = material.eps + span * s * (1 + 2 * material.alpha * (1 - s))
+    return _pieces(field, b - field, 1 / reluctivity - 1)
+
+
+def _table_law(material: BHTable) -> Pieces:
+    """A table begins with a straight line from the origin, and ends saturated or on its way there."""
+    field = mu_0 * np.concatenate([[0.0], material.h])
+    polarisation = np.concatenate([[0.0], material.b]) - field
+    secant = np.diff(polarisation) / np.diff(field)
+    tail = _tail(field, polarisation, material.saturation)
+    # With the continuation the slope at the last point is known: dB/dH has no jump there.
+    beyond = np.append(field, 2 * field[-1]), np.append(polarisation, _tail_value(2 * field[-1], tail))
+    slope = PchipInterpolator(*beyond).derivative()(field)
+    # The stated straight line to the origin, as far as monotony of the next piece allows (Fritsch and Carlson).
+    slope[0] = secant[0]
+    slope[1] = min(secant[0], 3 * secant[1]) if len(secant) > 1 else secant[0]
+    if tail.slope == 0:
+        return _pieces(field, polarisation, slope)
+    slope[-1] = tail.slope
+    x = _SAMPLES[1:] * tail.rest / tail.slope
+    return _pieces(
+        np.concatenate([field, field[-1] + x]),
+        np.concatenate([polarisation, _tail_value(field[-1] + x, tail)]),
+        np.concatenate([slope, tail.slope / (1 + tail.slope * x / tail.rest) ** 2]),
+    )
+
+
+@dataclass(frozen=True)
+class _Tail:
+    """Past a table's end, at field h0 and polarisation saturation - rest: J = saturation - rest/(1 + slope x/rest)."""
+
+    start: float
+    saturation: float
+    rest: float
+    slope: float
+
+
+def _tail(field: Array, polarisation: Array, saturation: float | None) -> _Tail:
+    """The hyperbola through the last two points that ends at the saturation; a constant where none is given."""
+    end = float(polarisation[-1])
+    if saturation is None:
+        return _Tail(float(field[-1]), end, 0.0, 0.0)
+    rest = saturation - end
+    secant = (end - polarisation[-2]) / (field[-1] - field[-2])
+    return _Tail(float(field[-1]), saturation, rest, float(secant * rest / (saturation - polarisation[-2])))
+
+
+def _tail_value(h: Array, tail: _Tail) -> Array:
+    if tail.slope == 0:
+        return np.full(np.shape(h), tail.saturation)
+    return tail.saturation - tail.rest / (1 + tail.slope * (h - tail.start) / tail.rest)
+
+
+def initial_mu_r(material: SaturatingMaterial) -> float:
+    """Relative permeability at H = 0."""
+    return (
+        1 / material.eps
+        if isinstance(material, Marrocco)
+        else (material.initial_mu_r if isinstance(material, BHTable) else material.mu_r)
+    )
+
+
+def law_words(material: SaturatingMaterial) -> str:
+    """The law in words: its kind, the range in which it holds, and what holds outside."""
+    if isinstance(material, BHTable):
+        rises = "" if material.saturation is None else f" ({material.saturation:g} T)"
+        return (
+            f"single-valued B-H table, {material.below} below {material.b[0]:g} T, "
+            f"{material.above}{rises} above {material.b[-1]:g} T"
+        )
+    if isinstance(material, Marrocco):
+        end = marrocco_end(material.eps, material.c, material.alpha, material.tau)
+        return f"Marrocco's formula, initial mu_r {1 / material.eps:g}, up to {end:.3g} T, slope mu0 above"
+    kind = "Froehlich-Kennelly" if isinstance(material, Froehlich) else "arctangent"
+    return f"{kind} law, initial mu_r {material.mu_r:g}, saturation polarisation {material.saturation:g} T"

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fieldmap.device.model import BHTable, Device, FluxBarrier, LinearMaterial, PermanentMagnet
 from fieldmap.errors import InputError, Problem
+from fieldmap.iron.forms.bh_law import initial_mu_r
 
 Array = NDArray[np.float64]
 # An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
@@ -57,9 +58,11 @@ def _constant_mu_r(material, mu_r: float | None) -> tuple[float, str]:
         return mu_r, f"iron '{material.name}': linear, mu_r = {mu_r:g} as requested"
     if isinstance(material, LinearMaterial):
         return material.mu_r, f"iron '{material.name}': linear, mu_r = {material.mu_r:g}"
-    assert isinstance(material, BHTable)
+    slope = initial_mu_r(material)
+    of_what = "law"
+    if isinstance(material, BHTable):
+        of_what = f"B-H table ({material.below} below the first point)"
     return (
-        material.initial_mu_r,
-        f"iron '{material.name}': linear, mu_r = {material.initial_mu_r:.0f}, the initial slope of its B-H table "
-        f"({material.below} below the first point); no saturation",
+        slope,
+        f"iron '{material.name}': linear, mu_r = {slope:.0f}, the initial slope of its {of_what}; no saturation",
     )

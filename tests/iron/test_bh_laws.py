@@ -1,0 +1,113 @@
+"""B(H) laws: analytic ones against their formulas, extensions of tables, and what each law promises the solver."""
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.optimize import brentq
+
+from fieldmap.device.model import Arctangent, BHTable, Froehlich, Marrocco
+from fieldmap.iron.forms.bh_law import initial_mu_r, law_range, law_tables, law_words
+from fieldmap.iron.quantities.linkage import law_values
+
+FROEHLICH = Froehlich("f", 4000.0, 2.1)
+ARCTANGENT = Arctangent("a", 1500.0, 1.95)
+MARROCCO = Marrocco("m", 2e-4, 1.0, 5.5, 5e4)
+POINTS = np.array([200.0, 400.0, 1000.0, 3000.0, 1e4, 1e5]), np.array([0.7, 1.1, 1.45, 1.65, 1.85, 2.2])
+# Permeability low at H = 0, rising, then falling: relative 80, 200, 1600, 2500, 1500, ...
+FOOT = (
+    np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
+    np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
+)
+
+
+def table(points, saturation=None):
+    h, b = points
+    above = "slope mu0" if saturation is None else "towards saturation"
+    return BHTable("t", h, b, "straight line to the origin", above, b[0] / h[0] / mu_0, saturation)
+
+
+LAWS = {
+    "froehlich": FROEHLICH,
+    "arctangent": ARCTANGENT,
+    "marrocco": MARROCCO,
+    "table": table(POINTS),
+    "table towards saturation": table(POINTS, 2.16),
+    "foot": table(FOOT),
+    "foot towards saturation": table(FOOT, 2.16),
+}
+
+
+def values(material, h):
+    tables = law_tables([material])
+    return law_values(tables, np.zeros(len(h), int), h)[0]
+
+
+def formula(material, h):
+    """b(h) as the literature writes it, both in T; Marrocco's h(b) inverted by root finding."""
+    if isinstance(material, Froehlich):
+        chi = material.mu_r - 1
+        return h + chi * h / (1 + chi * h / material.saturation)
+    if isinstance(material, Arctangent):
+        chi = material.mu_r - 1
+        return h + 2 * material.saturation / np.pi * np.arctan(np.pi * chi * h / (2 * material.saturation))
+
+    def field(b):
+        power = b ** (2 * material.alpha)
+        return (material.eps + (material.c - material.eps) * power / (power + material.tau)) * b
+
+    return np.array([brentq(lambda b, x=x: field(b) - x, 0.0, 3.0, xtol=1e-14) for x in h])
+
+
+@pytest.mark.parametrize("material", [FROEHLICH, ARCTANGENT, MARROCCO], ids=lambda m: type(m).__name__)
+def test_analytic_laws_are_their_formulas(material):
+    end = min(law_range(material)[1], 50.0)
+    h = np.geomspace(1e-8, 0.999 * end, 400)
+    exact = formula(material, h)
+    assert values(material, h) - h == pytest.approx(exact - h, rel=1e-6)
+    assert values(material, np.array([1e-9]))[0] / 1e-9 == pytest.approx(initial_mu_r(material), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_keeps_what_the_solver_relies_on(name):
+    """Slope at least that of free space everywhere, b continuous, and polarisation without end never."""
+    material = LAWS[name]
+    h = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 20000)])
+    b = values(material, h)
+    # To rounding of b itself.
+    assert (np.diff(b) >= np.diff(h) * (1 - 1e-12) - 4e-16 * b[1:]).all()
+    knots = law_tables([material]).knots[1:]
+    assert values(material, knots * (1 - 1e-12)) == pytest.approx(values(material, knots), rel=1e-9)
+    last = values(material, np.array([1e3, 1e6])) - [1e3, 1e6]
+    assert last[0] == pytest.approx(last[1], rel=1e-4)
+
+
+def test_a_table_rises_to_its_saturation():
+    """Through its points as before; past them J rises without a jump of slope, and ends at the named value."""
+    h, b = mu_0 * POINTS[0], POINTS[1]
+    steel = table(POINTS, 2.16)
+    assert values(steel, h) == pytest.approx(b, rel=1e-12)
+    x = h[-1] * np.array([1 - 1e-4, 1.0, 1 + 1e-4])
+    j = values(steel, x) - x
+    assert (j[2] - j[1]) / (j[1] - j[0]) == pytest.approx(1.0, rel=1e-2)
+    far = np.array([1e2, 1e5])
+    assert values(steel, far) - far == pytest.approx([2.16, 2.16], rel=1e-3)
+    # The table ends at 2.074 T; without the extension it stays there.
+    assert (values(table(POINTS), far) - far) == pytest.approx([b[-1] - h[-1]] * 2, rel=1e-8)
+
+
+def test_points_of_a_hyperbola_are_continued_on_it():
+    """The extension is the Froehlich-Kennelly hyperbola; a table of its points gives the formula back, beyond too."""
+    h = np.geomspace(1.0, 1e5, 200)
+    field = mu_0 * h
+    sampled = table((h, formula(FROEHLICH, field)), FROEHLICH.saturation)
+    beyond = np.geomspace(field[-1], 1e3 * field[-1], 50)
+    exact = formula(FROEHLICH, beyond) - beyond
+    assert values(sampled, beyond) - beyond == pytest.approx(exact, rel=1e-6)
+
+
+def test_the_law_says_its_range():
+    assert "below 0.7 T" in law_words(table(POINTS))
+    assert "towards saturation (2.16 T) above 2.2 T" in law_words(table(POINTS, 2.16))
+    assert "up to 2.17 T, slope mu0 above" in law_words(MARROCCO)
+    assert "saturation polarisation 2.1 T" in law_words(FROEHLICH)
+    assert law_range(FROEHLICH) == (np.inf, np.inf)
