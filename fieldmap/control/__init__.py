@@ -1,6 +1,68 @@
 """Controllers: as their samples run, and as the transfer functions and matrices they are designed with.
 
-Depends on: errors, kernels, scipy. Identification of plants from measurements belongs here as well.
+Depends on: errors, arguments, kernels, scipy. Models are plain arrays, so that they go into scipy.signal and
+python-control as they are.
 """
 
-__all__: list[str] = []
+from fieldmap.control.compensator import compensated_reference
+from fieldmap.control.current_division import DivisionSignals, divide_currents, undivide_currents
+from fieldmap.control.levitated_plants import (
+    LumpedMagnet,
+    levitated_plant,
+    lumped_magnet_from_lift_currents,
+)
+from fieldmap.control.linear_models import (
+    StateSpace,
+    TransferFunction,
+    closed_loop,
+    continuous,
+    controller_form,
+    from_roots,
+    inverse_zero_order_hold,
+    sampled,
+    steady_gain,
+    to_transfer_function,
+    transfer_function,
+    with_output_integral,
+    zero_order_hold,
+)
+from fieldmap.control.loop import LoopInstruments, LoopRun, simulate_loop
+from fieldmap.control.pid import PID, RunningPID, pid_transfer_function, run_pid
+from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
+from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
+
+__all__ = [
+    "PID",
+    "DivisionSignals",
+    "Estimator",
+    "LoopInstruments",
+    "LoopRun",
+    "LumpedMagnet",
+    "Regulator",
+    "RunningPID",
+    "RunningRegulator",
+    "StateSpace",
+    "TransferFunction",
+    "closed_loop",
+    "compensated_reference",
+    "continuous",
+    "controller_form",
+    "divide_currents",
+    "from_roots",
+    "inverse_zero_order_hold",
+    "kalmd",
+    "levitated_plant",
+    "lqrd",
+    "lumped_magnet_from_lift_currents",
+    "pid_transfer_function",
+    "run_pid",
+    "run_regulator",
+    "sampled",
+    "simulate_loop",
+    "steady_gain",
+    "to_transfer_function",
+    "transfer_function",
+    "undivide_currents",
+    "with_output_integral",
+    "zero_order_hold",
+]

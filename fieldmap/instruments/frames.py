@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.instruments.checks import check_not_negative, check_numbers, check_signal
+from fieldmap.arguments import check_not_negative, check_numbers, check_signal
 
 Array = NDArray[np.float64]
 

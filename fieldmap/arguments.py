@@ -1,0 +1,112 @@
+"""What functions ask of the numbers they are given: finite, positive, of a certain shape. Raises InputError."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.errors import InputError, Problem
+
+Array = NDArray[np.float64]
+
+
+def check_numbers(where: str, **numbers: float) -> None:
+    """Every number finite; raises InputError with all that are not."""
+    _raise(
+        Problem(f"{where}({name})", "must be a finite number", f"{value!r}", "give its value in SI units")
+        for name, value in numbers.items()
+        if not np.isfinite(value)
+    )
+
+
+def check_positive(where: str, **numbers: float) -> None:
+    """Every number finite and above zero; raises InputError with all that are not."""
+    _raise(
+        Problem(
+            f"{where}({name})", "must be a finite number above 0", f"{value!r}", f"give a positive {name}"
+        )
+        for name, value in numbers.items()
+        if not (np.isfinite(value) and value > 0)
+    )
+
+
+def check_not_negative(where: str, **numbers: float) -> None:
+    """Every number finite and at least zero; raises InputError with all that are not."""
+    _raise(
+        Problem(f"{where}({name})", "must be a finite number, 0 or more", f"{value!r}", f"give {name} >= 0")
+        for name, value in numbers.items()
+        if not (np.isfinite(value) and value >= 0)
+    )
+
+
+def check_count(where: str, **numbers: int) -> None:
+    """Every number whole and at least one; raises InputError with all that are not."""
+    _raise(
+        Problem(f"{where}({name})", "must be a whole number, 1 or more", f"{value!r}", f"give {name} >= 1")
+        for name, value in numbers.items()
+        if not (isinstance(value, (int, np.integer)) and value >= 1)
+    )
+
+
+def check_choice(where: str, value: str, choices: Iterable[str]) -> str:
+    """One of the choices; raises InputError for anything else."""
+    allowed = list(choices)
+    if value not in allowed:
+        raise InputError(
+            Problem(where, f"must be one of {', '.join(allowed)}", f"{value!r}", "choose one of them")
+        )
+    return value
+
+
+def check_ordered(where: str, lower: float, upper: float) -> None:
+    """lower < upper, neither NaN; either may be infinite."""
+    if not lower < upper:
+        raise InputError(
+            Problem(
+                f"{where}(lower, upper)", "must rise", f"{lower!r}, {upper!r}", "give the lower limit first"
+            )
+        )
+
+
+def check_signal(where: str, values: ArrayLike, columns: int | None = None) -> Array:
+    """A finite signal as an array of floats; with `columns`, of shape (..., columns)."""
+    signal = np.asarray(values, dtype=float)
+    if columns is not None and (signal.ndim == 0 or signal.shape[-1] != columns):
+        _raise(
+            [
+                Problem(
+                    where,
+                    f"must have {columns} numbers in its last axis",
+                    f"shape {signal.shape}",
+                    "reshape it",
+                )
+            ]
+        )
+    bad = np.flatnonzero(~np.isfinite(signal.ravel()))
+    if bad.size:
+        first = f"{signal.ravel()[bad[0]]} at entry {bad[0]} ({bad.size} such)"
+        _raise([Problem(where, "must be finite everywhere", first, "drop or mend these samples first")])
+    return signal
+
+
+def check_matrix(where: str, values: ArrayLike, shape: tuple[int | None, int | None]) -> Array:
+    """A finite matrix of this shape, None for any size; a number stands for (1, 1)."""
+    matrix = np.asarray(values, dtype=float)
+    matrix = matrix.reshape(1, 1) if matrix.ndim == 0 else matrix
+    fits = matrix.ndim == 2 and all(s is None or s == n for s, n in zip(shape, matrix.shape, strict=True))
+    if not fits or not matrix.size:
+        wanted = " x ".join("any" if s is None else str(s) for s in shape)
+        _raise(
+            [
+                Problem(
+                    where, f"must be a matrix, {wanted}", f"shape {matrix.shape}", "reshape or transpose it"
+                )
+            ]
+        )
+    return check_signal(where, matrix)
+
+
+def _raise(problems: Iterable[Problem]) -> None:
+    found = tuple(problems)
+    if found:
+        raise InputError(*found)

@@ -1,0 +1,216 @@
+"""Linear models of plants: transfer functions and state spaces, continuous and sampled.
+
+Plain arrays, so that they go straight into scipy.signal or python-control: a transfer function is (numerator,
+denominator), highest power first, a state space is (A, B, C, D).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_matrix, check_positive, check_signal
+from fieldmap.errors import InputError, Problem
+
+Array = NDArray[np.floating[Any]]
+
+
+class TransferFunction(NamedTuple):
+    """numerator / denominator, coefficients of falling powers; the denominator's first is 1."""
+
+    numerator: Array
+    denominator: Array
+
+    @property
+    def zeros(self) -> NDArray[Any]:
+        """Roots of the numerator."""
+        return np.roots(self.numerator)
+
+    @property
+    def poles(self) -> NDArray[Any]:
+        """Roots of the denominator."""
+        return np.roots(self.denominator)
+
+
+class StateSpace(NamedTuple):
+    """dx/dt = A x + B u (or x[n+1] = A x[n] + B u[n]), y = C x + D u."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+
+def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferFunction:
+    """A proper transfer function from coefficients of falling powers; leading zeros are dropped.
+
+    Raises InputError for coefficients that are not finite, a denominator of zeros, or more zeros than poles.
+
+    >>> transfer_function([0, 2, 4], [2, 0, 8])
+    TransferFunction(numerator=array([1., 2.]), denominator=array([1., 0., 4.]))
+    """
+    where = "transfer_function"
+    top = np.trim_zeros(np.atleast_1d(check_signal(f"{where}(numerator)", numerator)), "f")
+    bottom = np.trim_zeros(np.atleast_1d(check_signal(f"{where}(denominator)", denominator)), "f")
+    if not bottom.size:
+        raise InputError(
+            Problem(f"{where}(denominator)", "must not be zero", "zeros", "give its coefficients")
+        )
+    top = top if top.size else np.zeros(1)
+    if top.size > bottom.size:
+        raise InputError(
+            Problem(
+                where,
+                "must be proper: the numerator's degree is at most the denominator's",
+                f"degrees {top.size - 1} and {bottom.size - 1}",
+                "an improper plant would answer before it is asked; add its fast poles",
+            )
+        )
+    return TransferFunction(top / bottom[0], bottom / bottom[0])
+
+
+def from_roots(gain: float, zeros: ArrayLike, poles: ArrayLike) -> TransferFunction:
+    """gain * prod(q - zeros) / prod(q - poles).
+
+    >>> from_roots(-0.03, [0.9935], [1.01, 0.905]).denominator.round(5).tolist()
+    [1.0, -1.915, 0.91405]
+    """
+    roots = [np.atleast_1d(np.asarray(values)) for values in (zeros, poles)]
+    top, bottom = (np.real_if_close(np.poly(values)) for values in roots)
+    return transfer_function(gain * np.atleast_1d(top), bottom)
+
+
+def controller_form(numerator: ArrayLike, denominator: ArrayLike) -> StateSpace:
+    """Realisation with the denominator in the first row of A and B = (1, 0, ...): thesis (7-9).
+
+    >>> model = controller_form([-15.63, -50.97], [1, 44.94, -248.3])
+    >>> model.A.tolist(), model.C.tolist()
+    ([[-44.94, 248.3], [1.0, 0.0]], [[-15.63, -50.97]])
+    """
+    top, bottom = transfer_function(numerator, denominator)
+    order = bottom.size - 1
+    full = np.concatenate([np.zeros(order + 1 - top.size), top])
+    A = np.eye(order, k=-1)
+    A[:1] = -bottom[1:]
+    return StateSpace(A, np.eye(order, 1), (full[1:] - full[0] * bottom[1:])[None, :], full[:1, None])
+
+
+def to_transfer_function(model: StateSpace) -> TransferFunction:
+    """The transfer function of a model with one input and one output: det(s - A + B C) / det(s - A) - 1 + D."""
+    A, B, C, D = check_model("to_transfer_function", model, inputs=1, outputs=1)
+    bottom = np.poly(A)
+    return TransferFunction(np.poly(A - B @ C) + (D[0, 0] - 1.0) * bottom, bottom)
+
+
+def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace:
+    """The model with one more state per output, its integral: thesis (7-10). C keeps the outputs.
+
+    >>> with_output_integral([[-44.94, 248.3], [1, 0]], [[1], [0]], [[-15.63, -50.97]]).A[2].tolist()
+    [-15.63, -50.97, 0.0]
+    """
+    A, B, C, _ = check_model("with_output_integral", (A, B, C, None))
+    outputs = C.shape[0]
+    wider = np.zeros((A.shape[0], outputs))
+    corner = np.zeros((outputs, outputs + B.shape[1]))
+    top = np.hstack([A, wider, B])
+    both = np.vstack([top, np.hstack([C, corner])])
+    order = A.shape[0] + outputs
+    return StateSpace(
+        both[:, :order], both[:, order:], np.hstack([C, corner[:, :outputs]]), corner[:, outputs:]
+    )
+
+
+def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array]:
+    """A and B of the sampled model whose input is held for Ts (s): exp of [[A, B], [0, 0]] Ts.
+
+    Van Loan, IEEE Trans. Automatic Control 23 (1978) 395. C and D stay.
+    """
+    A, B, _, _ = check_model("zero_order_hold", (A, B, None, None))
+    check_positive("zero_order_hold", Ts=Ts)
+    order, inputs = B.shape
+    both = np.zeros((order + inputs, order + inputs))
+    both[:order] = np.hstack([A, B])
+    grown = scipy.linalg.expm(both * Ts)
+    return grown[:order, :order], grown[:order, order:]
+
+
+def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[Array, Array]:
+    """A and B of the continuous model that `zero_order_hold` turns into A_d and B_d.
+
+    Of the many it is the one without oscillations faster than half the sampling rate (principal logarithm). Raises
+    InputError where there is none: poles at 0 (a dead time) or on the negative real axis.
+    """
+    A_d, B_d, _, _ = check_model("inverse_zero_order_hold", (A_d, B_d, None, None))
+    check_positive("inverse_zero_order_hold", Ts=Ts)
+    order, inputs = B_d.shape
+    poles = np.linalg.eigvals(A_d)
+    bad = (np.abs(poles.imag) < 1e-12) & (poles.real <= 1e-12)
+    if bad.any():
+        raise InputError(
+            Problem(
+                "inverse_zero_order_hold(A_d)",
+                "must have no poles at 0 or on the negative real axis: no continuous model of that order has them",
+                f"pole {poles[bad][0].real:.4g}",
+                "remove dead time first; identify a model of another order, or sample faster",
+            )
+        )
+    both = np.eye(order + inputs)
+    both[:order] = np.hstack([A_d, B_d])
+    grown = np.real(scipy.linalg.logm(both)) / Ts
+    return grown[:order, :order], grown[:order, order:]
+
+
+def sampled(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
+    """The transfer function in q of a continuous one whose input is held for Ts (s)."""
+    model = controller_form(*plant)
+    return to_transfer_function(StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D))
+
+
+def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
+    """The transfer function in s of which this one in q is the sampled form: thesis (7-6) to (7-7).
+
+    >>> vertical = from_roots(-0.03, [0.9935], [1.01, 0.905])
+    >>> top, bottom = continuous(vertical, 2e-3)
+    >>> top.round(2).tolist(), bottom.round(1).tolist()
+    ([-15.63, -50.97], [1.0, 44.9, -248.3])
+    """
+    model = controller_form(*plant)
+    A, B = inverse_zero_order_hold(model.A, model.B, Ts)
+    numerator, denominator = to_transfer_function(StateSpace(A, B, model.C, model.D))
+    # A strictly proper model stays one; what the subtraction leaves at the front is rounding.
+    lead = np.abs(numerator) > 1e-12 * np.abs(numerator).max(initial=0.0)
+    return TransferFunction(numerator[np.argmax(lead) :], denominator)
+
+
+def closed_loop(
+    plant: tuple[ArrayLike, ArrayLike], controller: tuple[ArrayLike, ArrayLike]
+) -> TransferFunction:
+    """y / r = C P / (1 + C P): thesis (5-1). For a plant of negative gain give a controller of negative gain."""
+    top, bottom = transfer_function(*plant)
+    ctop, cbottom = transfer_function(*controller)
+    forward = np.polymul(top, ctop)
+    return transfer_function(forward, np.polyadd(np.polymul(bottom, cbottom), forward))
+
+
+def steady_gain(plant: tuple[ArrayLike, ArrayLike], Ts: float | None = None) -> float:
+    """Output per input at rest: the value at s = 0, or at q = 1 if there is a sampling time. Infinite with a pole
+    there."""
+    top, bottom = transfer_function(*plant)
+    at = 0.0 if Ts is None else 1.0
+    below = np.polyval(bottom, at)
+    return float(np.polyval(top, at) / below) if below else float("inf")
+
+
+def check_model(
+    where: str, model: tuple, inputs: int | None = None, outputs: int | None = None
+) -> tuple[Array, Array, Array, Array]:
+    """A, B, C and D that fit each other, all finite; None for C or D that do not matter. Raises InputError."""
+    A = check_matrix(f"{where}(A)", model[0], (None, None))
+    order = A.shape[0]
+    A = check_matrix(f"{where}(A)", A, (order, order))
+    B = check_matrix(f"{where}(B)", model[1], (order, inputs))
+    C = np.eye(order) if model[2] is None else check_matrix(f"{where}(C)", model[2], (outputs, order))
+    shape = (C.shape[0], B.shape[1])
+    D = np.zeros(shape) if model[3] is None else check_matrix(f"{where}(D)", model[3], shape)
+    return A, B, C, D

@@ -1,0 +1,133 @@
+"""A sampled plant with its controller, in closed loop: one run, or thousands for statistics, in compiled code."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_count, check_signal
+from fieldmap.control.linear_models import StateSpace, check_model, controller_form
+from fieldmap.control.pid import PID
+from fieldmap.control.regulator import Regulator
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.sampled_loop import pid_loop, regulator_loop
+
+Array = NDArray[np.floating[Any]]
+
+
+def _ideal_chain() -> Array:
+    return np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
+
+
+def _ideal_drive() -> Array:
+    return np.array([0.0, -np.inf, np.inf, 1.0, 0.0, -np.inf, np.inf])
+
+
+@dataclass(frozen=True, eq=False)
+class LoopInstruments:
+    """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
+
+    chain (10,), drive (7,): see fieldmap.kernels.instruments, and fieldmap.instruments, which makes them of data
+    sheets. position, output: the operating point, in the units of plant and controller, about which the loop's signals
+    are deviations: where steps and limits of the instruments lie depends on it.
+    """
+
+    chain: Array = field(default_factory=_ideal_chain)
+    drive: Array = field(default_factory=_ideal_drive)
+    position: float = 0.0
+    output: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRun:
+    """Signals of closed-loop runs, deviations from the operating point.
+
+    time (samples,), s; reference (samples,); y (runs, samples): the true output of the plant; u (runs, samples): the
+    controller's output.
+    """
+
+    time: Array
+    reference: Array
+    y: Array
+    u: Array
+
+
+def simulate_loop(
+    plant: tuple,
+    controller: PID | Regulator,
+    reference: ArrayLike,
+    *,
+    runs: int = 1,
+    position_noise: ArrayLike = 0.0,
+    voltage_noise: ArrayLike = 0.0,
+    current_noise: ArrayLike = 0.0,
+    disturbance: ArrayLike = 0.0,
+    instruments: LoopInstruments | None = None,
+) -> LoopRun:
+    """Closed-loop runs of a sampled plant from rest, one controller step per sample.
+
+    plant: (numerator, denominator) in q or (A, B, C, D), sampled at controller.Ts, one input, one output, strictly
+    proper. reference (samples,). Noise and disturbance (of the plant's input): numbers, (samples,) or (runs, samples),
+    for example of a seeded generator; position noise is in the plant's output unit, voltage noise at the converter,
+    current noise in the drive's unit. A limit of the controller or the drive saturates as it would.
+
+    Raises InputError for signals that are not finite or do not fit, and for a plant that is not strictly proper.
+
+    >>> plant = ([-0.03, 0.0298], [1, -1.915, 0.91405])
+    >>> run = simulate_loop(plant, PID(0.334, 0.007, 0.001, 2e-3, acts_on_minus_error=True), np.ones(1500))
+    >>> print(round(run.y[0, -1], 3))
+    1.0
+    """
+    model = _strictly_proper(plant)
+    target = np.atleast_1d(check_signal("simulate_loop(reference)", reference)).astype(float)
+    check_count("simulate_loop", runs=runs)
+    shape = (runs, target.size)
+    noises = (position_noise, voltage_noise, current_noise, disturbance)
+    names = ("position_noise", "voltage_noise", "current_noise", "disturbance")
+    filled = [_filled(name, noise, shape) for name, noise in zip(names, noises, strict=True)]
+    at = instruments or LoopInstruments()
+    numbers = (
+        np.ascontiguousarray(at.chain, dtype=float),
+        np.ascontiguousarray(at.drive, dtype=float),
+        at.position,
+    )
+    y, u = np.empty(shape), np.empty(shape)
+    signals = ((*model, at.output), target, tuple(filled[:3]), filled[3], numbers)
+    if isinstance(controller, PID):
+        slope_of_error = int(controller.derivative == "error")
+        pid_loop(*signals, controller.sign, slope_of_error, controller.gains, controller.options, y, u)
+    else:
+        regulator_loop(*signals, controller.matrices, controller.k, controller.settings, y, u)
+    return LoopRun(controller.Ts * np.arange(target.size), target, y, u)
+
+
+def _strictly_proper(plant: tuple) -> tuple[Array, Array, Array]:
+    """A, B (n,), C (n,) of a plant with one input and one output whose output does not wait for its input."""
+    model = StateSpace(*plant) if len(plant) == 4 else controller_form(*plant)
+    A, B, C, D = check_model("simulate_loop", model, inputs=1, outputs=1)
+    if D[0, 0] != 0.0:
+        raise InputError(
+            Problem(
+                "simulate_loop(plant)",
+                "must be strictly proper",
+                f"direct gain {D[0, 0]:.4g}",
+                "a sampled plant answers one sample later; take the numerator's degree below the denominator's",
+            )
+        )
+    return np.ascontiguousarray(A), np.ascontiguousarray(B[:, 0]), np.ascontiguousarray(C[0])
+
+
+def _filled(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
+    signal = check_signal(f"simulate_loop({name})", values)
+    try:
+        return np.ascontiguousarray(np.broadcast_to(signal, shape))
+    except ValueError:
+        raise InputError(
+            Problem(
+                f"simulate_loop({name})",
+                f"must be a number, ({shape[1]},) or {shape}",
+                f"shape {signal.shape}",
+                "give one value per sample of the reference, and one row per run",
+            )
+        ) from None

@@ -1,0 +1,158 @@
+"""The sampled PID controller as it runs, and as a transfer function."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import (
+    check_choice,
+    check_not_negative,
+    check_numbers,
+    check_ordered,
+    check_positive,
+    check_signal,
+)
+from fieldmap.control.linear_models import TransferFunction, transfer_function
+from fieldmap.kernels.pid import pid_run, pid_step
+
+Array = NDArray[np.float64]
+
+INTEGRATION = ("rectangular", "trapezoidal")
+ANTI_WINDUP = ("none", "hold", "track")
+DERIVATIVE = ("error", "measurement")
+
+
+@dataclass(frozen=True)
+class PID:
+    """A PID controller that runs every Ts seconds: thesis (5-10).
+
+    u[n] = Kc e[n] + (Kc Ts / Ti) sum e + (Kc Td / Ts) (e[n] - e[n-1]), with e = 0 before the first sample.
+
+    Kc: gain, output per unit of error. Ti: integral time, s (infinity: no integral part). Td: derivative time, s.
+    integration: "rectangular" adds e[n], as (5-10) writes it; "trapezoidal" adds (e[n] + e[n-1]) / 2, which is what
+    (5-11) transforms and what LabVIEW's manual documents. lower, upper: limits of the output. anti_windup: "none";
+    "hold" stops the integral while it would drive the output further past a limit; "track" pulls it back with the
+    time constant tracking_time, s (sqrt(Ti Td) unless given; Ti if Td = 0). derivative: of the "error", as (5-10), or
+    of minus the "measurement", without a kick at a step of the reference. acts_on_minus_error: for a plant of negative
+    gain (thesis Fig. 2-15).
+    """
+
+    Kc: float
+    Ti: float
+    Td: float
+    Ts: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    integration: str = "rectangular"
+    anti_windup: str = "none"
+    tracking_time: float | None = None
+    derivative: str = "error"
+    acts_on_minus_error: bool = False
+
+    def __post_init__(self) -> None:
+        _check_gains("PID", self.Kc, self.Ti, self.Td, self.Ts)
+        check_ordered("PID", self.lower, self.upper)
+        check_choice("PID(integration)", self.integration, INTEGRATION)
+        check_choice("PID(anti_windup)", self.anti_windup, ANTI_WINDUP)
+        check_choice("PID(derivative)", self.derivative, DERIVATIVE)
+        if self.tracking_time is not None:
+            check_positive("PID", tracking_time=self.tracking_time)
+
+    @property
+    def sign(self) -> float:
+        """-1 for a controller that acts on minus the error."""
+        return -1.0 if self.acts_on_minus_error else 1.0
+
+    @property
+    def gains(self) -> Array:
+        """Proportional, integral per sample, derivative per sample."""
+        return np.array([self.Kc, self.Kc * self.Ts / self.Ti, self.Kc * self.Td / self.Ts])
+
+    @property
+    def options(self) -> Array:
+        """Limits, anti-windup and integration as numbers, in the order of fieldmap.kernels.pid."""
+        tracking = self.tracking_time
+        if tracking is None:
+            tracking = np.sqrt(self.Ti * self.Td) if self.Td else self.Ti
+        share = min(1.0, self.Ts / tracking)
+        kind = float(ANTI_WINDUP.index(self.anti_windup))
+        return np.array([self.lower, self.upper, kind, share, float(self.integration == "trapezoidal")])
+
+
+class RunningPID:
+    """A PID controller with its memory, for a loop of your own: one call a sample.
+
+    >>> running = RunningPID(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01))
+    >>> [round(running.step(reference=1.0, measured=y), 3) for y in (0.0, 0.5)]
+    [2.2, 1.3]
+    """
+
+    def __init__(self, controller: PID) -> None:
+        self.controller = controller
+        self.reset()
+
+    def reset(self, integral: float = 0.0) -> None:
+        """Forget the past; the integral part of the output begins at `integral`."""
+        check_numbers("RunningPID.reset", integral=integral)
+        self._gains, self._options = self.controller.gains, self.controller.options
+        self._state = np.array([integral, 0.0, 0.0])
+
+    def step(self, reference: float, measured: float) -> float:
+        """The output at this sample. Raises InputError for numbers that are not finite, before they do harm."""
+        check_numbers("RunningPID.step", reference=reference, measured=measured)
+        sign = self.controller.sign
+        error = sign * (reference - measured)
+        slope = error if self.controller.derivative == "error" else -sign * measured
+        return float(pid_step(error, slope, self._gains, self._options, self._state))
+
+
+def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:
+    """Outputs (n,) of a controller that starts from rest, for given measurements (n,); open loop.
+
+    reference: (n,) or one number. Raises InputError for signals that are not finite or of different length.
+
+    >>> run_pid(PID(0.5, 0.007, 0.001, 2e-3), 1.0, [0.0, 0.0]).round(5).tolist()
+    [0.89286, 0.78571]
+    """
+    seen = np.atleast_1d(check_signal("run_pid(measured)", measured))
+    target = np.broadcast_to(check_signal("run_pid(reference)", reference), seen.shape)
+    error = controller.sign * (target - seen)
+    slope = error if controller.derivative == "error" else -controller.sign * seen
+    outputs = np.empty(seen.size)
+    pid_run(error, slope, controller.gains, controller.options, np.zeros(3), outputs)
+    return outputs
+
+
+def pid_transfer_function(
+    Kc: float, Ti: float, Td: float, Ts: float, *, integration: str = "trapezoidal"
+) -> TransferFunction:
+    """Numerator and denominator in q of the sampled PID controller: thesis (5-11).
+
+    k1 = Kc (1 + Ts/2Ti + Td/Ts), k2 = Kc (-1 + Ts/2Ti - 2 Td/Ts), k3 = Kc Td/Ts over q^2 - q: the trapezoidal rule for
+    the integral, a backward difference for the derivative. integration="rectangular" gives (5-10) as it is written:
+    Ts/Ti in k1 and nothing in k2. Times in s. Raises InputError for times that are not positive (Td may be 0, Ti
+    infinite).
+
+    >>> pid_transfer_function(0.5, 0.007, 0.001, 2e-3).numerator.round(5).tolist()
+    [0.82143, -0.92857, 0.25]
+    """
+    _check_gains("pid_transfer_function", Kc, Ti, Td, Ts)
+    check_choice("pid_transfer_function(integration)", integration, INTEGRATION)
+    if Ti == np.inf:  # the pole at 1 and its zero cancel
+        return transfer_function(Kc * np.array([1.0 + Td / Ts, -Td / Ts]), [1.0, 0.0])
+    now, before = (0.5, 0.5) if integration == "trapezoidal" else (1.0, 0.0)
+    integral, derivative = Ts / Ti, Td / Ts
+    numerator = [1.0 + now * integral + derivative, -1.0 + before * integral - 2.0 * derivative, derivative]
+    return transfer_function(Kc * np.array(numerator), [1.0, -1.0, 0.0])
+
+
+def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None:
+    check_numbers(where, Kc=Kc)
+    check_positive(where, Ts=Ts, **_finite_times(Ti))
+    check_not_negative(where, Td=Td)
+
+
+def _finite_times(Ti: float) -> dict[str, float]:
+    """An infinite integral time is a controller without integral part."""
+    return {} if Ti == np.inf else {"Ti": Ti}

@@ -1,0 +1,103 @@
+"""Analogue-to-digital and digital-to-analogue converters: their absolute accuracy, and what they make of a signal."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_count, check_not_negative, check_positive, check_signal
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Converter:
+    """Data-sheet numbers of a converter card with a symmetric range.
+
+    range: V, from -range to +range. bits. random_noise: V, rms. gain_error: residual, of the reading (V/V).
+    offset_error: residual, of the range. gain_drift, reference_drift: of the reading, per kelvin; offset_drift: of the
+    range, per kelvin. nonlinearity: integral nonlinearity, of the range.
+    """
+
+    range: float
+    bits: int
+    random_noise: float = 0.0
+    gain_error: float = 0.0
+    offset_error: float = 0.0
+    gain_drift: float = 0.0
+    offset_drift: float = 0.0
+    reference_drift: float = 0.0
+    nonlinearity: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_positive("Converter", range=self.range)
+        check_count("Converter", bits=self.bits)
+        numbers = {name: value for name, value in vars(self).items() if name not in ("range", "bits")}
+        check_not_negative("Converter", **numbers)
+
+    @property
+    def resolution(self) -> float:
+        """One step, V: 2 range / 2^bits."""
+        return 2.0 * self.range / 2.0**self.bits
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Absolute accuracy of a reading, V, and the three parts that it is the sum of: thesis Appendix B.
+
+    net_gain_error: V/V of the reading; net_offset_error: of the range; noise_uncertainty: V.
+    """
+
+    total: Array
+    net_gain_error: float
+    net_offset_error: float
+    noise_uncertainty: float
+    assumptions: tuple[str, ...]
+
+
+def absolute_accuracy(
+    converter: Converter,
+    reading: ArrayLike,
+    *,
+    internal_change: float = 1.0,
+    external_change: float = 10.0,
+    averages: int = 1,
+    coverage: float = 3.0,
+) -> Accuracy:
+    """Worst-case error of a reading (V): |reading| net gain error + range net offset error + noise uncertainty.
+
+    internal_change, external_change: kelvins since the last internal and external calibration; averages: readings
+    whose mean is taken; coverage: how many standard deviations of the noise. Net gain error = gain error + gain drift
+    internal_change + reference drift external_change; net offset error = offset error + offset drift internal_change +
+    nonlinearity; noise uncertainty = coverage noise / sqrt(averages). Thesis Appendix B; the makers of such cards give
+    the same sum. Raises InputError for numbers that are not finite or negative.
+
+    >>> card = Converter(range=10, bits=16, random_noise=280e-6, gain_error=60e-6, offset_error=20e-6,
+    ...     gain_drift=13e-6, offset_drift=21e-6, reference_drift=1e-6, nonlinearity=60e-6)
+    >>> (1e6 * absolute_accuracy(card, [0.0, 10.0]).total).round(3).tolist()
+    [1850.0, 2680.0]
+    """
+    where = "absolute_accuracy"
+    check_not_negative(
+        where, internal_change=internal_change, external_change=external_change, coverage=coverage
+    )
+    check_count(where, averages=averages)
+    voltages = check_signal(f"{where}(reading)", reading)
+    gain = (
+        converter.gain_error
+        + converter.gain_drift * internal_change
+        + converter.reference_drift * external_change
+    )
+    offset = converter.offset_error + converter.offset_drift * internal_change + converter.nonlinearity
+    noise = coverage * converter.random_noise / float(np.sqrt(averages))
+    return Accuracy(
+        total=np.abs(voltages) * gain + converter.range * offset + noise,
+        net_gain_error=gain,
+        net_offset_error=offset,
+        noise_uncertainty=noise,
+        assumptions=(
+            f"temperature: {internal_change:g} K since the internal calibration, {external_change:g} K since the "
+            "external one",
+            f"noise covered to {coverage:g} standard deviations, mean of {averages}",
+        ),
+    )
