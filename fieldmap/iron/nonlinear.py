@@ -17,6 +17,7 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.continuation import Sources, solve_with_continuation
 from fieldmap.iron.forms.bh_law import law_tables, law_words
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
@@ -34,6 +35,7 @@ from fieldmap.sources.inductance import bare_inductance
 Array = NDArray[np.float64]
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
+_LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +153,8 @@ class NonlinearSolver:
     ) -> NonlinearSolution:
         """The state at currents (c,) in A, from `start` (a neighbouring state of this solver) or from zero.
 
-        Raises InputError for bad arguments, NotConverged with the residual history.
+        Where Newton's method fails, the state is approached in steps of the currents; `report.continuation` names
+        them. Raises InputError for bad arguments, NotConverged with the residual history once that has failed too.
         """
         values = checked_currents(currents, self.device.coil_names)
         if not (np.isfinite(tolerance) and 0 < tolerance < 1):
@@ -164,9 +167,11 @@ class NonlinearSolver:
         stages = Stages(self._progress)
         stages.next("Newton iteration", 0.6)
         begin = None if start is None else start.state.potential
-        state = self._form.solve(self._material, field, tolerance * _RESIDUAL_PER_TOLERANCE, begin)
+        sources = Sources(self._material, field)
+        residual = tolerance * _RESIDUAL_PER_TOLERANCE
+        state, shares = solve_with_continuation(self._form, sources, residual, begin)
         stages.done()
-        report = self._report(state, {**({} if start else self._seconds), **stages.seconds})
+        report = self._report(state, {**({} if start else self._seconds), **stages.seconds}, shares)
         linkage, coenergy = linkage_and_coenergy(
             self._form.elements, self._material, state.potential, field, self._unit
         )
@@ -174,7 +179,9 @@ class NonlinearSolver:
             self.device.coils, values, self._iron.mesh, state, report, linkage[:, 0], float(coenergy[0])
         )
 
-    def _report(self, state: PotentialState, seconds: dict[str, float]) -> SolverReport:
+    def _report(
+        self, state: PotentialState, seconds: dict[str, float], shares: tuple[float, ...]
+    ) -> SolverReport:
         low, high = self._material.tables.range_h[:, self._material.law]
         largest = state.largest_h[0]
         return SolverReport(
@@ -192,6 +199,7 @@ class NonlinearSolver:
             largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
             beyond_table=int((largest > high).sum()),
             below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),
+            continuation=shares,
         )
 
 
@@ -224,7 +232,7 @@ def _require_soft_bodies(device: Device) -> None:
                 f"device '{device.name}'",
                 "there must be iron for a nonlinear solve",
                 "no bodies",
-                "use solve_linear",
+                _LINEAR_INSTEAD,
             )
         )
     problems = []
@@ -238,7 +246,7 @@ def _require_soft_bodies(device: Device) -> None:
         if given:
             where = f"device '{device.name}', body '{body.name}'"
             problems.append(
-                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, "use solve_linear")
+                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, _LINEAR_INSTEAD)
             )
     if problems:
         raise InputError(*problems)

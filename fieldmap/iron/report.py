@@ -14,7 +14,9 @@ class SolverReport:
     of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the dense matrix and its factor;
     seconds: wall time per step; assumptions: everything the result rests on that the device file or the caller
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
-    lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made.
+    lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made;
+    continuation: shares of the currents that had to be solved on the way, because Newton's method failed at all of
+    them at once.
     """
 
     form: str
@@ -32,6 +34,7 @@ class SolverReport:
     beyond_table: int = 0
     below_table: int = 0
     error: ErrorEstimate | None = None
+    continuation: tuple[float, ...] = ()
 
     @property
     def total_seconds(self) -> float:
@@ -44,8 +47,14 @@ class SolverReport:
         return (
             f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
             f"faces, {self.magnetic_bodies} magnetic bodies{peak}; {self.iterations} iterations to "
-            f"{self.residual:.1e}{self._outside()}; {self.total_seconds:.1f} s ({steps})"
+            f"{self.residual:.1e}{self.steps_words}{self._outside()}; {self.total_seconds:.1f} s ({steps})"
         )
+
+    @property
+    def steps_words(self) -> str:
+        """The continuation in words, empty where there was none."""
+        shares = ", ".join(f"{100 * share:.3g}" for share in self.continuation)
+        return f", in steps of the currents ({shares} %)" if shares else ""
 
     def _outside(self) -> str:
         """How much of the iron the extensions of its laws speak for."""
