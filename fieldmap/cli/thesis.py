@@ -49,9 +49,7 @@ def _section(row: str, title: str, numbers: list[Any]) -> list[Any]:
 
 
 def _cells(number: Any) -> tuple[str, ...]:
-    deviation = "" if number.deviation is None else f"{100 * number.deviation:+.2g} %"
-    if number.agrees:
-        deviation = "agrees"
+    deviation = "agrees" if number.agrees else _percent(number.deviation)
     kind = "misprint" if number.misprint else number.kind
     return (
         number.name,
@@ -62,6 +60,13 @@ def _cells(number: Any) -> tuple[str, ...]:
         kind,
         number.place,
     )
+
+
+def _percent(deviation: float | None) -> str:
+    if deviation is None:
+        return ""
+    percent = 100 * deviation
+    return f"{percent:+.1f} %" if abs(percent) >= 0.1 else f"{percent:+.1g} %"
 
 
 def _verdict(comparisons: Iterable[Any]) -> Any:

@@ -30,6 +30,7 @@ from fieldmap.control.loop import LoopInstruments, LoopRun, simulate_loop
 from fieldmap.control.pid import PID, RunningPID, pid_transfer_function, run_pid
 from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
+from fieldmap.control.step_metrics import StepMetrics, step_metrics
 
 __all__ = [
     "PID",
@@ -42,6 +43,7 @@ __all__ = [
     "RunningPID",
     "RunningRegulator",
     "StateSpace",
+    "StepMetrics",
     "TransferFunction",
     "closed_loop",
     "compensated_reference",
@@ -60,6 +62,7 @@ __all__ = [
     "sampled",
     "simulate_loop",
     "steady_gain",
+    "step_metrics",
     "to_transfer_function",
     "transfer_function",
     "undivide_currents",

@@ -1,6 +1,7 @@
 """Optimal state feedback on estimated states, with an integrator and a term that carries the weight."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,7 @@ from fieldmap.control.sampled_optimum import Estimator
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.regulator import regulator_run, regulator_step
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 ESTIMATES = ("predicted", "filtered", "delayed")
 EQUILIBRIUM_AT = ("reference", "measured")

@@ -8,7 +8,16 @@ from typing import Any
 from fieldmap.errors import InputError, Problem
 
 PARTS = {
+    "S6": "fieldmap.thesis.lumped:lumped_model",
     "S7": "fieldmap.thesis.sensing:sensor_frames",
+    "S8_converter": "fieldmap.thesis.sensing:converter",
+    "S8_error_budget": "fieldmap.thesis.sensing:readings",
+    "S8_sensor_and_amplifier": "fieldmap.thesis.sensing:sensor_and_amplifier",
+    "S16_controller": "fieldmap.thesis.vertical:controller",
+    "S16_closed_loop": "fieldmap.thesis.vertical:closed_loop",
+    "S17_arithmetic": "fieldmap.thesis.horizontal:arithmetic",
+    "S20_models": "fieldmap.thesis.optimal:models",
+    "S20_closed_loop": "fieldmap.thesis.optimal:closed_loop",
 }
 """Part -> module:function. A part is a row, or a row and what of it: "S16_controller". Its data is thesis/PART.toml.
 

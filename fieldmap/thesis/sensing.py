@@ -4,14 +4,23 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.instruments import SensorFrame
+from fieldmap.instruments import (
+    Amplifier,
+    Converter,
+    Micrometer,
+    Rig,
+    SensorFrame,
+    absolute_accuracy,
+    error_budget,
+    measured_positions,
+)
+from fieldmap.thesis.registry import Ours
 
 
 def sensor_frames(inputs: dict[str, Any]) -> dict[str, Any]:
     """(3-2), (3-3), (7-1)."""
-    frame = SensorFrame(
-        np.radians(inputs["angle_deg"]), 1e-3 * (inputs["half_range_mm"] + inputs["centre_offset_mm"])
-    )
+    offset = 1e-3 * (inputs["half_range_mm"] + inputs["centre_offset_mm"])
+    frame = SensorFrame(np.radians(inputs["angle_deg"]), offset)
     deviations = frame.global_deviation(
         1e-3 * inputs["local_x_deviation_mm"], 1e-3 * inputs["local_y_deviation_mm"]
     )
@@ -20,3 +29,99 @@ def sensor_frames(inputs: dict[str, Any]) -> dict[str, Any]:
         "translation": np.sqrt(2.0) * 1e3 * frame.matrix[:2, 3],
         "global_deviation": 1e3 * np.array(deviations),
     }
+
+
+def _card(inputs: dict[str, Any], gain_error: float) -> Converter:
+    names = ("offset_error", "gain_drift", "offset_drift", "reference_drift", "nonlinearity")
+    errors = {name: inputs[name] for name in names}
+    noise = 1e-6 * inputs["random_noise_uV"]
+    return Converter(inputs["range_V"], int(inputs["bits"]), noise, gain_error, **errors)
+
+
+def converter(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Appendix B."""
+    drifts = (
+        inputs["gain_drift"] * inputs["internal_change_K"]
+        + inputs["reference_drift"] * inputs["external_change_K"]
+    )
+    residual = inputs["printed_gain_error"] - drifts
+    card = _card(inputs, residual)
+    accuracy = absolute_accuracy(
+        card,
+        [0.0, inputs["range_V"]],
+        internal_change=inputs["internal_change_K"],
+        external_change=inputs["external_change_K"],
+    )
+    zero, full = (Ours(1e6 * value, accuracy.assumptions) for value in accuracy.total)
+    return {
+        "resolution": 1e3 * card.resolution,
+        "gain_error": residual,
+        "net_gain_error": accuracy.net_gain_error,
+        "net_offset_error": accuracy.net_offset_error,
+        "noise_uncertainty": 1e6 * accuracy.noise_uncertainty,
+        "accuracy_at_zero": zero,
+        "accuracy_at_full_scale": full,
+    }
+
+
+def readings(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Appendix C, Table C-1."""
+    sensor = Micrometer(
+        1e-3 * inputs["zero_mm"], 1e-3 * inputs["scale_mm_per_V"], 1e-3 * inputs["voltage_step_mV"]
+    )
+    card = _card(inputs, inputs["gain_error"])
+    arguments = (1e-3 * inputs["nominal_mm"], 1e-3 * inputs["accuracy_mm"], sensor, card)
+    step = inputs["converter_step_V"]
+    budget = error_budget(*arguments, converter_step=step, rounding="up")
+    nearest = error_budget(*arguments, converter_step=step, rounding="nearest")
+    return {
+        "actual": 1e3 * budget.actual,
+        "shown": 1e3 * budget.shown,
+        "voltage": budget.voltages,
+        "bits_needed": budget.codes,
+        "effective_bits": budget.steps,
+        "nearest_bits": nearest.steps,
+        "input_voltage": budget.inputs,
+        "accuracy": budget.accuracies,
+        "measured_voltage": budget.measured_voltages,
+        "measurement": 1e3 * budget.measured,
+        "error": 1e3 * budget.errors,
+    }
+
+
+def sensor_and_amplifier(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Tables 3-2, 3-7, 3-9, 3-10."""
+    sensor = Micrometer(
+        1e-3 * inputs["zero_mm"],
+        1e-3 * inputs["scale_mm_per_V"],
+        1e-3 * inputs["voltage_step_mV"],
+        scan_rate=inputs["scan_rate_Hz"],
+    )
+    amplifier = Amplifier(inputs["gain_A_per_V"])
+    scan_time = round(1e3 * sensor.measuring_time, 3)
+    return {
+        "resolution": 1e3 * sensor.resolution,
+        "scan_time": 1e3 * sensor.measuring_time,
+        "cycle_time": inputs["cycles"] * scan_time,
+        "averaging_time": 1e-3 * inputs["averages"] * scan_time,
+        "largest_current": amplifier.largest_current,
+        "current_at_input": inputs["gain_A_per_V"] * inputs["input_V"],
+        "gain": float(inputs["multimeter_A"].mean() / inputs["input_V"]),
+        "deviation_range": [inputs["current_deviation_A"].min(), inputs["current_deviation_A"].max()],
+        "held_deviation": _held(inputs, sensor),
+    }
+
+
+def _held(inputs: dict[str, Any], sensor: Micrometer) -> Ours:
+    """Deviation of what the converter makes of a voltage that is held, at places all over one of its steps."""
+    card = Converter(inputs["range_V"], int(inputs["bits"]), random_noise=1e-6 * inputs["converter_noise_uV"])
+    held = Micrometer(sensor.zero, sensor.scale)
+    rig = Rig(held, card, card, Amplifier(inputs["gain_A_per_V"]))
+    places = np.linspace(0.0, card.resolution * sensor.scale, 50, endpoint=False)[:, None] - 0.01
+    seen = measured_positions(
+        rig, np.broadcast_to(sensor.zero + places, (50, 2000)), np.random.default_rng(7)
+    )
+    deviation = float(np.sqrt(np.mean(seen.std(axis=1) ** 2)))
+    return Ours(
+        1e6 * deviation, ("only the converter's random noise and its steps, nothing from the sensor",)
+    )

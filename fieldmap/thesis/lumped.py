@@ -1,0 +1,35 @@
+"""S6: the lumped levitation model and its linearisation."""
+
+from typing import Any
+
+import numpy as np
+
+from fieldmap.control import lumped_magnet_from_lift_currents
+from fieldmap.thesis.registry import Ours
+
+_MATCHED = (
+    "L0 and a are those of the measured lift current (7-18), whose straight line is the model's own law; the thesis "
+    "gives no values"
+)
+
+
+def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:
+    """(2-18)..(2-22) against differences of the nonlinear equation, and against the identified plant."""
+    magnet = lumped_magnet_from_lift_currents(
+        inputs["current_at_zero_A"], 1e3 * inputs["slope_A_per_mm"], 1e-3 * inputs["mass_g"]
+    )
+    z = 1e-3 * inputs["depth_mm"]
+    current, plant = magnet.equilibrium_current(z), magnet.plant(z)
+    dz, di = 1e-5 * z, 1e-5 * current
+    by_z = (magnet.acceleration(z + dz, 0, current) - magnet.acceleration(z - dz, 0, current)) / (2 * dz)
+    by_i = (magnet.acceleration(z, 0, current + di) - magnet.acceleration(z, 0, current - di)) / (2 * di)
+    product = Ours(
+        float(np.linalg.det(plant.A)), (_MATCHED, f"depth {inputs['depth_mm']:g} mm by the sensor")
+    )
+    return {
+        "stiffness_term": Ours(plant.A[1, 0] / by_z, (_MATCHED,)),
+        "current_term": Ours(plant.B[1, 0] / by_i, (_MATCHED,)),
+        "sign_of_gain": float(np.sign(plant.B[1, 0])),
+        "sign_of_damping": float(np.sign(inputs["identified_denominator"][1])),
+        "product_of_poles": product,
+    }
