@@ -17,7 +17,7 @@ test: $(STAMP)
 	$(BIN)/pytest -q --doctest-modules fieldmap
 	$(BIN)/pytest -q -n 2
 
-bench: $(STAMP)
+bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
 
 docs: $(VENV)/.installed-docs
@@ -30,6 +30,10 @@ $(STAMP): pyproject.toml constraints.txt
 
 $(VENV)/.installed-docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	touch $@
+
+$(VENV)/.installed-bench: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]"
 	touch $@
 
 clean:

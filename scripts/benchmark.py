@@ -1,153 +1,29 @@
-"""Time the source kernels against magpylib's getB, on the same points, in the same run, on one thread.
+"""Measure the package beside others, in one run: what `make bench` prints.
 
-    python scripts/benchmark.py [--points 50000] [--repetitions 9] [--json]
+    python scripts/benchmark.py [--only SECTION ...] [--quick] [--json]
 
-Prints figures, not verdicts: the exit code is 0 whatever they are. Times are medians. "difference" is the largest
-|B - B_magpylib| / |B_magpylib| over the points. A coil of rectangular section has no counterpart in magpylib: eight
-nested shells stand for it. Compare ratios within one run only.
+Sections: kernels (nanoseconds per point, beside magpylib) and iron (error against seconds and unknowns for an iron
+disk, beside magpylib-material-response: the extra `bench`). Prints figures, not verdicts: the exit code is 0 whatever
+they are. Compare ratios within one run only, and on a machine that does nothing else.
+
+A section is a module with `measure(quick) -> dict` (JSON-ready) and `show(result, console)`.
 """
 
 import argparse
+import importlib
 import json
 import os
 import platform
-import statistics
 import sys
-import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import magpylib
 import numba
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
 
-from fieldmap.device.model import CircularCoil, RoundedRectangleCoil
-from fieldmap.kernels.charged_triangle import triangles_field, triangles_field_and_gradient
-from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.loop import loop_flux_density, loop_flux_density_and_gradient
-from fieldmap.kernels.sheet import sheet_flux_density, sheet_flux_density_and_gradient
-from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.magpylib_coils import magpylib_coil
-
-Array = NDArray[np.float64]
-Function = Callable[[Array], object]
-
-
-@dataclass(frozen=True)
-class Case:
-    """One source: our field, our field and gradient, magpylib's field; magpylib gets every `thin`-th point."""
-
-    name: str
-    points: Array
-    field: Callable[[Array], Array]
-    field_and_gradient: Function
-    magpylib: Callable[[Array], Array]
-    thin: int = 1
-
-
-@dataclass(frozen=True)
-class Row:
-    """Nanoseconds per point; ratio = magpylib's field over our field and gradient."""
-
-    kernel: str
-    field_ns: float
-    field_and_gradient_ns: float
-    magpylib_ns: float
-    ratio: float
-    difference: float
-
-
-def cases(count: int) -> list[Case]:
-    """Loop, sheet and charged face, then the coils made of them, at random points of a box around each."""
-    points = np.random.default_rng(0).uniform(-0.06, 0.06, (count, 3))
-    below = points * [1.0, 1.0, 0.3] - [0.0, 0.0, 0.06]
-    return [
-        loop_case(points),
-        sheet_case(points),
-        triangle_case(points),
-        coil_case(CircularCoil("circular coil", 0.011, 0.021, 0.039, 1.0), below),
-        coil_case(RoundedRectangleCoil("rounded square coil", 0.016, 0.016, 0.015, 0.010, 0.039, 1.0), below),
-    ]
-
-
-def loop_case(points: Array) -> Case:
-    """Circular loop against magpylib's Circle."""
-    radius = 0.02
-    twin = magpylib.current.Circle(current=1.0, diameter=2 * radius)
-    return Case(
-        "circular loop",
-        points,
-        lambda p: loop_flux_density(p, radius),
-        lambda p: loop_flux_density_and_gradient(p, radius),
-        twin.getB,
-    )
-
-
-def sheet_case(points: Array) -> Case:
-    """Cylindrical current sheet against the surface of a magnetised cylinder."""
-    radius, height = 0.02, 0.039
-    twin = magpylib.magnet.Cylinder(polarization=(0, 0, MU0 / height), dimension=(2 * radius, height))
-    return Case(
-        "cylindrical sheet",
-        points,
-        lambda p: sheet_flux_density(p, radius, height),
-        lambda p: sheet_flux_density_and_gradient(p, radius, height),
-        twin.getB,
-    )
-
-
-def triangle_case(points: Array) -> Case:
-    """One charged triangle, as on the iron's surface, against magpylib's Triangle."""
-    corners = np.array([[[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.015, 0.0]]])
-    normal, density = np.array([[0.0, 0.0, 1.0]]), np.array([1 / (4 * np.pi)])
-    twin = magpylib.misc.Triangle(polarization=(0, 0, 1.0), vertices=corners[0])
-    return Case(
-        "charged triangle",
-        points,
-        lambda p: triangles_field(p, corners, normal, density),
-        lambda p: triangles_field_and_gradient(p, corners, normal, density),
-        twin.getB,
-    )
-
-
-def coil_case(coil: CircularCoil | RoundedRectangleCoil, points: Array) -> Case:
-    """A coil of rectangular section against nested magnetised shells."""
-    twin = magpylib_coil(coil, shells=8)
-    return Case(
-        f"{coil.name} (magpylib: 8 shells)",
-        points,
-        lambda p: unit_flux_density(coil, p),
-        lambda p: unit_flux_density_and_gradient(coil, p),
-        twin.getB,
-        thin=20,
-    )
-
-
-def median_ns(function: Function, points: Array, repetitions: int) -> float:
-    """Median time per point, after one run that compiles and warms up."""
-    function(points)
-    seconds = []
-    for _ in range(repetitions):
-        start = time.perf_counter()
-        function(points)
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds) / len(points) * 1e9
-
-
-def measure(case: Case, repetitions: int) -> Row:
-    """Times and agreement of one case."""
-    fewer = case.points[:: case.thin]
-    ours = median_ns(case.field, case.points, repetitions)
-    both = median_ns(case.field_and_gradient, case.points, repetitions)
-    theirs = median_ns(case.magpylib, fewer, repetitions)
-    expected = case.magpylib(fewer)
-    error = np.linalg.norm(case.field(fewer) - expected, axis=1) / np.linalg.norm(expected, axis=1)
-    return Row(case.name, ours, both, theirs, theirs / both, float(error.max()))
+SECTIONS = {"kernels": "benchmarks.kernels", "iron": "benchmarks.iron_disk"}
 
 
 def machine() -> str:
@@ -157,33 +33,12 @@ def machine() -> str:
     if info.exists():
         models = [line for line in info.read_text().splitlines() if line.startswith("model name")]
         name = models[0].split(":", 1)[1].strip() if models else name
+    load = f"load {os.getloadavg()[0]:.1f} at the start; " if hasattr(os, "getloadavg") else ""
     versions = f"numpy {np.__version__}, scipy {scipy.__version__}, numba {numba.__version__}"
     return (
-        f"{name}, {os.cpu_count()} cores, one used; {platform.system()}, Python {platform.python_version()}, "
+        f"{name}, {os.cpu_count()} cores, {load}{platform.system()}, Python {platform.python_version()}, "
         f"{versions}, magpylib {magpylib.__version__}"
     )
-
-
-def show(rows: list[Row], points: int, repetitions: int) -> None:
-    """Print the table."""
-    console = Console(width=None if sys.stdout.isatty() else 110)
-    console.print(machine(), highlight=False)
-    table = Table(
-        caption=f"ns per point, median of {repetitions}, {points} points; ratio includes our gradient"
-    )
-    table.add_column("kernel")
-    for heading in ("B", "B and gradient", "magpylib B", "ratio", "difference"):
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(
-            row.kernel,
-            f"{row.field_ns:.1f}",
-            f"{row.field_and_gradient_ns:.1f}",
-            f"{row.magpylib_ns:.0f}",
-            f"{row.ratio:.1f}",
-            f"{row.difference:.0e}",
-        )
-    console.print(table)
 
 
 def main() -> None:
@@ -191,16 +46,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--points", type=int, default=50_000)
-    parser.add_argument("--repetitions", type=int, default=9)
+    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=list(SECTIONS), metavar="SECTION")
+    parser.add_argument("--quick", action="store_true", help="few points and coarse meshes: to try it out")
     parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     options = parser.parse_args()
-    numba.set_num_threads(1)
-    rows = [measure(case, options.repetitions) for case in cases(options.points)]
+    console = Console(width=None if sys.stdout.isatty() else 120, stderr=options.json)
+    console.print(machine(), highlight=False)
+    results = {"machine": machine()}
+    for name in options.only:
+        section = importlib.import_module(SECTIONS[name])
+        results[name] = section.measure(options.quick)
+        if not options.json:
+            section.show(results[name], console)
     if options.json:
-        print(json.dumps({"machine": machine(), "rows": [asdict(row) for row in rows]}, indent=2))
-    else:
-        show(rows, options.points, options.repetitions)
+        print(json.dumps(results, indent=2))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,72 @@
+"""The benchmark runs and its figures are those of agreeing programs; how fast they are is not tested here."""
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+
+
+@pytest.fixture
+def disk(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    return importlib.import_module("benchmarks.iron_disk")
+
+
+def test_benchmark_prints_a_row_per_kernel():
+    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "kernels", "--quick", "--json"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    rows = json.loads(done.stdout)["kernels"]["rows"]
+    assert [row["kernel"].split(" (")[0] for row in rows] == [
+        "circular loop",
+        "cylindrical sheet",
+        "charged triangle",
+        "circular coil",
+        "rounded square coil",
+    ]
+    for row in rows:
+        assert row["difference"] < 1e-6
+        assert row["field_ns"] > 0
+        assert row["ratio"] > 0
+
+
+def test_disk_against_finite_elements(disk):
+    """mu_r 4000: the error falls with the mesh, to the bound."""
+    rows = [disk.fieldmap_row(refinement) for refinement in (0.5, 0.7)]
+    assert rows[1].field_error < 0.7 * rows[0].field_error
+    assert rows[1].field_error < 1.3e-3
+    assert rows[1].gradient_error < 2e-3
+
+
+def test_other_solver_sees_the_same_problem(disk):
+    """Magnets only, the coil as a field applied at their centres: within 15 % with few cells, not a lost coil."""
+    pytest.importorskip("magpylib_material_response")
+    row = disk.material_response_row(12, 2)
+    assert row.unknowns == 3 * 2 * 112
+    assert row.field_error < 0.15
+
+
+def row(disk, seconds, error):
+    return disk.Row("", "", 1, seconds, 2 * seconds, 0.0, error, None)
+
+
+def test_times_are_compared_at_equal_error(disk):
+    """Error = 1/seconds for us, 100/seconds for them: a hundred times less time wherever both have measured."""
+    ours = [row(disk, t, 1 / t) for t in (100.0, 400.0, 4000.0)]
+    theirs = [row(disk, t, 100 / t) for t in (20_000.0, 80_000.0)]
+    assert disk.seconds_at(ours, 2e-3) == pytest.approx((500.0, 1000.0))
+    assert disk.slope(theirs) == pytest.approx(1.0)
+    lines = disk.comparison(ours, theirs)
+    assert all("100 times less" in line for line in lines[:2])
+    assert "they do not reach 0.001" in lines[2]
+
+
+def test_extrapolation_is_called_one(disk):
+    ours = [row(disk, t, 1 / t) for t in (100.0, 4000.0)]
+    theirs = [row(disk, t, 10 / t**0.5) for t in (1e4, 4e4, 9e4)]
+    assert disk.comparison(ours, theirs)[-1].startswith("EXTRAPOLATED")
+    assert "about 100000 times less" in disk.comparison(ours, theirs)[-1]
