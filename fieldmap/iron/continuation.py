@@ -52,7 +52,8 @@ def solve_with_continuation(
 def _in_steps(
     form: PotentialForm, sources: Sources, tolerance: float, residuals: list[float]
 ) -> tuple[PotentialState, tuple[float, ...]]:
-    reached, step, potential, shares = 0.0, _FIRST_STEP, None, []
+    potential: NDArray[np.float64] | None = None
+    reached, step, shares = 0.0, _FIRST_STEP, []
     while step >= _SMALLEST_STEP:
         share = min(1.0, reached + step)
         part = sources.scaled(share)
