@@ -1,0 +1,112 @@
+"""Closed loops against python-control, Lyapunov's equation, and limits."""
+
+import control as reference
+import numpy as np
+import pytest
+import scipy.linalg
+
+from fieldmap import control
+from fieldmap.control import PID, LoopInstruments, simulate_loop
+from fieldmap.errors import InputError
+
+TS = 2e-3
+VERTICAL = control.from_roots(-0.03, [0.9935], [1.01, 0.905])
+# The five settings of chapter 5: (5-12), 7.2.1, 5.7.
+SETTINGS = [
+    (0.5, 0.007, 0.001),
+    (0.334, 0.007, 0.001),
+    (0.2, 0.006, 0.0015),
+    (0.7, 5.934e-3, 4.6e-4),
+    (0.2094, 4.62e-3, 1.171e-3),
+]
+
+
+def pid(Kc, Ti, Td, **options):
+    return PID(Kc, Ti, Td, TS, integration="trapezoidal", acts_on_minus_error=True, **options)
+
+
+def theirs(gains):
+    numerator, denominator = control.pid_transfer_function(*gains, TS)
+    return reference.feedback(reference.tf(-numerator, denominator, TS) * reference.tf(*VERTICAL, TS), 1)
+
+
+@pytest.mark.parametrize("gains", SETTINGS)
+def test_step_is_that_of_python_control(gains):
+    run = simulate_loop(VERTICAL, pid(*gains), np.ones(1000))
+    _, y = reference.step_response(theirs(gains), run.time)
+    np.testing.assert_allclose(run.y[0], y, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("gains", SETTINGS)
+def test_metrics_are_those_of_python_control(gains):
+    """Theirs are whole samples."""
+    run = simulate_loop(VERTICAL, pid(*gains), np.ones(2000))
+    ours = control.step_metrics(run.time, run.y[0])
+    info = reference.step_info(theirs(gains), T=run.time, SettlingTimeThreshold=0.02)
+    assert ours.peak_time == pytest.approx(info["PeakTime"], abs=1e-9)
+    assert 100 * ours.overshoot == pytest.approx(info["Overshoot"], abs=1e-3)
+    assert ours.rise_time == pytest.approx(info["RiseTime"], abs=2 * TS)
+    assert ours.settling_time == pytest.approx(info["SettlingTime"], abs=2 * TS)
+
+
+def test_noise_at_rest_obeys_lyapunov():
+    """Variance of y for white sensor noise: P = A P A' + B B' of the transfer function from noise to y; 200 runs."""
+    gains = SETTINGS[1]
+    loop = reference.ss(theirs(gains))
+    P = scipy.linalg.solve_discrete_lyapunov(loop.A, loop.B @ loop.B.T)
+    expected = float(np.sqrt((loop.C @ P @ loop.C.T).item()))
+    noise = np.random.default_rng(4).normal(size=(200, 3000))
+    run = simulate_loop(VERTICAL, pid(*gains), np.zeros(3000), runs=200, position_noise=noise)
+    assert run.y[:, 1000:].std() == pytest.approx(expected, rel=0.02)
+
+
+def test_runs_are_independent_of_each_other():
+    noise = np.random.default_rng(4).normal(size=(3, 100))
+    many = simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(100), runs=3, position_noise=noise)
+    for n in range(3):
+        one = simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(100), position_noise=noise[n])
+        np.testing.assert_array_equal(one.y[0], many.y[n])
+
+
+def test_a_limited_drive_loses_what_a_free_one_holds():
+    """An unstable plant is lost when its drive cannot give the push: |u| >= 4.87 is needed to move by 1."""
+    wide, narrow = (
+        LoopInstruments(drive=np.array([0.0, -limit, limit, 1.0, 0.0, -np.inf, np.inf]))
+        for limit in (6.0, 4.0)
+    )
+    held = simulate_loop(VERTICAL, pid(*SETTINGS[1]), np.ones(1500), instruments=wide)
+    lost = simulate_loop(VERTICAL, pid(*SETTINGS[1]), np.ones(1500), instruments=narrow)
+    assert held.y[0, -1] == pytest.approx(1.0, abs=1e-3)
+    assert not abs(lost.y[0, -1] - 1.0) < 0.5
+
+
+def test_disturbance_is_integrated_away():
+    run = simulate_loop(VERTICAL, pid(*SETTINGS[1]), np.zeros(2000), disturbance=0.5)
+    assert np.abs(run.y).max() > 0.01
+    assert abs(run.y[0, -1]) < 1e-6
+    assert run.u[0, -1] == pytest.approx(-0.5, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("broken", "says"),
+    [
+        (lambda: simulate_loop(([1.0, 0.0], [1.0, -0.5]), pid(*SETTINGS[0]), np.ones(5)), "strictly proper"),
+        (lambda: simulate_loop(([1.0, 0.0, 0.0], [1.0, -0.5]), pid(*SETTINGS[0]), np.ones(5)), "proper"),
+        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), [0.0, np.nan]), "entry 1"),
+        (
+            lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), position_noise=np.ones(4)),
+            "position_noise",
+        ),
+        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), disturbance=np.inf), "disturbance"),
+        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), runs=0), "runs"),
+        (
+            lambda: simulate_loop(
+                (np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))), pid(*SETTINGS[0]), np.ones(5)
+            ),
+            "2 x 1",
+        ),
+    ],
+)
+def test_bad_input(broken, says):
+    with pytest.raises(InputError, match=says):
+        broken()

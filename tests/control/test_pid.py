@@ -1,0 +1,126 @@
+"""The PID controller against the sum (5-10) as printed, scipy's filters, and what limits must do."""
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from fieldmap import control
+from fieldmap.control import PID, RunningPID, pid_transfer_function, run_pid
+from fieldmap.errors import InputError
+
+TS = 2e-3
+SETTINGS = [(0.5, 0.007, 0.001), (0.334, 0.007, 0.001), (1.0, np.inf, 1e-6), (0.2, 0.006, 0.0)]
+ERRORS = np.random.default_rng(1).normal(size=200)
+
+
+@pytest.mark.parametrize(("Kc", "Ti", "Td"), SETTINGS)
+def test_equation_5_10(Kc, Ti, Td):
+    """Term by term."""
+    before = np.concatenate([[0.0], ERRORS[:-1]])
+    printed = Kc * ERRORS + Kc * TS / Ti * np.cumsum(ERRORS) + Kc * Td * (ERRORS - before) / TS
+    np.testing.assert_allclose(
+        run_pid(PID(Kc, Ti, Td, TS), ERRORS, 0 * ERRORS), printed, rtol=1e-12, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("integration", ["rectangular", "trapezoidal"])
+@pytest.mark.parametrize(("Kc", "Ti", "Td"), SETTINGS)
+def test_transfer_function_is_what_runs(Kc, Ti, Td, integration):
+    numerator, denominator = pid_transfer_function(Kc, Ti, Td, TS, integration=integration)
+    filtered = scipy.signal.lfilter(numerator, denominator, ERRORS)
+    ours = run_pid(PID(Kc, Ti, Td, TS, integration=integration), ERRORS, 0 * ERRORS)
+    np.testing.assert_allclose(ours, filtered, rtol=1e-9, atol=1e-11)
+
+
+def test_the_two_rules_differ_by_half_a_sample_of_the_integral():
+    """(5-10) and (5-11) as printed are not the same controller: Kc Ts e / 2 Ti."""
+    rectangular, trapezoidal = (
+        run_pid(PID(0.5, 0.007, 0.001, TS, integration=rule), ERRORS, 0 * ERRORS)
+        for rule in ("rectangular", "trapezoidal")
+    )
+    np.testing.assert_allclose(rectangular - trapezoidal, 0.5 * 0.5 * TS / 0.007 * ERRORS, atol=1e-12)
+
+
+def test_one_call_a_sample_is_the_same():
+    pid = PID(0.5, 0.007, 0.001, TS, lower=-1.0, upper=1.5, anti_windup="track", acts_on_minus_error=True)
+    running = RunningPID(pid)
+    stepped = [running.step(0.3, measured) for measured in ERRORS]
+    np.testing.assert_array_equal(stepped, run_pid(pid, 0.3, ERRORS))
+    running.reset()
+    assert running.step(0.3, ERRORS[0]) == stepped[0]
+
+
+def test_derivative_of_the_measurement_has_no_kick():
+    kick = run_pid(PID(1.0, np.inf, 0.1, TS), np.ones(3), np.zeros(3))
+    calm = run_pid(PID(1.0, np.inf, 0.1, TS, derivative="measurement"), np.ones(3), np.zeros(3))
+    np.testing.assert_allclose(kick, [51.0, 1.0, 1.0])
+    np.testing.assert_allclose(calm, [1.0, 1.0, 1.0])
+    moving = run_pid(PID(1.0, np.inf, 0.1, TS, derivative="measurement"), np.ones(2), [0.0, 0.01])
+    assert moving[1] == pytest.approx(0.99 - 0.1 * 0.01 / TS)
+
+
+@pytest.mark.parametrize("anti_windup", ["none", "hold", "track"])
+def test_limits_hold(anti_windup):
+    pid = PID(0.5, 0.01, 0.001, TS, lower=-0.4, upper=0.3, anti_windup=anti_windup)
+    outputs = run_pid(pid, 5 * ERRORS, 0 * ERRORS)
+    assert outputs.min() == -0.4
+    assert outputs.max() == 0.3
+
+
+@pytest.mark.parametrize(("anti_windup", "samples"), [("none", 1500), ("hold", 2), ("track", 12)])
+def test_the_way_back_from_a_limit(anti_windup, samples):
+    """A second of error 1, then error -1: an integral wound up to 50 takes as long to unwind; PI, Ti = 20 ms."""
+    pid = PID(1.0, 0.02, 0.0, TS, upper=2.0, anti_windup=anti_windup)
+    errors = np.concatenate([np.ones(500), -np.ones(1500)])
+    outputs = run_pid(pid, errors, 0 * errors)
+    below = int(np.argmax(outputs[500:] < 2.0))
+    assert outputs[499] == 2.0
+    assert below <= samples
+    assert (below > 400) == (anti_windup == "none")
+
+
+def test_tracking_time_is_that_of_an_exponential():
+    """With the output held at its limit the wound-up excess decays to 1/e in Tt (PI without error)."""
+    pid = PID(1.0, 1e6, 0.0, TS, upper=1.0, anti_windup="track", tracking_time=0.1)
+    running = RunningPID(pid)
+    running.reset(integral=11.0)
+    for _ in range(50):
+        running.step(0.0, 0.0)
+    assert running._state[0] - 1.0 == pytest.approx(10.0 / np.e, rel=0.02)
+
+
+def test_from_rest_without_integral_the_pole_at_one_is_gone():
+    numerator, denominator = pid_transfer_function(2.0, np.inf, 0.004, TS)
+    np.testing.assert_allclose(np.polyval(numerator, 1.0) / np.polyval(denominator, 1.0), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("broken", "says"),
+    [
+        (lambda: PID(0.5, 0.007, 0.001, 0.0), "Ts"),
+        (lambda: PID(0.5, 0.0, 0.001, TS), "Ti"),
+        (lambda: PID(0.5, np.nan, 0.001, TS), "Ti"),
+        (lambda: PID(np.inf, 0.007, 0.001, TS), "Kc"),
+        (lambda: PID(0.5, 0.007, -0.001, TS), "Td"),
+        (lambda: PID(0.5, 0.007, 0.001, TS, lower=1.0, upper=1.0), "rise"),
+        (lambda: PID(0.5, 0.007, 0.001, TS, anti_windup="yes"), "none, hold, track"),
+        (lambda: PID(0.5, 0.007, 0.001, TS, integration="euler"), "rectangular"),
+        (lambda: PID(0.5, 0.007, 0.001, TS, tracking_time=0.0), "tracking_time"),
+        (lambda: pid_transfer_function(0.5, 0.007, 0.001, 0.0), "Ts"),
+        (lambda: run_pid(PID(0.5, 0.007, 0.001, TS), 0.0, [0.0, np.nan]), "entry 1"),
+        (lambda: RunningPID(PID(0.5, 0.007, 0.001, TS)).step(0.0, np.inf), "measured"),
+    ],
+)
+def test_bad_input(broken, says):
+    with pytest.raises(InputError, match=says):
+        broken()
+
+
+def test_a_bad_sample_does_no_harm():
+    running = RunningPID(PID(0.5, 0.007, 0.001, TS))
+    twin = RunningPID(PID(0.5, 0.007, 0.001, TS))
+    assert running.step(1.0, 0.0) == twin.step(1.0, 0.0)
+    with pytest.raises(InputError):
+        running.step(1.0, np.nan)
+    assert running.step(1.0, 0.1) == twin.step(1.0, 0.1)
+    assert control.PID is PID
