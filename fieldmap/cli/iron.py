@@ -18,12 +18,13 @@ FORMS = ("auto", "potential", "flux")
 
 @dataclass(frozen=True)
 class IronChoice:
-    """The values of --mu-r, --nonlinear, --refinement and --form."""
+    """The values of --mu-r, --nonlinear, --refinement, --form and --tolerance."""
 
     mu_r: float | None = None
     nonlinear: bool = False
     refinement: float = 1.0
     form: str = "auto"
+    tolerance: float | None = None
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -37,7 +38,9 @@ class IronChoice:
         return tuple(name for name, differs in changed.items() if differs)
 
 
-def checked_choice(mu_r: float | None, nonlinear: bool, refinement: float, form: str) -> IronChoice:
+def checked_choice(
+    mu_r: float | None, nonlinear: bool, refinement: float, form: str, tolerance: float | None = None
+) -> IronChoice:
     """The choice, or InputError with everything that is wrong with it."""
     problems = []
     if mu_r is not None and not 0.0 < mu_r < float("inf"):
@@ -54,9 +57,27 @@ def checked_choice(mu_r: float | None, nonlinear: bool, refinement: float, form:
     if nonlinear and form == "flux":
         remedy = "leave --form out; the flux form is for linear iron"
         problems.append(Problem("--nonlinear", "must go with the potential form", "--form flux", remedy))
+    if tolerance is not None:
+        problems += _tolerance_problems(tolerance, nonlinear, refinement, form)
     if problems:
         raise InputError(*problems)
-    return IronChoice(mu_r, nonlinear, refinement, form)
+    return IronChoice(mu_r, nonlinear, refinement, form, tolerance)
+
+
+def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> list[Problem]:
+    """--tolerance chooses the mesh and the form itself, and estimates the error of linear iron only."""
+    problems = []
+    if not 0.0 < tolerance < 1.0:
+        problems.append(Problem("--tolerance", "must lie between 0 and 1", f"{tolerance}", "try 1e-3"))
+    others = {
+        "--nonlinear": nonlinear,
+        f"--refinement {refinement:g}": refinement != 1.0,
+        f"--form {form}": form != "auto",
+    }
+    for other in (name for name, given in others.items() if given):
+        remedy = "leave one of them out: --tolerance refines linear iron by itself"
+        problems.append(Problem("--tolerance", "must stand alone", other, remedy))
+    return problems
 
 
 def require_currents(nonlinear: bool, currents: list[str] | None) -> None:
@@ -81,9 +102,11 @@ def require_iron(device: Device) -> None:
 
 def solve_device(device: Device, choice: IronChoice) -> Any:
     """Linear solution of a device, with progress."""
-    from fieldmap.iron import solve_linear
+    from fieldmap.iron import solve_linear, solve_to_tolerance
 
     with Progress("solving") as progress:
+        if choice.tolerance is not None:
+            return solve_to_tolerance(device, choice.tolerance, mu_r=choice.mu_r, progress=progress)
         return solve_linear(
             device, mu_r=choice.mu_r, progress=progress, refinement=choice.refinement, form=choice.form
         )

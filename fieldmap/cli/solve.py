@@ -25,23 +25,46 @@ def solve(
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
     form: Form = "auto",
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--tolerance",
+            help="Refine until the estimated error of B in the workspace is below this (linear iron).",
+            rich_help_panel="Iron (of a device)",
+        ),
+    ] = None,
+    force: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--force",
+            metavar="NAME[,NAME...]",
+            help="Force and torque on a body or coil, or on several together; may be repeated.",
+        ),
+    ] = None,
+    section: Annotated[
+        list[str] | None,
+        typer.Option("--section", metavar="NAME", help="Only this section of the file; may be repeated."),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Solve a device: the solver's report, the field at points, and the file's known values beside ours.
 
-    Linear iron unless --nonlinear is given; then also the flux density in every body.
+    Linear iron unless --nonlinear is given; then also the flux density in every body. Sections of the device file
+    are printed with their mean flux density.
     """
     from fieldmap.cli.iron import checked_choice, require_currents, require_iron
     from fieldmap.cli.numbers import parse_currents, parse_points
     from fieldmap.cli.opening import open_device
+    from fieldmap.cli.quantities import checked_groups, checked_sections
 
-    choice = checked_choice(mu_r, nonlinear, refinement, form)
+    choice = checked_choice(mu_r, nonlinear, refinement, form, tolerance)
     require_currents(nonlinear, currents)
     machine = open_device(device)
+    wanted = (checked_groups(machine, force), checked_sections(machine, section))
     if nonlinear:
         require_iron(machine)
     amperes = parse_currents(currents or ["1"], machine.coil_names) if machine.coils else None
-    answer = _answer(machine, choice, amperes, parse_points(at or [], at_mm or []))
+    answer = _answer(machine, choice, amperes, parse_points(at or [], at_mm or []), wanted)
     if json:
         from fieldmap.cli.printing import print_json
 
@@ -50,14 +73,17 @@ def solve(
         _print(machine, answer)
 
 
-def _answer(machine: "Device", choice: Any, currents: Any, points: Any) -> dict[str, Any]:
+def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: Any) -> dict[str, Any]:
     from fieldmap.cli.iron import States, solve_device
+    from fieldmap.cli.quantities import force_rows, section_rows
     from fieldmap.cli.references import compare
     from fieldmap.cli.report_text import body_rows
     from fieldmap.levitation import FixedCurrents
 
     solution = States(machine, choice)(currents) if choice.nonlinear else solve_device(machine, choice)
     field = FixedCurrents(solution) if choice.nonlinear else solution
+    groups, sections = wanted
+    at = None if choice.nonlinear else (() if currents is None else currents)
     return {
         "device": machine.name,
         "title": machine.title,
@@ -67,6 +93,8 @@ def _answer(machine: "Device", choice: Any, currents: Any, points: Any) -> dict[
         "currents": currents,
         "points": _fields(field, points, currents),
         "bodies": body_rows(solution) if choice.nonlinear else [],
+        "forces": force_rows(solution, groups, at),
+        "sections": section_rows(solution, sections, at),
         "references": compare(machine, field, choice, currents),
     }
 
@@ -84,6 +112,7 @@ def _fields(field: Any, points: Any, currents: Any) -> list[dict[str, Any]]:
 def _print(device: "Device", answer: dict[str, Any]) -> None:
     from fieldmap.cli.fields import currents_text, field_table
     from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
+    from fieldmap.cli.quantities import force_table, section_table
     from fieldmap.cli.references import reference_table
     from fieldmap.cli.report_text import body_table, report_rows
 
@@ -96,6 +125,8 @@ def _print(device: "Device", answer: dict[str, Any]) -> None:
         heading(device.name, device.title),
         facts([*rows, *assumption_lines(report.assumptions)]),
         body_table(bodies) if bodies else None,
+        section_table(answer["sections"]) if answer["sections"] else None,
+        force_table(answer["forces"]) if answer["forces"] else None,
         field_table(points, device.coil_names, answer["currents"]) if points else None,
         reference_table(references) if references else None,
     )

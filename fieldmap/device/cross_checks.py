@@ -16,7 +16,8 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
 
     missing: dotted paths of required keys that are already known to be missing; their sources are no mistake.
     """
-    found = [*_duplicate_names(data, "body"), *_duplicate_names(data, "coil"), *_unknown_materials(data)]
+    found = [finding for key in ("body", "coil", "section") for finding in _duplicate_names(data, key)]
+    found += [*_unknown_materials(data), *_sections_of_no_body(data)]
     found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
     return [*found, *_missing_step_files(data, folder), *_nothing_to_compute(data)]
 
@@ -39,6 +40,18 @@ def _unknown_materials(data: dict[str, Any]) -> Iterator[Finding]:
             remedy = f'did you mean "{guess}"?' if guess else f"add a [material.{name}] table"
             allowed = f"material must be one of the file's materials: {one_of(known) or 'there are none'}"
             yield Finding((*location, "material"), allowed, shown(name), remedy)
+
+
+def _sections_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:
+    known = [name for _, table in tables(data, "body") if isinstance(name := table.get("name"), str)]
+    for location, table in tables(data, "section"):
+        names = table.get("bodies")
+        for k, name in enumerate(names if isinstance(names, list) else []):
+            if isinstance(name, str) and name not in known:
+                guess = closest(name, known)
+                remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
+                allowed = f"bodies must be bodies of the file: {one_of(known) or 'there are none'}"
+                yield Finding((*location, "bodies", k), allowed, shown(name), remedy)
 
 
 def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:

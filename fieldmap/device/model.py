@@ -111,6 +111,21 @@ class Body:
     edge_size: float | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Section:
+    """What a plane cuts out of iron: origin (3,) in m, normal (3,) of any length; positive flux runs along it.
+
+    bodies: those that are cut, all if empty. half_widths (3,): only what lies within these distances, m, of the
+    origin along x, y and z; None for everything.
+    """
+
+    name: str
+    origin: Array
+    normal: Array
+    bodies: tuple[str, ...] = ()
+    half_widths: Array | None = None
+
+
 # ---- materials ---------------------------------------------------------------------------------------------
 
 
@@ -359,6 +374,7 @@ class Device:
     driver: Driver | None = None
     workspace: Workspace | None = None
     references: tuple[Reference, ...] = ()
+    sections: tuple[Section, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
     source: Path | None = None
     text: str = ""

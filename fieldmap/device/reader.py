@@ -207,6 +207,7 @@ def _build(contents: DeviceFile, document: _Document, curves: Curves, included: 
         driver=contents.driver.to_model() if contents.driver else None,
         workspace=contents.workspace.to_model() if contents.workspace else None,
         references=tuple(reference.to_model() for reference in contents.reference),
+        sections=tuple(section.to_model() for section in contents.section),
         provenance=MappingProxyType(dict(contents.provenance)),
         source=document.path,
         text=document.text,

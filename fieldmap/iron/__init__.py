@@ -1,9 +1,11 @@
 """Soft iron in the field of coils: mesh, volume integral equation, solution."""
 
+from fieldmap.device.model import Section
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.linear import solve_linear
 from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
 from fieldmap.iron.nonlinear import NonlinearSolution, NonlinearSolver, solve
+from fieldmap.iron.quantities.sections import SectionFlux
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.to_tolerance import solve_to_tolerance
@@ -13,6 +15,8 @@ __all__ = [
     "LinearSolution",
     "NonlinearSolution",
     "NonlinearSolver",
+    "Section",
+    "SectionFlux",
     "SolverReport",
     "check_geometry",
     "generate_mesh",

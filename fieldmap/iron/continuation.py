@@ -41,7 +41,8 @@ def solve_with_continuation(
     residuals once none of these has succeeded.
     """
     residuals: list[float] = []
-    for begin in (start, None) if start is not None else (None,):
+    begins: tuple[Array | None, ...] = (None,) if start is None else (start, None)
+    for begin in begins:
         try:
             return form.solve(sources.material, sources.field, tolerance, begin), ()
         except NotConverged as error:
@@ -52,12 +53,13 @@ def solve_with_continuation(
 def _in_steps(
     form: PotentialForm, sources: Sources, tolerance: float, residuals: list[float]
 ) -> tuple[PotentialState, tuple[float, ...]]:
-    potential: NDArray[np.float64] | None = None
-    reached, step, shares = 0.0, _FIRST_STEP, []
+    reached, step = 0.0, _FIRST_STEP
+    potential: Array | None = None
+    shares: list[float] = []
     while step >= _SMALLEST_STEP:
         share = min(1.0, reached + step)
         part = sources.scaled(share)
-        begin = None if potential is None else potential * (share / reached)
+        begin: Array | None = None if potential is None else potential * (share / reached)
         wanted = tolerance if share == 1.0 else max(tolerance, _TOLERANCE_ON_THE_WAY)
         try:
             state = form.solve(part.material, part.field, wanted, begin)

@@ -1,5 +1,7 @@
 """The public door: a device with linear iron, solved for one ampere in every coil."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.forms.element_fields import ConstantField
 from fieldmap.iron.forms.flux_form import FluxForm
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.permeability import BodyProperties, body_properties
@@ -93,7 +96,7 @@ def solved_in_form(
         assumptions=properties.assumptions + geometry_notes(device),
     )
     has_remanence = bool(properties.remanence.any())
-    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage)
+    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, device.sections)
 
 
 def _solve_flux(
@@ -108,6 +111,7 @@ def _solve_flux(
         constant[-1] = remanence
     # mu0 M = B - mu0 H, constant in every element as B is.
     magnetisation = state.flux_density - (state.flux_density - constant) / properties.mu_r[body][:, None]
+    state = replace(state, inside=ConstantField(state.flux_density, magnetisation))
     return state, len(iron.topology.nodes), linkage_of_means(iron.mesh, magnetisation, load)
 
 

@@ -14,6 +14,7 @@ from fieldmap.device.model import (
     LinearMaterial,
     PermanentMagnet,
     SaturatingMaterial,
+    Section,
 )
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
@@ -27,6 +28,7 @@ from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.inside import containing_element
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
+from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.stages import Progress, Stages
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
@@ -53,6 +55,7 @@ class NonlinearSolution:
     report: SolverReport
     iron_linkage: Array
     iron_coenergy: float
+    sections: tuple[Section, ...] = ()
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -82,6 +85,19 @@ class NonlinearSolution:
     def flux_density(self, body: str) -> Array:
         """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
         return mean_over_body(self.mesh, body, self.state.iron.flux_density[0])
+
+    def section_flux(self, section: str | Section) -> SectionFlux:
+        """Flux, area and mean normal flux density of a section of the device file, or of any plane.
+
+        The field inside each element is integrated over what the plane cuts out of it. Raises InputError for an
+        unknown name, and for a plane that cuts no iron.
+        """
+        found = named_section(self.sections, section)
+        return section_flux(self.mesh, self.state.iron, found, np.ones(1))
+
+    def section_flux_density(self, section: str | Section) -> float:
+        """Mean flux density in T along the normal of a section; see `section_flux`."""
+        return self.section_flux(section).flux_density
 
     def force_on(self, name: str | Sequence[str]) -> Array:
         """Force (3,) in N on a body or coil, or on several together.
@@ -176,7 +192,14 @@ class NonlinearSolver:
             self._form.elements, self._material, state.potential, field, self._unit
         )
         return NonlinearSolution(
-            self.device.coils, values, self._iron.mesh, state, report, linkage[:, 0], float(coenergy[0])
+            self.device.coils,
+            values,
+            self._iron.mesh,
+            state,
+            report,
+            linkage[:, 0],
+            float(coenergy[0]),
+            self.device.sections,
         )
 
     def _report(

@@ -7,13 +7,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.device.model import Coil
+from fieldmap.device.model import Coil, Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.forms.state import IronState
 from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.inside import containing_element
+from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
@@ -42,6 +43,7 @@ class LinearSolution:
     has_remanence: bool
     report: SolverReport
     iron_linkage: Array | None = None
+    sections: tuple[Section, ...] = ()
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -96,6 +98,19 @@ class LinearSolution:
         weights = self._weights(currents)
         columns = self.state.flux_density if self.state is not None else np.zeros((len(weights), 0, 3))
         return mean_over_body(self.mesh, body, np.einsum("c,ced->ed", weights, columns))
+
+    def section_flux(self, section: str | Section, currents: ArrayLike) -> SectionFlux:
+        """Flux, area and mean normal flux density of a section of the device file, or of any plane, for currents (c,).
+
+        The field inside each element is integrated over what the plane cuts out of it. Raises InputError for an
+        unknown name, and for a plane that cuts no iron.
+        """
+        weights = self._weights(currents)
+        return section_flux(self.mesh, self.state, named_section(self.sections, section), weights)
+
+    def section_flux_density(self, section: str | Section, currents: ArrayLike) -> float:
+        """Mean flux density in T along the normal of a section; see `section_flux`."""
+        return self.section_flux(section, currents).flux_density
 
     def force_on(self, name: str | Sequence[str], currents: ArrayLike) -> Array:
         """Force (3,) in N on a body or coil, or on several together, for currents (c,) in A.

@@ -167,6 +167,18 @@ alpha = 5.5
 tau = 5e4
 c = 1.0
 
+[[section]]
+name = "across"
+centre_mm = [0, 0, 3]
+normal = [1, 0, 0]
+
+[[section]]
+name = "window"
+centre_mm = [10, 0, 3]
+normal = [1, 0, 1]
+bodies = ["disk", "wedge"]
+half_widths_mm = [1, 20, 5]
+
 [provenance]
 "body.disk.radius_mm" = "an example"
 "coil.*.turns" = "an example"

@@ -16,11 +16,10 @@ from fieldmap.device.model import (
     Part,
     Sphere,
 )
-from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.bh_law import law_tables, law_values
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
 from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.quantities.linkage import law_values
 
 RADIUS = 0.05
 DIRECTION = np.array([0.48, -0.6, 0.64])

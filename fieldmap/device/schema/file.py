@@ -9,6 +9,7 @@ from fieldmap.device.schema.bodies import AnyBody
 from fieldmap.device.schema.coils import AnyCoil
 from fieldmap.device.schema.materials import AnyMaterial, CurveKeys
 from fieldmap.device.schema.payload import AnyPayload, DriverKeys
+from fieldmap.device.schema.sections import SectionKeys
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
 
 FORMAT = 1
@@ -39,6 +40,7 @@ class DeviceFile(Table):
     payload: AnyPayload | None = Field(default=None, description="what is levitated")
     driver: DriverKeys | None = Field(default=None, description="what drives the coils")
     workspace: AnyWorkspace | None = Field(default=None, description="where the payload may go")
+    section: list[SectionKeys] = Field(default=[], description="[[section]] tables: cross-sections of iron")
     reference: list[AnyReference] = Field(default=[], description="[[reference]] tables: known values")
     provenance: dict[str, Text] = Field(
         default={}, description='"key.path" = "where the number comes from"; * stands for any one step'

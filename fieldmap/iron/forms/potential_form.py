@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
 from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.forms.element_fields import PotentialField
 from fieldmap.iron.forms.krylov import block_gmres, require_convergence
 from fieldmap.iron.forms.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.forms.state import IronState
@@ -188,7 +189,12 @@ class PotentialForm:
         ]
         density = (self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T
         mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
-        state = IronState(self.iron.surface, np.ascontiguousarray(density), mean, len(residuals), residuals)
+        inside = PotentialField(
+            self.elements, potential, field, material.law, material.tables, material.remanence
+        )
+        state = IronState(
+            self.iron.surface, np.ascontiguousarray(density), mean, len(residuals), residuals, inside
+        )
         return PotentialState(potential, largest, state)
 
 

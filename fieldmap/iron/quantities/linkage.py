@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.forms.bh_law import law_values
 from fieldmap.iron.forms.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.forms.potential_form import Magnetisation
 from fieldmap.iron.meshing.mesh import IronMesh, volumes
@@ -57,26 +57,6 @@ def linkage_of_means(mesh: IronMesh, magnetisation: Array, load: Array) -> Array
     gradients = np.concatenate([-last.sum(axis=1, keepdims=True), last], axis=1)
     area = -3 * volumes(mesh.points, mesh.tets)[:, None, None] * gradients
     return np.einsum("sed,ekd,cek->cs", magnetisation, area, load, optimize=True) / mu_0
-
-
-def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
-    """Flux density b (e,) in T and int_0^h b dh (e,) in T^2 at mu0 H = h (e,) for laws with these numbers (e,)."""
-    b, stored = np.empty_like(h), np.empty_like(h)
-    for number in np.unique(law):
-        mine = law == number
-        piece = slice(tables.offset[number], tables.offset[number + 1])
-        knots, c = tables.knots[piece], tables.coefficients[piece]
-        at_knots = np.concatenate([[0.0], np.cumsum(_integral(c[:-1], np.diff(knots)))])
-        j = np.clip(np.searchsorted(knots, h[mine], side="right") - 1, 0, len(knots) - 1)
-        t = h[mine] - knots[j]
-        b[mine] = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
-        stored[mine] = at_knots[j] + _integral(c[j], t)
-    return b, stored
-
-
-def _integral(c: Array, t: Array) -> Array:
-    """Integral from 0 to t of the cubics c (k, 4)."""
-    return (((c[:, 0] / 4 * t + c[:, 1] / 3) * t + c[:, 2] / 2) * t + c[:, 3]) * t
 
 
 def _point_gradients(elements: NodalElements, values: Array) -> Iterator[Array]:

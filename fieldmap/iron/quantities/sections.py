@@ -1,0 +1,187 @@
+"""Flux through a plane cut out of iron: elements are clipped by the plane, and B . n summed over what is left.
+
+Clipping works on triangles whose corners are barycentric coordinates of their element, so that the field inside the
+element, which is of second order in the potential form, is integrated as it stands.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.model import Section
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.kernels.simplex_rules import triangle_rule
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+# Points this close to the plane, relative to the size of the iron, lie in it.
+_SNAP = 1e-9
+_DEGREE = 4
+# Elements whose fields are evaluated at once, to bound memory.
+_BATCH = 20_000
+
+
+@dataclass(frozen=True)
+class SectionFlux:
+    """Flux in Wb through a section, its area in m^2, and the mean flux density along its normal, T."""
+
+    name: str
+    area: float
+    flux: float
+
+    @property
+    def flux_density(self) -> float:
+        """Mean normal flux density, T."""
+        return self.flux / self.area
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Triangles of a section: element (k,), corners (k, 3, 4) in barycentric coordinates of it, area (k,) in m^2."""
+
+    element: Index
+    corners: Array
+    area: Array
+
+
+def named_section(sections: tuple[Section, ...], section: str | Section) -> Section:
+    """The section itself, or that of a name. Raises InputError for a name that the device file does not have."""
+    if isinstance(section, Section):
+        return section
+    for known in sections:
+        if known.name == section:
+            return known
+    names = ", ".join(known.name for known in sections) or "none: the device file has no [[section]]"
+    remedy = "use one of these, or give a Section with its own origin and normal"
+    raise InputError(
+        Problem("section, name", f"must be a section of the device: {names}", repr(section), remedy)
+    )
+
+
+def section_flux(
+    mesh: IronMesh | None, state: IronState | None, section: Section, weights: Array
+) -> SectionFlux:
+    """Flux of the sources (columns of the state), weighted, through a section.
+
+    Raises InputError for a section that cuts no iron, for unknown bodies and for a bad plane.
+    """
+    _check(mesh, section)
+    if mesh is None or state is None:
+        raise _no_iron(section)
+    normal = np.asarray(section.normal, dtype=float)
+    normal = normal / np.linalg.norm(normal)
+    cut = cut_by_plane(mesh, section, normal)
+    if not cut.area.sum() > 0:
+        # A plane in the very surface of the iron cuts it from the other side.
+        cut = cut_by_plane(mesh, section, -normal)
+    area = float(cut.area.sum())
+    if not area > 0:
+        raise _no_iron(section)
+    rule, rule_weights = triangle_rule(_DEGREE)
+    flux = 0.0
+    for part in np.array_split(np.arange(len(cut.area)), 1 + len(cut.area) // _BATCH):
+        points = np.einsum("qk,nkb->nqb", rule, cut.corners[part])
+        element = np.repeat(cut.element[part], len(rule_weights))
+        b = state.flux_density_at(element, points.reshape(-1, 4))
+        along = (np.tensordot(weights, b, 1) @ normal).reshape(len(part), -1)
+        flux += float(cut.area[part] @ (along @ rule_weights))
+    return SectionFlux(section.name, area, flux)
+
+
+def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> Cut:
+    """What the plane of a section cuts out of the elements of its bodies, within its half widths."""
+    extent = float(np.ptp(mesh.points, axis=0).max())
+    height = (mesh.points - np.asarray(section.origin, dtype=float)) @ normal
+    height[np.abs(height) < _SNAP * extent] = 0.0
+    mine = np.ones(len(mesh.tets), bool)
+    if section.bodies:
+        mine = np.isin(mesh.body, [mesh.body_names.index(name) for name in section.bodies])
+    above = (height[mesh.tets] >= 0).sum(axis=1)
+    element = np.flatnonzero(mine & (above > 0) & (above < 4))
+    element, corners = _cut_elements(element, height[mesh.tets[element]])
+    if section.half_widths is not None:
+        for axis, side in ((a, s) for a in range(3) for s in (1, -1)):
+            x = np.einsum("nkb,nbd->nkd", corners, mesh.points[mesh.tets[element]])
+            room = section.half_widths[axis] - side * (x[..., axis] - section.origin[axis])
+            element, corners = clip_triangles(element, corners, room)
+    x = np.einsum("nkb,nbd->nkd", corners, mesh.points[mesh.tets[element]])
+    area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    return Cut(element, corners, area)
+
+
+def _cut_elements(element: Index, height: Array) -> tuple[Index, Array]:
+    """Triangles (k, 3, 4) where the linear functions with these corner values (n, 4) of both signs vanish."""
+    above = (height >= 0).sum(axis=1)
+    # The side with fewer corners comes first; of two and two, the upper.
+    order = np.argsort(np.where((above <= 2)[:, None], height < 0, height >= 0), axis=1, kind="stable")
+    sorted_height = np.take_along_axis(height, order, axis=1)
+    unit = np.eye(4)[order]
+
+    def crossing(rows: Index, i: int, j: int) -> Array:
+        a, b = sorted_height[rows, i, None], sorted_height[rows, j, None]
+        return (unit[rows, i] * b - unit[rows, j] * a) / (b - a)
+
+    single, double = np.flatnonzero(above != 2), np.flatnonzero(above == 2)
+    lone = np.stack([crossing(single, 0, j) for j in (1, 2, 3)], axis=1)
+    quad = [crossing(double, i, j) for i, j in ((0, 2), (0, 3), (1, 3), (1, 2))]
+    halves = [np.stack([quad[0], quad[k], quad[k + 1]], axis=1) for k in (1, 2)]
+    return element[np.concatenate([single, double, double])], np.concatenate([lone, *halves])
+
+
+def clip_triangles(element: Index, corners: Array, room: Array) -> tuple[Index, Array]:
+    """The part of triangles (k, 3, 4) where a linear function with corner values room (k, 3) is not negative."""
+    inside = room >= 0
+    count = inside.sum(axis=1)
+    order = np.argsort(np.where((count == 2)[:, None], inside, ~inside), axis=1, kind="stable")
+    room = np.take_along_axis(room, order, axis=1)
+    corners = np.take_along_axis(corners, order[:, :, None], axis=1)
+
+    def crossing(rows: Index, i: int, j: int) -> Array:
+        a, b = room[rows, i, None], room[rows, j, None]
+        return (corners[rows, i] * b - corners[rows, j] * a) / (b - a)
+
+    whole, one, two = (np.flatnonzero(count == n) for n in (3, 1, 2))
+    tip = np.stack([corners[one, 0], crossing(one, 0, 1), crossing(one, 0, 2)], axis=1)
+    near, far = crossing(two, 0, 1), crossing(two, 0, 2)
+    base = [
+        np.stack([near, corners[two, 1], corners[two, 2]], axis=1),
+        np.stack([near, corners[two, 2], far], axis=1),
+    ]
+    return element[np.concatenate([whole, one, two, two])], np.concatenate([corners[whole], tip, *base])
+
+
+def _no_iron(section: Section) -> InputError:
+    place = ", ".join(f"{1e3 * x:g}" for x in section.origin)
+    return InputError(
+        Problem(
+            f"section '{section.name}'",
+            "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else ""),
+            f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths"),
+            "move the plane, widen it, or name other bodies",
+        )
+    )
+
+
+def _check(mesh: IronMesh | None, section: Section) -> None:
+    problems = []
+    where = f"section '{section.name}'"
+    for what, value in (("origin", section.origin), ("normal", section.normal)):
+        vector = np.asarray(value, dtype=float)
+        if vector.shape != (3,) or not np.isfinite(vector).all() or (what == "normal" and not vector.any()):
+            remedy = "give three finite numbers" + (", not all zero" if what == "normal" else " in m")
+            problems.append(Problem(f"{where}, {what}", "must be a vector (3,)", repr(value), remedy))
+    widths = section.half_widths
+    if widths is not None and (np.shape(widths) != (3,) or not (np.asarray(widths) > 0).all()):
+        remedy = "give three numbers in m"
+        problems.append(Problem(f"{where}, half widths", "must be three numbers > 0", repr(widths), remedy))
+    known = () if mesh is None else mesh.body_names
+    problems += [
+        Problem(f"{where}, bodies", f"must be bodies: {', '.join(known)}", repr(name), "use one of these")
+        for name in section.bodies
+        if name not in known
+    ]
+    if problems:
+        raise InputError(*problems)

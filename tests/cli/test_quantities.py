@@ -1,0 +1,159 @@
+"""Forces, sections and --tolerance on the command line, against closed forms and each other."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fieldmap.cli import main
+
+# A ball of constant permeability above a lid of iron that a slab touches, beside a coil.
+DEVICE = """
+format = 1
+name = "table"
+title = "A ball and two slabs that touch, in a coil"
+
+[material.iron]
+kind = "linear"
+mu_r = 50
+
+[[body]]
+name = "ball"
+material = "iron"
+shape = "sphere"
+radius_mm = 3
+mesh_size_mm = 1.5
+position_mm = [0, 0, 8]
+
+[[body]]
+name = "lid"
+material = "iron"
+shape = "box"
+size_mm = [10, 8, 2]
+mesh_size_mm = 2.5
+
+[[body]]
+name = "slab"
+material = "iron"
+shape = "box"
+size_mm = [10, 8, 2]
+mesh_size_mm = 2.5
+position_mm = [0, 0, -2]
+
+[[coil]]
+name = "loop"
+kind = "circular"
+inner_radius_mm = 99.5
+outer_radius_mm = 100.5
+height_mm = 1.0
+turns = 1000
+
+[[section]]
+name = "equator"
+centre_mm = [0, 0, 8]
+normal = [0, 0, 1]
+bodies = ["ball"]
+
+[[section]]
+name = "joint"
+centre_mm = [0, 0, 0]
+normal = [0, 0, -1]
+"""
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    path = tmp_path_factory.mktemp("table") / "table.toml"
+    path.write_text(DEVICE)
+    return str(path)
+
+
+def answer(capsys, *words):
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("iron", [[], ["--nonlinear"]], ids=["linear", "state"])
+def test_forces_and_sections(capsys, table, iron):
+    words = ["--force", "ball", "--force", "lid, slab", "--force", "loop", "--currents", "2"]
+    found = answer(capsys, "solve", table, *iron, *words)
+    forces = {",".join(row["names"]): row for row in found["forces"]}
+    pull = np.array(forces["ball"]["force"])
+    assert pull[2] < 0
+    total = sum(np.array(row["force"]) for row in forces.values())
+    assert np.abs(total).max() < 5e-3 * np.abs(pull).max()
+    torque = sum(np.array(row["torque"]) for row in forces.values())
+    assert np.abs(torque).max() < 5e-3 * 0.01 * np.abs(pull).max()
+    equator, joint = found["sections"]
+    assert equator["area"] == pytest.approx(np.pi * 9e-6, rel=0.02)
+    assert equator["flux"] == pytest.approx(equator["flux_density"] * equator["area"])
+    assert joint["area"] == pytest.approx(8e-5)
+    assert (equator["flux_density"] > 0) != (joint["flux_density"] > 0)
+    for text, shown in ((["--section", "joint"], ["joint"]), ([], ["equator", "joint"])):
+        rows = answer(capsys, "solve", table, *iron, "--currents", "2", *text)["sections"]
+        assert [row["section"] for row in rows] == shown
+
+
+def test_what_people_read(capsys, table):
+    assert main(["solve", table, "--force", "lid,slab", "--currents", "2"]) == 0
+    out = capsys.readouterr().out
+    for text in (
+        "force on",
+        "lid, slab",
+        "torque Tx mN m",
+        "mean B along its normal, T",
+        "equator",
+        "area mm2",
+    ):
+        assert text in out
+    assert all(len(line) <= 100 for line in out.splitlines())
+
+
+def test_tolerance_refines(capsys):
+    found = answer(capsys, "solve", "loop_and_sphere", "--tolerance", "2e-2")
+    assert found["report"]["error"]["flux_density"] < 2e-2
+    assert all(abs(row["deviation"]) < 2e-2 for row in found["references"] if row["quantity"] == "Bz")
+
+
+def test_bodies_that_touch_are_named_in_the_error(capsys, table):
+    assert main(["solve", table, "--force", "lid"]) == 2
+    assert "'lid', 'slab'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--force", "bal"], "must be a body or coil of the device: ball, lid, slab, loop"),
+        (["--force", ","], "must be a body or coil"),
+        (["--section", "middle"], "must be a section of the device file: equator, joint"),
+        (["--tolerance", "0"], "must lie between 0 and 1"),
+        (["--tolerance", "1e-3", "--nonlinear", "--currents", "1"], "must stand alone"),
+        (["--tolerance", "1e-3", "--refinement", "2"], "--refinement 2"),
+        (["--tolerance", "1e-3", "--form", "flux"], "--form flux"),
+    ],
+)
+def test_mistakes_are_told_before_anything_is_solved(capsys, monkeypatch, table, words, expected):
+    def never(*args, **kwargs):
+        raise AssertionError("solved")
+
+    for name in ("solve_linear", "solve_to_tolerance", "NonlinearSolver"):
+        monkeypatch.setattr(f"fieldmap.iron.{name}", never)
+    assert main(["solve", table, *words]) == 2
+    caught = capsys.readouterr()
+    assert expected in caught.err
+    assert caught.out == ""
+
+
+def test_a_device_without_sections_says_so(capsys):
+    assert main(["solve", "loop_and_sphere", "--section", "middle"]) == 2
+    assert "the file has no [[section]]" in capsys.readouterr().err
+
+
+def test_a_barrier_in_a_state_is_told_in_the_words_of_the_command_line(capsys, tmp_path):
+    path = tmp_path / "barrier.toml"
+    text = DEVICE.replace('name = "slab"\nmaterial = "iron"', 'name = "slab"\nmaterial = "wall"')
+    path.write_text(text + '\n[material.wall]\nkind = "flux_barrier"\n')
+    assert main(["solve", str(path), "--nonlinear", "--currents", "1"]) == 2
+    error = capsys.readouterr().err
+    assert "leave --nonlinear out" in error
+    assert "body 'slab'" in error

@@ -1,0 +1,266 @@
+"""Flux through sections: areas and uniform fields exactly, then conservation, a sphere, a bar and a saturating ring."""
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.integrate import quad
+
+import fieldmap as fm
+from fieldmap.device.model import (
+    BHTable,
+    Body,
+    Box,
+    CircularCoil,
+    Cylinder,
+    Device,
+    LinearMaterial,
+    Part,
+    Placement,
+    Ring,
+    Section,
+    Sphere,
+)
+from fieldmap.errors import InputError
+from fieldmap.iron.forms.bh_law import law_tables, law_values
+from fieldmap.iron.forms.element_fields import ConstantField
+from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.meshing.mesh import generate_mesh, volumes
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.quantities.sections import section_flux
+from fieldmap.kernels.simplex_rules import tetrahedron_rule
+
+ONE = np.ones(1)
+UNIFORM = np.array([0.3, -0.8, 1.1])
+
+
+def at(x, y, z):
+    return Placement(np.array([x, y, z], float), np.eye(3))
+
+
+def plane(origin, normal, bodies=(), half_widths=None):
+    widths = None if half_widths is None else np.array(half_widths, float)
+    return Section("plane", np.array(origin, float), np.array(normal, float), bodies, widths)
+
+
+@pytest.fixture(scope="module")
+def blocks():
+    """Two blocks that touch in the plane z = 20 mm, and a ball apart; magnetised uniformly, all the same."""
+    bodies = (
+        Body("low", "iron", (Part(Box((0.03, 0.02, 0.02))),), 0.006),
+        Body("high", "iron", (Part(Box((0.03, 0.02, 0.01)), at(0, 0, 0.02)),), 0.004),
+        Body("ball", "iron", (Part(Sphere(0.01), at(0.05, 0, 0)),), 0.002),
+    )
+    mesh = generate_mesh(Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 1.0)}))
+    field = np.broadcast_to(UNIFORM, (1, len(mesh.tets), 3))
+    none = ChargedFaces.from_nodes(mesh.points, np.zeros((0, 3), int))
+    return mesh, IronState(none, np.zeros((1, 0)), field, 0, (), ConstantField(field, field))
+
+
+TILTED = np.array([1.0, 2.0, 2.0]) / 3
+
+
+@pytest.mark.parametrize(
+    ("section", "area"),
+    [
+        (plane([0, 0, 0.01], [0, 0, 1], ("low",)), 6e-4),
+        (plane([0.0, 0, 0.013], [0, 0, -2], ("low",)), 6e-4),
+        (plane([0.005, 0, 0], [1, 0, 0], ("low", "high")), 6e-4),
+        (plane([0, 0, 0.01], [0, 0, 1], ("low",), [0.004, 0.003, 1]), 4.8e-5),
+        # Half of the window lies beside the block.
+        (plane([0.015, 0, 0.01], [0, 0, 1], ("low",), [0.004, 0.003, 1]), 2.4e-5),
+        # z = 2 (y, z): in the plane x + 2 y + 2 z = const through the middle, over |x|, |y| < 4, 3 mm.
+        (plane([0, 0, 0.01], TILTED, ("low",), [0.004, 0.003, 1]), 4.8e-5 * 1.5),
+        # The common face of the blocks, the top and the bottom belong to the section from either side.
+        (plane([0, 0, 0.02], [0, 0, 1], ("low",)), 6e-4),
+        (plane([0, 0, 0.02], [0, 0, 1], ("high",)), 6e-4),
+        (plane([0, 0, 0.02], [0, 0, 1], ("low", "high")), 6e-4),
+        (plane([0, 0, 0.03], [0, 0, 1]), 6e-4),
+        (plane([0, 0, 0.0], [0, 0, 1], ("low",)), 6e-4),
+    ],
+)
+def test_area_and_uniform_field(blocks, section, area):
+    """To rounding: the plane's area in the blocks, and that times the normal field."""
+    found = section_flux(*blocks, section, ONE)
+    assert found.area == pytest.approx(area, rel=1e-9)
+    normal = section.normal / np.linalg.norm(section.normal)
+    assert found.flux_density == pytest.approx(UNIFORM @ normal, rel=1e-9)
+    assert found.flux == pytest.approx(area * (UNIFORM @ normal), rel=1e-9)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.004, -0.006])
+def test_discs_of_a_ball(blocks, height):
+    found = section_flux(*blocks, plane([0.05, 0, height], [0, 0, 1], ("ball",)), ONE)
+    assert found.area == pytest.approx(np.pi * (1e-4 - height**2), rel=0.01)
+
+
+def test_nothing_cut_and_bad_planes(blocks):
+    for section, text in (
+        (plane([0, 0, 0.05], [0, 0, 1]), "must cut iron"),
+        (plane([0, 0, 0.01], [0, 0, 1], ("high",)), "must cut iron of high"),
+        (plane([0, 0, 0.01], [0, 0, 1], ("low",), [1e-3, 1e-3, -1]), "must be three numbers > 0"),
+        (plane([0, 0, 0.01], [0, 0, 0]), "not all zero"),
+        (plane([0, 0, 0.01], [0, 0, 1], ("lid",)), "must be bodies: low, high, ball"),
+        (plane([0, np.nan, 0.01], [0, 0, 1]), "finite numbers"),
+    ):
+        with pytest.raises(InputError, match=text):
+            section_flux(*blocks, section, ONE)
+    with pytest.raises(InputError, match="must cut iron"):
+        section_flux(None, None, plane([0, 0, 0], [0, 0, 1]), ONE)
+
+
+def in_uniform_field(body, material, field):
+    """Mesh and state of one body in a uniform field (3,)."""
+    form = PotentialForm(assemble(generate_mesh(Device("d", "", (), (body,), {"iron": material}))))
+    t = form.elements.coil_field(lambda p: np.broadcast_to(field, (1, *p.shape)))
+    count = len(form.elements.volume)
+    law = Magnetisation(np.zeros(count, np.int64), law_tables([material]), np.zeros((1, count, 3)))
+    return form.iron.mesh, form.solve(law, t, 1e-7).iron
+
+
+def test_sphere():
+    """Uniform inside: 3 mu_r / (mu_r + 2) times the field, through every plane."""
+    field = np.array([0.0, 0.6, 0.8])
+    solved = in_uniform_field(
+        Body("b", "iron", (Part(Sphere(0.05)),), 0.009), LinearMaterial("iron", 50.0), field
+    )
+    for origin, normal in (([0, 0, 0], [0, 0.6, 0.8]), ([0, 0, 0.02], [0, 0, 1]), ([0.01, 0, 0], [1, 2, 2])):
+        section = plane(origin, normal)
+        exact = 150 / 52 * field @ section.normal / np.linalg.norm(section.normal)
+        assert section_flux(*solved, section, ONE).flux_density == pytest.approx(exact, rel=4e-3)
+
+
+def test_long_bar():
+    """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle; N of the two charged ends, 1 - g / sqrt(1 + g^2) for length to
+    diameter g, which holds for weakly magnetic bars."""
+    bar = Body("b", "iron", (Part(Cylinder(0.005, 0.2), at(0, 0, -0.1)),), 0.006)
+    solved = in_uniform_field(bar, LinearMaterial("iron", 3.0), np.array([0, 0, 0.5]))
+    exact = 0.5 * 3 / (1 + 2 * (1 - 20 / np.hypot(20, 1)))
+    assert section_flux(*solved, plane([0, 0, 0], [0, 0, 1]), ONE).flux_density == pytest.approx(
+        exact, rel=1e-3
+    )
+
+
+def test_the_field_inside_elements_has_their_mean():
+    """The second-order field at the points of the solver's own rule averages to the mean that it reports."""
+    solid = Body("b", "iron", (Part(Cylinder(0.01, 0.02)),), 0.006)
+    mesh, state = in_uniform_field(solid, LinearMaterial("iron", 200.0), np.array([0.1, 0, 0.4]))
+    points, weights = tetrahedron_rule(2)
+    element = np.arange(len(mesh.tets))
+    mean = sum(
+        w * state.flux_density_at(element, np.tile(p, (len(element), 1)))
+        for p, w in zip(points, weights, strict=True)
+    )
+    assert mean == pytest.approx(state.flux_density, rel=1e-9, abs=1e-12)
+    # ... and makes div B = 0 in the mean: what enters through one plane leaves through the next and the mantle.
+    assert volumes(mesh.points, mesh.tets) @ state.flux_density[0] @ [0, 1, 0] == pytest.approx(0, abs=1e-9)
+
+
+INNER, OUTER, HEIGHT, TURNS = 0.018, 0.022, 0.004, 10.0
+FOOT = BHTable(
+    "foot",
+    np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
+    np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
+    "straight line to the origin",
+    "towards saturation",
+    79.6,
+    2.16,
+)
+
+
+def ring_of_coils(material):
+    """An iron ring linked with six coils: closed, so that flux is conserved along it up to a little leakage."""
+    coils = []
+    for angle in np.pi / 3 * np.arange(6):
+        out, along = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
+        place = Placement(0.02 * out, np.column_stack([out, [0, 0, -1.0], along]))
+        coils.append(CircularCoil(f"{len(coils)}", 0.006, 0.008, 0.003, TURNS, placement=place))
+    body = Body("ring", "iron", (Part(Ring(INNER, OUTER, HEIGHT), at(0, 0, -HEIGHT / 2)),), 0.0035)
+    sections = tuple(
+        Section(
+            f"at {degrees}",
+            np.array([0.02 * np.cos(angle), 0.02 * np.sin(angle), 0]),
+            np.array([-np.sin(angle), np.cos(angle), 0]),
+            (),
+            np.full(3, 0.01),
+        )
+        for degrees in (0, 17, 30, 90, 200)
+        for angle in [np.deg2rad(degrees)]
+    )
+    return Device("d", "", tuple(coils), (body,), {"iron": material}, sections=sections)
+
+
+def toroid_mean(law, current):
+    """Mean of b(mu0 6 N I / (2 pi r)) over the ring's section: Ampere's law."""
+    total, _ = quad(lambda r: law(mu_0 * 6 * TURNS * current / (2 * np.pi * r)), INNER, OUTER)
+    return total / (OUTER - INNER)
+
+
+@pytest.mark.parametrize("form", ["potential", "flux"])
+def test_linear_ring(form):
+    """The meshed ring is a polygon, a little thinner here than there. Each form keeps what it conserves: the
+    potential form the field along the ring, hence B; the flux form the flux."""
+    device = ring_of_coils(LinearMaterial("iron", 2000.0))
+    unit = fm.solve_linear(device, form=form)
+    exact = toroid_mean(lambda h: 2000.0 * h, 0.3)
+    found = [unit.section_flux(section.name, np.full(6, 0.3)) for section in device.sections]
+    area = (OUTER - INNER) * HEIGHT
+    assert [f.area for f in found] == pytest.approx([area] * 5, rel=0.02)
+    if form == "flux":
+        assert [f.flux / area for f in found] == pytest.approx([exact] * 5, rel=0.01)
+        assert np.ptp([f.flux for f in found]) < 5e-3 * found[0].flux
+    else:
+        assert [f.flux_density for f in found] == pytest.approx([exact] * 5, rel=0.01)
+        assert np.ptp([f.flux_density for f in found]) < 0.01 * exact
+    twice = unit.section_flux_density("at 17", np.full(6, 0.6))
+    assert twice == pytest.approx(2 * found[1].flux_density)
+
+
+@pytest.mark.parametrize("current", [0.45, 0.7, 3.0])
+def test_saturating_ring(current):
+    """On the rising part of the permeability, at its top, and in saturation."""
+    device = ring_of_coils(FOOT)
+    state = fm.solve(device, np.full(6, current))
+    tables = law_tables([FOOT])
+    exact = toroid_mean(lambda h: law_values(tables, np.zeros(1, int), np.array([h]))[0][0], current)
+    found = [state.section_flux_density(section) for section in device.sections]
+    assert found == pytest.approx([exact] * 5, rel=0.015)
+    assert np.ptp(found) < 0.015 * exact
+    with pytest.raises(InputError, match="at 0, at 17, at 30, at 90, at 200"):
+        state.section_flux_density("at 45")
+
+
+def test_flux_splits_at_a_joint():
+    """A three-legged core: what the middle leg carries is the sum of both outer legs, up to what leaks through air."""
+    leg = 0.01
+    bars = [Part(Box((0.05, leg, leg)), at(0, 0, z)) for z in (0.0, 0.03)]
+    legs = [Part(Box((leg, leg, 0.02)), at(x, 0, leg)) for x in (-0.02, 0.0, 0.02)]
+    core = Body("core", "iron", (*bars, *legs), 0.005)
+    coil = CircularCoil("coil", 0.0075, 0.009, 0.012, 50.0, placement=at(0, 0, 0.02))
+    state = fm.solve(
+        Device(
+            "d",
+            "",
+            (coil,),
+            (core,),
+            {
+                "iron": BHTable(
+                    "steel",
+                    np.array([200.0, 1e3, 1e4]),
+                    np.array([1.2, 1.6, 1.9]),
+                    "straight line to the origin",
+                    "slope mu0",
+                    4775.0,
+                )
+            },
+        ),
+        [6.0],
+    )
+    middle, left, right = (
+        state.section_flux(plane([x, 0, 0.02], [0, 0, 1], (), [leg, leg, leg])) for x in (0.0, -0.02, 0.02)
+    )
+    assert middle.area == pytest.approx(leg**2, rel=1e-9)
+    assert middle.flux == pytest.approx(-left.flux - right.flux, rel=0.02)
+    assert left.flux == pytest.approx(right.flux, rel=5e-3)
+    assert 0.9 < middle.flux_density < 2.0
