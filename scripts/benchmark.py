@@ -2,9 +2,9 @@
 
     python scripts/benchmark.py [--only SECTION ...] [--quick] [--json]
 
-Sections: kernels (nanoseconds per point, beside magpylib) and iron (error against seconds and unknowns for an iron
-disk, beside magpylib-material-response: the extra `bench`). Prints figures, not verdicts: the exit code is 0 whatever
-they are. Compare ratios within one run only, and on a machine that does nothing else.
+Sections: kernels (nanoseconds per point, beside magpylib), iron (error against seconds and unknowns for an iron disk,
+beside magpylib-material-response: the extra `bench`) and controllers (steps per second). Prints figures, not verdicts:
+the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
 
 A section is a module with `measure(quick) -> dict` (JSON-ready) and `show(result, console)`.
 """
@@ -23,7 +23,11 @@ import numpy as np
 import scipy
 from rich.console import Console
 
-SECTIONS = {"kernels": "benchmarks.kernels", "iron": "benchmarks.iron_disk"}
+SECTIONS = {
+    "kernels": "benchmarks.kernels",
+    "iron": "benchmarks.iron_disk",
+    "controllers": "benchmarks.controllers",
+}
 
 
 def machine() -> str:

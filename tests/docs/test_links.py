@@ -1,7 +1,9 @@
 """Links between pages lead somewhere, and the site's navigation leads to every page."""
 
+import importlib
 import re
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -76,7 +78,9 @@ def test_every_public_door_is_in_the_reference():
     import fieldmap
 
     page = (ROOT / "docs" / "api" / "doors.md").read_text()
-    doors = [name for name in fieldmap.__all__ if not name.startswith("_")]
+    rooms = {name for name in fieldmap.__all__ if isinstance(getattr(fieldmap, name), ModuleType)}
+    assert [name for name in rooms if not (ROOT / "docs" / "api" / f"{name}.md").is_file()] == []
+    doors = [name for name in fieldmap.__all__ if not name.startswith("_") and name not in rooms]
     assert [
         name for name in doors if not re.search(rf"^::: fieldmap\.\w+\.{name}$", page, re.MULTILINE)
     ] == []
@@ -89,3 +93,16 @@ def test_pages_that_the_code_names_exist():
         named_files |= set(re.findall(r"\bdocs/[\w/]+\.md\b", path.read_text()))
     assert len(named_files) > 3
     assert [name for name in sorted(named_files) if not (ROOT / name).is_file()] == []
+
+
+@pytest.mark.parametrize("room", ["control", "instruments"])
+def test_every_name_of_a_room_is_in_its_reference(room):
+    """Each alone, or with its module."""
+    module = importlib.import_module(f"fieldmap.{room}")
+    page = (ROOT / "docs" / "api" / f"{room}.md").read_text()
+    listed = set(re.findall(r"^::: ([\w.]+)$", page, re.MULTILINE))
+    assert [
+        name
+        for name in module.__all__
+        if not {f"fieldmap.{room}.{name}", getattr(module, name).__module__} & listed
+    ] == []
