@@ -5,7 +5,12 @@ python-control as they are.
 """
 
 from fieldmap.control.compensator import compensated_reference
-from fieldmap.control.current_division import DivisionSignals, divide_currents, undivide_currents
+from fieldmap.control.current_division import (
+    DivisionSignals,
+    divide_currents,
+    division_slopes,
+    undivide_currents,
+)
 from fieldmap.control.levitated_plants import (
     LumpedMagnet,
     levitated_plant,
@@ -50,6 +55,7 @@ __all__ = [
     "continuous",
     "controller_form",
     "divide_currents",
+    "division_slopes",
     "from_roots",
     "inverse_zero_order_hold",
     "kalmd",

@@ -71,3 +71,17 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
     y = (share * _Y_SIDE).sum(axis=-1) / 4.0
     divided = divide_currents(u, x, y, n)
     return DivisionSignals(u, x, y, np.abs(divided - given).max(axis=-1) / np.abs(u))
+
+
+def division_slopes(u: float, x: float, y: float, n: float = 1.0) -> Array:
+    """Derivative (6, 3) of the coils' signals by (u, x, y): with the force per ampere of each coil, the forces that
+    lift and direction signals make.
+
+    >>> division_slopes(1.5, 0.0, 0.0, n=1.25)[:, 1].tolist()
+    [-1.5, -1.875, -1.5, 1.5, 1.875, 1.5]
+    """
+    by_u = divide_currents(1.0, x, y, n)
+    corner_x, corner_y = 1.0 + _X_SIDE * x, 1.0 + _Y_SIDE * y
+    by_x = u * np.where(_MIDDLE, n * _X_SIDE, _X_SIDE * corner_y)
+    by_y = u * np.where(_MIDDLE, 0.0, _Y_SIDE * corner_x)
+    return np.column_stack([by_u, by_x, by_y])

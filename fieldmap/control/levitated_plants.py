@@ -4,29 +4,42 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.constants
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check_not_negative, check_numbers, check_positive
+from fieldmap.arguments import check_matrix, check_not_negative, check_positive
 from fieldmap.control.linear_models import StateSpace
 
 Array = NDArray[np.float64]
 
 
 def levitated_plant(
-    mass: float, stiffness: float, force_per_ampere: float, damping: float = 0.0
+    mass: float, stiffness: ArrayLike, force_per_ampere: ArrayLike, damping: ArrayLike = 0.0
 ) -> StateSpace:
-    """m d2x/dt2 = -stiffness x - damping dx/dt + force_per_ampere i, with the states (x, dx/dt) and the output x.
+    """m d2x/dt2 = -stiffness x - damping dx/dt + force_per_ampere i about an equilibrium, one axis or several.
 
-    mass kg; stiffness = -dF/dx N/m (negative: unstable); force_per_ampere N/A; damping N s/m. One axis of an
-    `Equilibrium` or `LiftCurrent`: its diagonal of `stiffness`, its entry of `force_per_ampere`. Raises InputError.
+    mass kg; stiffness = -dF/dx, N/m (negative: unstable), a number or (axes, axes); force_per_ampere, N/A, a number or
+    (axes, inputs); damping, N s/m, a number or (axes, axes). States: positions, then velocities; outputs: positions.
+    For one axis take the diagonal of `Equilibrium.stiffness` or `LiftCurrent.stiffness` and its entry of
+    `LiftCurrent.force_per_ampere`; the whole matrix, with the force per ampere of every coil, is the linked model of
+    all axes. The angle of a magnet that turns is not part of it. Raises InputError for numbers that are not finite,
+    matrices that do not fit, a mass that is not positive.
 
     >>> levitated_plant(mass=0.01, stiffness=-4.0, force_per_ampere=0.1).A.tolist()
     [[0.0, 1.0], [400.0, -0.0]]
     """
     check_positive("levitated_plant", mass=mass)
-    check_numbers("levitated_plant", stiffness=stiffness, force_per_ampere=force_per_ampere, damping=damping)
-    A = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
-    return StateSpace(A, np.array([[0.0], [force_per_ampere / mass]]), np.eye(1, 2), np.zeros((1, 1)))
+    K = check_matrix("levitated_plant(stiffness)", stiffness, (None, None))
+    axes = K.shape[0]
+    K = check_matrix("levitated_plant(stiffness)", K, (axes, axes))
+    force = check_matrix("levitated_plant(force_per_ampere)", force_per_ampere, (axes, None))
+    given = np.asarray(damping, dtype=float)
+    loss = check_matrix(
+        "levitated_plant(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes)
+    )
+    still = np.zeros((axes, axes))
+    A = np.block([[still, np.eye(axes)], [-K / mass, -loss / mass]])
+    B = np.vstack([np.zeros_like(force), force / mass])
+    return StateSpace(A, B, np.eye(axes, 2 * axes), np.zeros((axes, force.shape[1])))
 
 
 @dataclass(frozen=True)

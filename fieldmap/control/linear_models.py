@@ -71,14 +71,23 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferF
 
 
 def from_roots(gain: float, zeros: ArrayLike, poles: ArrayLike) -> TransferFunction:
-    """gain * prod(q - zeros) / prod(q - poles).
+    """gain * prod(q - zeros) / prod(q - poles). Raises InputError for complex roots without their conjugates.
 
     >>> from_roots(-0.03, [0.9935], [1.01, 0.905]).denominator.round(5).tolist()
     [1.0, -1.915, 0.91405]
     """
     roots = [np.atleast_1d(np.asarray(values)) for values in (zeros, poles)]
-    top, bottom = (np.real_if_close(np.poly(values)) for values in roots)
-    return transfer_function(gain * np.atleast_1d(top), bottom)
+    top, bottom = (np.atleast_1d(np.real_if_close(np.poly(values))) for values in roots)
+    if np.iscomplexobj(top) or np.iscomplexobj(bottom):
+        raise InputError(
+            Problem(
+                "from_roots(zeros, poles)",
+                "must be real or come in conjugate pairs",
+                f"{np.concatenate(roots)}",
+                "give both of a pair",
+            )
+        )
+    return transfer_function(gain * top, bottom)
 
 
 def controller_form(numerator: ArrayLike, denominator: ArrayLike) -> StateSpace:

@@ -104,6 +104,15 @@ def simulate_loop(
 
 def _strictly_proper(plant: tuple) -> tuple[Array, Array, Array]:
     """A, B (n,), C (n,) of a plant with one input and one output whose output does not wait for its input."""
+    if len(plant) not in (2, 4):
+        raise InputError(
+            Problem(
+                "simulate_loop(plant)",
+                "must be (numerator, denominator) or (A, B, C, D)",
+                f"{len(plant)} parts",
+                "see fieldmap.control.transfer_function and StateSpace",
+            )
+        )
     model = StateSpace(*plant) if len(plant) == 4 else controller_form(*plant)
     A, B, C, D = check_model("simulate_loop", model, inputs=1, outputs=1)
     if D[0, 0] != 0.0:

@@ -45,7 +45,7 @@ class Micrometer:
             "Micrometer", voltage_step=self.voltage_step, deviation=self.deviation, latency=self.latency
         )
         check_ordered("Micrometer", self.lower, self.upper)
-        check_count("Micrometer", averages=self.averages)
+        check_count("Micrometer", averages=self.averages, **{"latency + 1": self.latency + 1})
 
     @property
     def resolution(self) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.control import divide_currents, undivide_currents
+from fieldmap.control import divide_currents, division_slopes, undivide_currents
 from fieldmap.errors import InputError
 
 
@@ -55,6 +55,19 @@ def test_inverse(n):
     np.testing.assert_allclose(found.x, signals[1], atol=1e-13)
     np.testing.assert_allclose(found.y, signals[2], atol=1e-13)
     assert found.mismatch.max() < 1e-13
+
+
+@pytest.mark.parametrize("n", [1.0, 1.25])
+def test_slopes_are_derivatives(n):
+    """Taylor test: what is left falls with the square of the step."""
+    at, direction = np.array([1.5, 0.2, -0.1]), np.array([0.3, 0.5, -0.7])
+
+    def rest(h):
+        return np.abs(divide_currents(*(at + h * direction), n) - divide_currents(*at, n) - h * slopes).max()
+
+    slopes = division_slopes(*at, n) @ direction
+    assert 1.9 < np.log2(rest(0.1) / rest(0.05)) < 2.1
+    assert rest(1e-4) < 1e-7
 
 
 def test_currents_that_are_no_division_are_told():

@@ -71,6 +71,12 @@ def test_realisation_has_the_same_frequency_response(coefficients):
     )
 
 
+def test_conjugate_roots():
+    np.testing.assert_allclose(
+        control.from_roots(2.0, [], [0.5 + 0.1j, 0.5 - 0.1j]).denominator, [1, -1, 0.26]
+    )
+
+
 def test_gain_at_rest():
     assert control.steady_gain(([2.0, 3.0], [1.0, 4.0, 5.0])) == pytest.approx(0.6)
     assert control.steady_gain(([0.5], [1.0, -0.9]), TS) == pytest.approx(5.0)
@@ -83,6 +89,7 @@ def test_gain_at_rest():
         (lambda: control.transfer_function([1, 2, 3], [1, 2]), "proper"),
         (lambda: control.transfer_function([1], [0, 0]), "zero"),
         (lambda: control.transfer_function([np.nan], [1, 2]), "finite"),
+        (lambda: control.from_roots(1.0, [], [0.5 + 0.1j]), "conjugate"),
         (lambda: control.zero_order_hold([[1]], [[1]], 0.0), "Ts"),
         (lambda: control.zero_order_hold([[1]], [[1]], np.inf), "Ts"),
         (lambda: control.zero_order_hold([[1, 2]], [[1]], TS), "1 x 1"),

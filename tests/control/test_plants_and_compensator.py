@@ -61,6 +61,22 @@ def test_oscillator():
     np.testing.assert_allclose(sorted(poles.imag), [-20.0, 20.0])
 
 
+def test_linked_axes_are_those_of_the_matrices():
+    """Eigenmotions of a coupled stiffness: its eigenvalues k give poles +- sqrt(-k/m); force enters velocities."""
+    K = np.array([[5.0, 1.0, 0.2], [1.0, 3.0, -0.4], [0.2, -0.4, -8.0]])
+    force = np.arange(6.0).reshape(3, 2)
+    model = levitated_plant(0.02, K, force)
+    squares = np.sort_complex(np.linalg.eigvals(model.A) ** 2).real
+    np.testing.assert_allclose(squares, np.repeat(np.sort(-np.linalg.eigvalsh(K) / 0.02), 2), rtol=1e-9)
+    np.testing.assert_allclose(model.B[3:], force / 0.02)
+    assert not model.B[:3].any()
+
+
+def test_damping_of_each_axis():
+    both = levitated_plant(0.1, np.eye(2), np.eye(2), damping=0.3)
+    np.testing.assert_allclose(both.A[2:, 2:], -3.0 * np.eye(2))
+
+
 @pytest.mark.parametrize("zeta", [0.2, 0.5])
 def test_metrics_of_the_second_order(zeta):
     """Peak at pi/wd, overshoot exp(-pi zeta / sqrt(1 - zeta^2)) of the standard system, w0 = 1."""
@@ -115,6 +131,9 @@ def test_a_change_during_a_push_begins_a_new_one():
         lambda: compensated_reference(0.01, [0.0], 0.0),
         lambda: levitated_plant(0.0, 1.0, 1.0),
         lambda: levitated_plant(0.1, np.nan, 1.0),
+        lambda: levitated_plant(0.1, np.ones((2, 3)), np.ones((2, 1))),
+        lambda: levitated_plant(0.1, np.eye(2), np.ones((3, 1))),
+        lambda: levitated_plant(0.1, 1.0, 1.0, damping=np.inf),
         lambda: LumpedMagnet(0.02, 0.0, 0.01),
         lambda: MAGNET.force(-1.0, 1.0),
         lambda: step_metrics([0.0, 0.0], [0.0, 1.0]),

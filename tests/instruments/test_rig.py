@@ -144,6 +144,8 @@ def test_compiled_loop_is_the_blocks_in_a_row():
         (lambda: Micrometer(0.02, 0.0), "scale"),
         (lambda: Micrometer(0.02, 2e-3, scan_rate=0.0), "scan_rate"),
         (lambda: Micrometer(0.02, 2e-3, averages=0), "averages"),
+        (lambda: Micrometer(0.02, 2e-3, latency=-1), "latency"),
+        (lambda: Micrometer(0.02, 2e-3, latency=1.5), "latency"),
         (lambda: Micrometer(0.02, 2e-3, lower=1.0, upper=-1.0), "rise"),
         (lambda: SENSOR.voltage([np.nan]), "finite"),
         (lambda: Amplifier(0.0), "gain"),
