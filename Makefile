@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: map test bench docs validate clean
+.PHONY: map test bench validate docs clean
 
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
@@ -19,6 +19,9 @@ test: $(STAMP)
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
+
+validate: $(STAMP)
+	$(BIN)/python scripts/validate.py
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

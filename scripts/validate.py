@@ -1,0 +1,97 @@
+"""Hold the solver against everything that is known: one table, pass or fail. `make validate`.
+
+    python scripts/validate.py [--only STUDY ...] [--json]
+
+Errors are the largest over the points, relative to the largest value of the same quantity there, unless the row says
+otherwise. Rows without a bound are for information. Seconds mean something on two quiet cores only; processor seconds
+stand beside them. Exit code 1 if a bound is broken or a row could not be run. About half an hour.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
+
+from rich.console import Console
+from rich.table import Table
+from validation import axisymmetric, closed_forms, drive_units
+from validation.row import Row
+
+from fieldmap.errors import FieldmapError
+
+# Each with the processor seconds that it took when it was written, for the time left.
+STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
+    "spheres": (closed_forms.spheres, 8),
+    "shell": (closed_forms.shell, 30),
+    "cylinders": (closed_forms.cylinders, 20),
+    "sphere_and_coil": (closed_forms.sphere_and_coil, 10),
+    "axisymmetric": (axisymmetric.linear, 150),
+    "saturated": (axisymmetric.saturated, 60),
+    "six_cores": (drive_units.six_cores, 180),
+    "unit_linear": (drive_units.unit_linear, 500),
+    "unit_other_form": (drive_units.unit_other_form, 60),
+    "unit_saturated": (drive_units.unit_saturated, 400),
+}
+
+
+def run(names: list[str], say: Callable[[str], None]) -> Iterator[Row]:
+    """Rows of the named studies; a study that fails leaves a row that says so, and the others go on."""
+    begin, done = time.perf_counter(), 0.0
+    expected = sum(STUDIES[name][1] for name in names)
+    for number, name in enumerate(names, start=1):
+        study, cost = STUDIES[name]
+        pace = (time.perf_counter() - begin) / done if done else 1.0
+        say(f"[{number}/{len(names)}] {name}: about {pace * (expected - done) / 60:.0f} min left")
+        try:
+            for row in study():
+                say(
+                    f"    {row.case}: {row.quantity} {row.value:.2g} {row.verdict} ({row.cpu_seconds:.0f} cpu s)"
+                )
+                yield replace(row, study=name)
+        except (FieldmapError, MemoryError) as error:
+            nothing = float("nan")
+            yield Row(name, "the study", nothing, None, "-", note=str(error), study=name)
+        done += cost
+
+
+def show(rows: list[Row], console: Console) -> None:
+    """Print the table and the sum."""
+    table = Table(title="validation")
+    for heading in ("case", "quantity"):
+        table.add_column(heading)
+    for heading in ("measured", "bound", "", "faces", "steps", "s (cpu)"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("held against")
+    for row in rows:
+        numbers = (f"{row.value:.2g}", "-" if row.bound is None else f"{row.bound:g}", row.verdict)
+        cost = (f"{row.faces}", f"{row.steps}", f"{row.seconds:.0f} ({row.cpu_seconds:.0f})")
+        table.add_row(row.case, row.quantity, *numbers, *cost, row.note or row.source)
+    console.print(table)
+    count = {
+        verdict: sum(row.verdict == verdict for row in rows)
+        for verdict in ("pass", "FAIL", "skipped", "NOT RUN")
+    }
+    console.print(", ".join(f"{number} {verdict}" for verdict, number in count.items()), highlight=False)
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", choices=STUDIES, default=list(STUDIES), metavar="STUDY")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
+    options = parser.parse_args()
+    progress = Console(stderr=True, width=None if sys.stderr.isatty() else 140)
+    rows = list(run(options.only, lambda text: progress.print(text, highlight=False)))
+    if options.json:
+        print(json.dumps([{**asdict(row), "verdict": row.verdict} for row in rows], indent=2))
+    else:
+        show(rows, Console(width=None if sys.stdout.isatty() else 170))
+    return int(any(row.verdict in ("FAIL", "NOT RUN") for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

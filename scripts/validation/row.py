@@ -1,0 +1,58 @@
+"""One compared number, and how errors are measured."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A measured number beside its bound (None: printed for information) and the source of what it is held against.
+
+    faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: of the solve behind the number, wall
+    clock and processor time of all threads. value is NaN for what was not measured: skipped if that was foreseen, an
+    error otherwise; `note` says why.
+    """
+
+    case: str
+    quantity: str
+    value: float
+    bound: float | None
+    source: str
+    faces: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    note: str = ""
+    study: str = ""
+    skipped: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """ "pass", "FAIL", "skipped", "NOT RUN", or "-" where there is no bound."""
+        if self.skipped:
+            return "skipped"
+        if not np.isfinite(self.value):
+            return "NOT RUN"
+        return "-" if self.bound is None else ("pass" if abs(self.value) <= self.bound else "FAIL")
+
+
+def largest_error(ours: Array, exact: Array) -> float:
+    """Largest length of the difference by the largest length of the exact values; (n, 3) or (n, 3, 3)."""
+    axes = tuple(range(1, exact.ndim))
+    size = np.sqrt((exact**2).sum(axis=axes)).max()
+    return float(np.sqrt(((ours - exact) ** 2).sum(axis=axes)).max() / size)
+
+
+def timed(work: Callable[[], Result]) -> tuple[Result, float, float]:
+    """Result, wall seconds, processor seconds of all threads."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = work()
+    return result, time.perf_counter() - wall, time.process_time() - cpu
