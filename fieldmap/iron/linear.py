@@ -1,6 +1,6 @@
 """The public door: a device with linear iron, solved for one ampere in every coil."""
 
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +9,14 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.forms.bh_law import LawTables
-from fieldmap.iron.forms.element_fields import ConstantField
 from fieldmap.iron.forms.flux_form import FluxForm
-from fieldmap.iron.forms.nodal_elements import CoilField
+from fieldmap.iron.forms.magnetisation import Magnetisation
 from fieldmap.iron.forms.permeability import BodyProperties, body_properties
-from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.forms.state import IronState
 from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
-from fieldmap.iron.quantities.linkage import linkage_and_coenergy, linkage_of_means
+from fieldmap.iron.quantities.linkage import linkage_and_coenergy
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.stages import Progress, Stages
@@ -80,8 +79,7 @@ def solved_in_form(
     stages: Stages,
 ) -> LinearSolution:
     """One form on one mesh."""
-    solver = _solve_potential if form == "potential" else _solve_flux
-    state, unknowns, linkage = solver(device, iron, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
+    state, unknowns, linkage = _solve(device, iron, properties, tolerance * _RESIDUAL_PER_TOLERANCE, form)
     report = SolverReport(
         form=form,
         tetrahedra=len(iron.mesh.tets),
@@ -99,40 +97,24 @@ def solved_in_form(
     return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, device.sections)
 
 
-def _solve_flux(
-    device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float
+def _solve(
+    device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float, form: str
 ) -> tuple[IronState, int, Array]:
-    problem, body = FluxForm(iron), iron.mesh.body
-    load = problem.elements.load(lambda x: unit_flux_densities(device.coils, x))
-    remanence = properties.remanence[body] if properties.remanence.any() else None
-    state = problem.solve(properties.mu_r[body], load, remanence, tolerance)
-    constant = np.zeros_like(state.flux_density)
-    if remanence is not None:
-        constant[-1] = remanence
-    # mu0 M = B - mu0 H, constant in every element as B is.
-    magnetisation = state.flux_density - (state.flux_density - constant) / properties.mu_r[body][:, None]
-    state = replace(state, inside=ConstantField(state.flux_density, magnetisation))
-    return state, len(iron.topology.nodes), linkage_of_means(iron.mesh, magnetisation, load)
-
-
-def _solve_potential(
-    device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float
-) -> tuple[IronState, int, Array]:
-    problem, body = PotentialForm(iron), iron.mesh.body
-    elements = problem.elements
-    unit = elements.coil_field(lambda x: unit_flux_densities(device.coils, x))
-    field = unit
-    remanence = np.zeros((len(field.bubble), len(body), 3))
+    """State, number of unknowns and flux linkages in one form."""
+    problem: ConvexForm[Any] = PotentialForm(iron) if form == "potential" else FluxForm(iron)
+    elements, body = problem.elements, iron.mesh.body
+    field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x))
+    sources = len(device.coils)
+    remanence = np.zeros((sources, len(body), 3))
     if properties.remanence.any():
         # The remanence is a source of its own, without any coil.
-        padded = (
-            np.concatenate([part, np.zeros((1, *part.shape[1:]))]) for part in (unit.constant, unit.bubble)
-        )
-        field = CoilField(*padded)
+        field = elements.with_nothing(field)
         remanence = np.concatenate([remanence, properties.remanence[body][None]])
     material = Magnetisation(body, _straight_laws(properties.mu_r), remanence)
     solved = problem.solve_linear(material, field, tolerance)
-    linkage, _ = linkage_and_coenergy(elements, material, solved.potential, field, unit)
+    strength = elements.strength_at_points(solved.potential, field, material)
+    coils = elements.coil_field_at_points(field)
+    linkage, _ = linkage_and_coenergy(elements.volume, material, strength, coils, coils[:sources])
     return solved.iron, elements.count, linkage
 
 

@@ -188,8 +188,13 @@ class NonlinearSolver:
         state, shares = solve_with_continuation(self._form, sources, residual, begin)
         stages.done()
         report = self._report(state, {**({} if start else self._seconds), **stages.seconds}, shares)
+        elements, material = self._form.elements, self._material
         linkage, coenergy = linkage_and_coenergy(
-            self._form.elements, self._material, state.potential, field, self._unit
+            elements.volume,
+            material,
+            elements.strength_at_points(state.potential, field, material),
+            elements.coil_field_at_points(field),
+            elements.coil_field_at_points(self._unit),
         )
         return NonlinearSolution(
             self.device.coils,

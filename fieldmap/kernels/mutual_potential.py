@@ -107,17 +107,3 @@ def mutual_potential(
         for j in range(i + 1, n):
             w[i, j] = w[j, i]
     return w
-
-
-@njit(cache=True, parallel=True, fastmath=True)
-def mean_potential_of_others(points, weights, corners, normals, areas):
-    """P (n, m) in 1/m: mean over triangle i of the potential of unit total charge on triangle j, over 4 pi.
-
-    points (n, q, 3): rule points on the n observing triangles; corners (m, 3, 3) etc.: the charged triangles.
-    """
-    n, m = points.shape[0], areas.size
-    p = np.empty((n, m))
-    for i in prange(n):
-        for j in range(m):
-            p[i, j] = _mean_potential(points[i], weights, corners[j], normals[j]) * _INVERSE_4PI / areas[j]
-    return p

@@ -23,7 +23,8 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError
 from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.magnetisation import Magnetisation
+from fieldmap.iron.forms.potential_form import PotentialForm
 from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque

@@ -22,7 +22,7 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError
 from fieldmap.iron.forms.bh_law import law_tables, law_values
-from fieldmap.iron.forms.element_fields import ConstantField
+from fieldmap.iron.forms.element_fields import LinearField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
 from fieldmap.iron.forms.state import IronState
 from fieldmap.iron.meshing.mesh import generate_mesh, volumes
@@ -55,7 +55,8 @@ def blocks():
     mesh = generate_mesh(Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 1.0)}))
     field = np.broadcast_to(UNIFORM, (1, len(mesh.tets), 3))
     none = ChargedFaces.from_nodes(mesh.points, np.zeros((0, 3), int))
-    return mesh, IronState(none, np.zeros((1, 0)), field, 0, (), ConstantField(field, field))
+    inside = np.repeat(field[:, :, None], 4, axis=2)
+    return mesh, IronState(none, np.zeros((1, 0)), field, 0, (), LinearField(inside, inside))
 
 
 TILTED = np.array([1.0, 2.0, 2.0]) / 3

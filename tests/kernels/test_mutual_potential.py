@@ -56,10 +56,3 @@ def test_scales_with_inverse_length():
     points, nodes = square(2)
     small, large = faces_of(points, nodes), faces_of(10 * points, nodes)
     assert large.mutual_potential() * 10 == pytest.approx(small.mutual_potential(), rel=1e-3)
-
-
-def test_potential_of_others_is_the_same_integral():
-    points, nodes = square(2)
-    here, there = faces_of(points, nodes), faces_of(points + [0.3, 0.2, 0.7], nodes)
-    both = faces_of(np.vstack([points, points + [0.3, 0.2, 0.7]]), np.vstack([nodes, nodes + len(points)]))
-    assert here.potential_of(there) == pytest.approx(both.mutual_potential()[:8, 8:], rel=1e-4)

@@ -17,7 +17,8 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.iron.forms.bh_law import law_tables, law_values
-from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.forms.magnetisation import Magnetisation
+from fieldmap.iron.forms.potential_form import PotentialForm
 from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 

@@ -1,4 +1,4 @@
-"""The field inside elements: of the potential form, with h linear in each, and of the flux form, constant in each."""
+"""The field inside elements: in the potential form h is linear in each, in the flux form b."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.iron.forms.bh_law import LawTables, law_values
+from fieldmap.iron.forms.magnetisation import Magnetisation
 from fieldmap.iron.forms.nodal_elements import CoilField, NodalElements
+from fieldmap.kernels.simplex_rules import tetrahedron_rule
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -49,19 +51,35 @@ class PotentialField:
 
 
 @dataclass(frozen=True, eq=False)
-class ConstantField:
-    """Flux density and polarisation (c, e, 3) in T that are the same everywhere in an element."""
+class LinearField:
+    """Flux density and polarisation, linear in each element, by their values (c, e, 4, 3) in T at the four points of
+    the degree-2 rule."""
 
-    mean_flux_density: Array
-    mean_polarisation: Array
+    flux_density_at_points: Array
+    polarisation_at_points: Array
 
     def flux_density(self, element: Index, barycentric: Array) -> Array:
         """B (c, n, 3)."""
-        return self.mean_flux_density[:, element]
+        return _interpolated(self.flux_density_at_points, element, barycentric)
 
     def polarisation(self, element: Index, barycentric: Array) -> Array:
         """mu0 M (c, n, 3)."""
-        return self.mean_polarisation[:, element]
+        return _interpolated(self.polarisation_at_points, element, barycentric)
+
+
+def linear_field(strength: Array, material: Magnetisation) -> LinearField:
+    """Of mu0 H (c, e, 4, 3) in T at the points of every element."""
+    size = np.linalg.norm(strength, axis=3)
+    law = np.broadcast_to(material.law[:, None], size.shape).ravel()
+    b = law_values(material.tables, law, size.ravel())[0].reshape(size.shape)
+    ratio = np.divide(b, size, out=np.ones_like(b), where=size > 1e-30)
+    flux_density = ratio[..., None] * strength + material.remanence[:, :, None]
+    return LinearField(flux_density, flux_density - strength)
+
+
+def _interpolated(values: Array, element: Index, barycentric: Array) -> Array:
+    at_points = barycentric @ np.linalg.inv(tetrahedron_rule(2)[0])
+    return np.einsum("nq,cnqd->cnd", at_points, values[:, element])
 
 
 def shape_gradients(barycentric: Array, gradients: Array) -> Array:

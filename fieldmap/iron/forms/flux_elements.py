@@ -1,11 +1,9 @@
-"""Lowest-order flux elements (Raviart-Thomas) on tetrahedra: the flux density from the fluxes through the faces.
+"""Second-order flux elements on the iron's tetrahedra (Brezzi, Douglas and Marini), hybridised.
 
-In tetrahedron e with outward fluxes phi_k through its faces (face k opposite corner X_k) and volume V,
-
-    B(x) = sum_k phi_k (x - X_k) / (3 V),
-
-so div B = 0 when the four fluxes sum to zero, and B is then constant. Le-Van, Meunier, Chadebec and Guichon, IEEE
-Trans. Magn. 51 (2015) use the same elements for the volume integral method.
+The flux density is linear in every element and free of divergence; its normal component is linear on every face. What
+makes neighbours agree about it are potentials on the faces, linear as well: the only unknowns left, three a face.
+The coil field is that of `fieldmap.iron.forms.nodal_elements`: free of curl by construction, so that flux around a
+closed circuit is driven by the exact circulation, however permeable the iron.
 """
 
 from collections.abc import Callable
@@ -13,68 +11,89 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
-from fieldmap.iron.meshing.mesh import IronMesh, volumes
-from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from fieldmap.iron.forms.magnetisation import Magnetisation
+from fieldmap.iron.forms.nodal_elements import NodalElements
+from fieldmap.iron.meshing.topology import Faces
+from fieldmap.kernels import linear_flux as kernel
 
 Array = NDArray[np.float64]
-# Elements smaller than this fraction of their body's largest see a field that varies little: 4 points do.
-_SMALL = 0.25
-# Points handed to a field function at once, to bound memory.
-_BATCH = 200_000
+Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class FluxElements:
-    """Geometry of the elements: volume (e,), centre (e, 3), arms (e, 4, 3) = centre - corner, spread (e,)."""
+    """Unknown 3 f + i is the potential of face f at its corner i.
 
-    mesh: IronMesh
+    unknowns (e, 12): those of the elements, see `fieldmap.kernels.linear_flux`; area (e, 4, 3): outward area
+    vectors; volume (e,); count: number of unknowns; face_mean (s, n): takes them to their means over the surface
+    faces; nodal: the elements that carry the coil field.
+    """
+
+    unknowns: Index
+    area: Array
     volume: Array
-    arms: Array
-    spread: Array
+    count: int
+    face_mean: csr_matrix
+    nodal: NodalElements
 
     @classmethod
-    def from_mesh(cls, mesh: IronMesh) -> "FluxElements":
-        """Elements of a mesh with positive volumes."""
-        corners = mesh.points[mesh.tets]
-        arms = corners.mean(axis=1)[:, None, :] - corners
-        return cls(mesh, volumes(mesh.points, mesh.tets), arms, (arms**2).sum(axis=(1, 2)) / 20)
+    def from_mesh(cls, nodal: NodalElements, topology: Faces) -> "FluxElements":
+        """Elements on the same tetrahedra as the nodal ones."""
+        tets = nodal.nodes[:, :4]
+        corners = tets[:, kernel.CORNERS]
+        place = (topology.nodes[topology.tet_faces][:, :, None, :] == corners[..., None]).argmax(axis=-1)
+        dofs = (3 * topology.tet_faces[:, :, None] + place).reshape(-1, 12)
+        area = -3 * nodal.volume[:, None, None] * nodal.gradients
+        count, faces = 3 * len(topology.nodes), topology.surface
+        columns = (3 * faces[:, None] + np.arange(3)).ravel()
+        rows = np.repeat(np.arange(len(faces)), 3)
+        mean = csr_matrix((np.full(rows.size, 1 / 3), (rows, columns)), shape=(len(faces), count))
+        return cls(dofs, np.ascontiguousarray(area), nodal.volume, count, mean, nodal)
 
-    def mass(self) -> Array:
-        """int w_i . w_j dV, (e, 4, 4), for w_k = (x - X_k)/(3 V)."""
-        inner = np.einsum("eik,ejk->eij", self.arms, self.arms) + self.spread[:, None, None]
-        return inner / (9 * self.volume[:, None, None])
+    def coil_field_at_points(self, field: Array) -> Array:
+        """t as it is."""
+        return field
 
-    def load(self, field: Callable[[Array], Array]) -> Array:
-        """int w_k . B dV, (c, e, 4), of flux densities field(points (n, 3)) -> (c, n, 3)."""
-        size = np.cbrt(self.volume)
-        large = size > _SMALL * size.max()
-        parts = [(np.flatnonzero(~large), 2), (np.flatnonzero(large), 4)]
-        out = None
-        for elements, degree in parts:
-            for batch in np.array_split(elements, max(1, len(elements) * 27 // _BATCH)):
-                if len(batch) == 0:
-                    continue
-                value = self._load_of(batch, degree, field)
-                if out is None:
-                    out = np.zeros((value.shape[0], len(self.volume), 4))
-                out[:, batch] = value
-        assert out is not None
-        return out
+    def no_field(self) -> Array:
+        """One source that is zero."""
+        return np.zeros((1, len(self.volume), 4, 3))
 
-    def _load_of(self, elements, degree, field):
-        barycentric, weights = tetrahedron_rule(degree)
-        corners = self.mesh.points[self.mesh.tets[elements]]
-        x = np.einsum("qk,ekd->qed", barycentric, corners)
-        b = field(x.reshape(-1, 3)).reshape(-1, *x.shape)
-        mean = np.einsum("q,cqed->ced", weights, b)
-        moment = np.einsum("q,cqed,qed->ce", weights, b, x)
-        return (moment[:, :, None] - np.einsum("ced,ekd->cek", mean, corners)) / 3
+    def coil_field(self, field: Callable[[Array], Array]) -> Array:
+        """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
+        return self.nodal.coil_field_at_points(self.nodal.coil_field(field))
 
-    def uniform_load(self, vector: Array) -> Array:
-        """int w_k . v dV, (e, 4), of a vector (e, 3) constant in each element."""
-        return np.einsum("ekd,ed->ek", self.arms, vector) / 3
+    def with_nothing(self, field: Array) -> Array:
+        """The same sources and one more, which is zero."""
+        return np.concatenate([field, self.no_field()])
 
-    def flux_density(self, flux: Array) -> Array:
-        """Mean flux density (c, e, 3) of outward face fluxes (c, e, 4)."""
-        return np.einsum("cek,ekd->ced", flux, self.arms) / (3 * self.volume[:, None])
+    def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 12): outward flux moments, less those of t if the iron were air."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), *law)
+        return kernel.residual(*arguments)
+
+    def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 12, 12): minus the derivative of the outward flux moments by the potentials."""
+        arguments = (*self._arrays(potential, field, source), material.law, *material.tables.arrays)
+        return kernel.tangent(*arguments)
+
+    def mean_fields(
+        self, potential: Array, field: Array, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for potentials (n,)."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), *law)
+        return kernel.mean_fields(*arguments)
+
+    def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
+        """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
+        law, columns = (material.law, *material.tables.arrays), range(potential.shape[1])
+        arguments = [(*self._arrays(potential[:, c], field, c), *law) for c in columns]
+        return np.stack([kernel.strength(*given) for given in arguments])
+
+    def _arrays(self, potential, field, source):
+        """The arguments that all kernels begin with."""
+        values = np.ascontiguousarray(potential)
+        return values, field[source], kernel.SHAPE, self.area, self.volume, self.unknowns

@@ -7,15 +7,18 @@ and the gradients of the potential live in one space, H = t - grad phi may be th
 without loss; and closed loops of iron around a winding need no cuts.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from fieldmap.iron.forms.magnetisation import Magnetisation
 from fieldmap.iron.meshing.mesh import IronMesh, volumes
 from fieldmap.iron.meshing.topology import Faces
+from fieldmap.kernels import quadratic_potential as kernel
+from fieldmap.kernels.simplex_rules import tetrahedron_rule
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -54,6 +57,11 @@ class NodalElements:
     def count(self) -> int:
         """Number of nodes."""
         return len(self.points) + len(self.edges)
+
+    @property
+    def unknowns(self) -> Index:
+        """Numbers (e, 10) of the elements' unknowns: their nodes."""
+        return self.nodes
 
     @classmethod
     def from_mesh(cls, mesh: IronMesh, faces: Faces) -> "NodalElements":
@@ -104,3 +112,64 @@ class NodalElements:
         along = np.concatenate(parts, axis=2)
         n = len(w)
         return (np.einsum("q,cqm->cm", w / 4, along[:, :n]), np.einsum("q,cqm->cm", w / 4, along[:, n:]))
+
+    def no_field(self) -> CoilField:
+        """One source that is zero."""
+        return CoilField(np.zeros((1, len(self.volume), 3)), np.zeros((1, self.count)))
+
+    def with_nothing(self, field: CoilField) -> CoilField:
+        """The same sources and one more, which is zero."""
+        nothing = self.no_field()
+        return CoilField(
+            np.concatenate([field.constant, nothing.constant]), np.concatenate([field.bubble, nothing.bubble])
+        )
+
+    def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 10) of int (b(t - grad phi) + br - t) . grad N for phi (n,)."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), self.volume, *law)
+        return kernel.residual(*arguments)
+
+    def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
+        law = (material.law, *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), self.volume, *law)
+        return kernel.tangent(*arguments)
+
+    def mean_fields(
+        self, potential: Array, field: CoilField, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), *law)
+        return kernel.mean_fields(*arguments)
+
+    def coil_field_at_points(self, field: CoilField) -> Array:
+        """t (c, e, 4, 3) at the four points of every element."""
+        bubbles = self.point_gradients(field.bubble.T)
+        return np.stack([field.constant + bubble for bubble in bubbles], axis=2)
+
+    def strength_at_points(self, potential: Array, field: CoilField, material: Magnetisation) -> Array:
+        """mu0 H (c, e, 4, 3) at the four points of every element, for phi (n, c); it does not need the material."""
+        gradient = np.stack(list(self.point_gradients(potential)), axis=2)
+        return self.coil_field_at_points(field) - gradient
+
+    def point_gradients(self, values: Array) -> Iterator[Array]:
+        """Gradients (c, e, 3) of nodal values (n, c) at the four points of every element, one point after the other.
+
+        Shape functions as in `fieldmap.kernels.quadratic_potential`: (4 l_i - 1) g_i and 4 (l_a g_b + l_b g_a).
+        """
+        barycentric, _ = tetrahedron_rule(2)
+        nodal = values[self.nodes]
+        for point in barycentric:
+            combine = np.zeros((4, 10))
+            combine[np.arange(4), np.arange(4)] = 4 * point - 1
+            for m, (a, b) in enumerate(_PAIRS):
+                combine[b, 4 + m] += 4 * point[a]
+                combine[a, 4 + m] += 4 * point[b]
+            yield np.einsum("kn,enc,ekd->ced", combine, nodal, self.gradients, optimize=True)
+
+    def _arrays(self, potential, field, source):
+        """The arguments that all kernels begin with."""
+        values = np.ascontiguousarray(potential)
+        return values, field.constant[source], field.bubble[source], self.nodes, self.gradients

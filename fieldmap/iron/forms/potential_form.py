@@ -11,6 +11,7 @@ other sign in closed magnetic circuits.
 """
 
 from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,52 @@ from scipy.sparse import csr_matrix, diags
 from fieldmap.iron.forms.bh_law import LawTables
 from fieldmap.iron.forms.element_fields import PotentialField
 from fieldmap.iron.forms.krylov import block_gmres, require_convergence
-from fieldmap.iron.forms.nodal_elements import CoilField, NodalElements
-from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.forms.magnetisation import Magnetisation
+from fieldmap.iron.forms.nodal_elements import NodalElements
+from fieldmap.iron.forms.state import ElementField, IronState
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.exterior import Exterior, factored
-from fieldmap.kernels import quadratic_potential as kernel
 
 Array = NDArray[np.float64]
 _MAX_LINEAR_STEPS = 80
 _MAX_NEWTON_STEPS = 40
 # The inverse of W inside a Newton step needs few digits; the residual needs all.
 _COARSE = 0
+
+
+class Elements(Protocol):
+    """What a form asks of its elements. The coil field inside the iron has the shape that they give it.
+
+    count: number n of unknowns; unknowns (e, k): their numbers in every element; volume (e,); face_mean (s, n): takes
+    them to the mean potentials of the surface faces.
+    """
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def unknowns(self) -> NDArray[np.int64]: ...
+    @property
+    def volume(self) -> Array: ...
+    @property
+    def face_mean(self) -> csr_matrix: ...
+
+    def no_field(self) -> Any:
+        """One source that is zero."""
+        ...
+
+    def residual(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, k) of the inside's share of R at a potential (n,)."""
+        ...
+
+    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, k, k) of minus its derivative."""
+        ...
+
+    def mean_fields(
+        self, potential: Array, field: Any, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) in it."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,49 +77,38 @@ class PotentialState:
     iron: IronState
 
 
-@dataclass(frozen=True, eq=False)
-class Magnetisation:
-    """The material of every element: index of its law (e,), tables of the laws, remanence (c, e, 3) per source, T."""
-
-    law: NDArray[np.int64]
-    tables: LawTables
-    remanence: Array
+E = TypeVar("E", bound=Elements)
 
 
-class PotentialForm:
-    """One mesh in the potential form."""
+class ConvexForm(Generic[E]):
+    """One mesh, with either family of elements: Krylov and Newton on R."""
 
-    def __init__(self, iron: AssembledIron) -> None:
+    def __init__(self, iron: AssembledIron, elements: E) -> None:
         self.iron = iron
-        self.elements = elements = NodalElements.from_mesh(iron.mesh, iron.topology)
-        nothing = CoilField(np.zeros((1, len(elements.volume), 3)), np.zeros((1, elements.count)))
-        vacuum = Magnetisation(np.zeros(len(elements.volume), np.int64), _unit_law(), nothing.constant)
-        self._exterior = Exterior(
-            elements, iron.mutual, self._tangent(np.zeros(elements.count), nothing, 0, vacuum)
-        )
+        self.elements = elements
+        nothing, count = elements.no_field(), len(elements.volume)
+        vacuum = Magnetisation(np.zeros(count, np.int64), _unit_law(), np.zeros((1, count, 3)))
+        stiffness = self._tangent(np.zeros(elements.count), nothing, 0, vacuum)
+        self._exterior = Exterior(elements.face_mean, iron.mutual, stiffness)
         one = np.ones((elements.count, 1))
         # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
         capacity = float((one.T @ self._exterior.apply(one))[0, 0])
         mass = elements.face_mean.T @ iron.surface.areas
         self._capacity = diags(mass * (capacity / mass.sum()))
 
-    def solve_linear(self, material: Magnetisation, field: CoilField, tolerance: float) -> PotentialState:
+    def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
         """All sources at once, for laws that are straight lines. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
         stiffness = self._tangent(zero, field, 0, material)
-        factor = factored(stiffness + self._capacity)
-        right = np.column_stack([self._residual(zero, field, c, material) for c in range(len(field.bubble))])
-
-        def operator(x: Array) -> Array:
-            return factor.solve(stiffness @ x + self._exterior.apply(x))
-
-        potential, history = block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
+        sources = range(len(material.remanence))
+        right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
+        potential, history = self._linear_system(stiffness, material, right, tolerance)
         residuals = tuple(float(step.max()) for step in history)
-        require_convergence("potential form", residuals, tolerance)
+        require_convergence(type(self).__name__, residuals, tolerance)
         return self._state(potential, field, material, residuals)
 
     def solve(
-        self, material: Magnetisation, field: CoilField, tolerance: float, start: Array | None = None
+        self, material: Magnetisation, field: Any, tolerance: float, start: Array | None = None
     ) -> PotentialState:
         """One source of nonlinear iron, by Newton with exact line search from `start` (n, 1). Raises NotConverged."""
         phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
@@ -109,6 +134,17 @@ class PotentialForm:
             phi, air = phi + length * step, air + length * air_step
         require_convergence("Newton", tuple(residuals), tolerance)
         raise AssertionError("unreachable")
+
+    def _linear_system(
+        self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
+    ) -> tuple[Array, list[Array]]:
+        """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps."""
+        factor = factored(stiffness + self._capacity)
+
+        def operator(x: Array) -> Array:
+            return factor.solve(stiffness @ x + self._exterior.apply(x))
+
+        return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
 
     def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
         def operator(x: Array) -> Array:
@@ -140,62 +176,43 @@ class PotentialForm:
                 high, high_value = secant, value
         return low or 0.5 * high
 
-    def _residual(self, phi: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
-        element = kernel.residual(
-            phi,
-            field.constant[source],
-            field.bubble[source],
-            self.elements.nodes,
-            self.elements.gradients,
-            self.elements.volume,
-            material.law,
-            material.remanence[source],
-            *material.tables.arrays,
-        )
+    def _residual(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        element = self.elements.residual(phi, field, source, material)
         value = np.zeros(self.elements.count)
-        np.add.at(value, self.elements.nodes.ravel(), element.ravel())
+        np.add.at(value, self.elements.unknowns.ravel(), element.ravel())
         return value
 
-    def _tangent(self, phi: Array, field: CoilField, source: int, material: Magnetisation) -> csr_matrix:
-        nodes = self.elements.nodes
-        element = kernel.tangent(
-            phi,
-            field.constant[source],
-            field.bubble[source],
-            nodes,
-            self.elements.gradients,
-            self.elements.volume,
-            material.law,
-            *material.tables.arrays,
-        )
-        rows, columns = np.repeat(nodes, 10, axis=1).ravel(), np.tile(nodes, (1, 10)).ravel()
-        return csr_matrix((element.ravel(), (rows, columns)), shape=(self.elements.count,) * 2)
+    def _tangent(self, phi: Array, field: Any, source: int, material: Magnetisation) -> csr_matrix:
+        element, unknowns = self.elements.tangent(phi, field, source, material), self.elements.unknowns
+        width = unknowns.shape[1]
+        places = np.repeat(unknowns, width, axis=1).ravel(), np.tile(unknowns, (1, width)).ravel()
+        return csr_matrix((element.ravel(), places), shape=(self.elements.count,) * 2)
 
-    def _state(
-        self, potential: Array, field: CoilField, material: Magnetisation, residuals
-    ) -> PotentialState:
-        fields = [
-            kernel.mean_fields(
-                np.ascontiguousarray(potential[:, c]),
-                field.constant[c],
-                field.bubble[c],
-                self.elements.nodes,
-                self.elements.gradients,
-                material.law,
-                material.remanence[c],
-                *material.tables.arrays,
-            )
-            for c in range(potential.shape[1])
-        ]
+    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+        """The field within elements."""
+        raise NotImplementedError
+
+    def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
+        columns = range(potential.shape[1])
+        fields = [self.elements.mean_fields(potential[:, c], field, c, material) for c in columns]
         density = (self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T
         mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
-        inside = PotentialField(
-            self.elements, potential, field, material.law, material.tables, material.remanence
-        )
+        inside = self._inside(potential, field, material)
         state = IronState(
             self.iron.surface, np.ascontiguousarray(density), mean, len(residuals), residuals, inside
         )
         return PotentialState(potential, largest, state)
+
+
+class PotentialForm(ConvexForm[NodalElements]):
+    """One mesh in the potential form."""
+
+    def __init__(self, iron: AssembledIron) -> None:
+        super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
+
+    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+        law, tables, remanence = material.law, material.tables, material.remanence
+        return PotentialField(self.elements, potential, field, law, tables, remanence)
 
 
 def _unit_law() -> LawTables:

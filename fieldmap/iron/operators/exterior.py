@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.sparse import bmat, csr_matrix, identity
 from scipy.sparse.linalg import SuperLU, splu
 
-from fieldmap.iron.forms.nodal_elements import NodalElements
 from fieldmap.iron.operators.mutual import MutualPotential
 
 Array = NDArray[np.float64]
@@ -40,12 +39,12 @@ def factored(matrix: csr_matrix) -> SuperLU:
 
 
 class Exterior:
-    """S for one mesh. `vacuum`: the iron's stiffness matrix (n, n) at mu_r = 1."""
+    """S for one mesh. face_mean (s, n): M; vacuum (n, n): the iron's stiffness matrix at mu_r = 1."""
 
-    def __init__(self, elements: NodalElements, mutual: MutualPotential, vacuum: csr_matrix) -> None:
-        self._mean = elements.face_mean
+    def __init__(self, face_mean: csr_matrix, mutual: MutualPotential, vacuum: csr_matrix) -> None:
+        self._mean = face_mean
         self._mutual = mutual
-        self._count = elements.count
+        self._count = face_mean.shape[1]
         small = _REGULARISATION * mutual.diagonal.min()
         self._vacuum = factored(
             bmat([[vacuum, self._mean.T], [self._mean, -small * identity(self._mean.shape[0])]])
@@ -57,8 +56,11 @@ class Exterior:
 
     def apply(self, potential: Array, refinements: int = 2) -> Array:
         """S phi (n, c) for phi (n, c); `refinements` of the inverse of W, see `MutualPotential.solve`."""
-        means = self._mean @ potential
+        return self._mean.T @ self.flux(self._mean @ potential, refinements)
+
+    def flux(self, means: Array, refinements: int = 2) -> Array:
+        """Flux (s, c) that leaves through the surface faces into the air for mean potentials (s, c)."""
         right = np.zeros((self._count + len(means), means.shape[1]))
         right[self._count :] = means
         inward = -self._vacuum.solve(right)[self._count :]
-        return self._mean.T @ (self._mutual.solve(means, refinements) - inward)
+        return self._mutual.solve(means, refinements) - inward

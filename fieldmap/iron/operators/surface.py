@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.charged_surface import surface_field, surface_field_and_gradient
-from fieldmap.kernels.mutual_potential import mean_potential_of_others, mutual_potential
+from fieldmap.kernels.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 
 Array = NDArray[np.float64]
@@ -62,11 +62,6 @@ class ChargedFaces:
             touch_weights,
             _NEAR_RADII,
         )
-
-    def potential_of(self, others: "ChargedFaces") -> Array:
-        """P (n, m): mean potential on these triangles of unit charges on the others."""
-        points, weights = self.rule_points(_NEAR_DEGREE)
-        return mean_potential_of_others(points, weights, others.corners, others.normals, others.areas)
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""

@@ -1,0 +1,78 @@
+"""Linear iron with bodies weaker than air (flux barriers): the surface flux as the unknown.
+
+With stiffness K of the iron, air S and surface means M (`fieldmap.iron.operators.exterior`), both forms solve
+(K + M^T S M) l = r. Where mu_r >= 1, K outweighs S and its factor is a good preconditioner; where mu_r << 1 it is the
+air that counts. Then the outward flux x = S M l is sought instead, from l = K^-1 (r - M^T x):
+
+    x + S T x = S M K^-1 r + S const,      T = M K^-1 M^T,      sum of x over each magnetic body = 0,
+
+which a factor 1 / nu of the faces' own bodies brings close to a multiple of the identity: for a mode of magnetisation
+with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular for constants; they follow from the zero
+net flux.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from fieldmap.iron.forms.krylov import block_gmres
+from fieldmap.iron.operators.exterior import Exterior, factored
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyNumbers:
+    """Which magnetic body (a connected piece) the surface faces (s,) and the unknowns (n,) belong to."""
+
+    surface: NDArray[np.int64]
+    unknowns: NDArray[np.int64]
+
+
+class SurfaceFluxSystem:
+    """K and S of one mesh and material; reluctivity (s,) is that of the elements below the surface faces."""
+
+    def __init__(
+        self,
+        stiffness: csr_matrix,
+        face_mean: csr_matrix,
+        exterior: Exterior,
+        body: BodyNumbers,
+        reluctivity: Array,
+    ) -> None:
+        self._mean, self._exterior, self._body = face_mean, exterior, body
+        # One unknown of each magnetic body is held at zero; its equation follows from the others.
+        held = np.unique(body.unknowns, return_index=True)[1]
+        self._free = np.setdiff1d(np.arange(len(body.unknowns)), held)
+        self._factor = factored(stiffness[self._free][:, self._free])
+        self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
+        self._sums = (body.surface[:, None] == np.arange(len(held))).astype(float)
+        self._flux_of_constants = exterior.flux(self._sums)
+        self._net = np.linalg.inv(self._sums.T @ (self._scale * self._flux_of_constants))
+
+    def solve(self, right: Array, tolerance: float, max_steps: int) -> tuple[Array, list[Array]]:
+        """l (n, c) for r (n, c), whose sum over each body is zero; and the residual norms (c,) after each step."""
+
+        def operator(flux: Array) -> Array:
+            means = self._mean @ self._inside(self._mean.T @ flux)
+            return self._without_net_flux(flux + self._exterior.flux(means))
+
+        inside = self._inside(right)
+        drive = self._without_net_flux(self._exterior.flux(self._mean @ inside))
+        flux, history = block_gmres(operator, drive, tolerance, max_steps)
+        potential = inside - self._inside(self._mean.T @ flux)
+        net = self._sums.T @ self._exterior.flux(self._mean @ potential)
+        constants = np.linalg.solve(self._sums.T @ self._flux_of_constants, -net)
+        return potential + constants[self._body.unknowns], history
+
+    def _inside(self, right: Array) -> Array:
+        potential = np.zeros_like(right)
+        potential[self._free] = self._factor.solve(right[self._free])
+        return potential
+
+    def _without_net_flux(self, flux: Array) -> Array:
+        """Scale, and remove what constants make: the result has zero sum over each body, to rounding."""
+        value = self._scale * flux
+        return value - self._scale * self._flux_of_constants @ (self._net @ (self._sums.T @ value))
