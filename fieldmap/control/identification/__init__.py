@@ -1,0 +1,56 @@
+"""Identification: models from records of a rig, in open and closed loop.
+
+Theory with the equation numbers that the docstrings cite: docs/theory/identification.md. Depends on: errors,
+arguments, kernels, the linear models beside it, scipy.
+"""
+
+from fieldmap.control.identification.closed_loop import (
+    identify_direct,
+    identify_indirect,
+    identify_two_stage,
+)
+from fieldmap.control.identification.estimate import Estimate, EstimatedRuns
+from fieldmap.control.identification.excitation import pseudo_random_binary
+from fieldmap.control.identification.least_squares import (
+    least_squares,
+    modified_least_squares,
+    modified_least_squares_runs,
+)
+from fieldmap.control.identification.log import Log, make_log, read_log, write_log
+from fieldmap.control.identification.noise_models import armax, generalised_least_squares
+from fieldmap.control.identification.orders import Orders
+from fieldmap.control.identification.recursive import RecursiveRun, recursive_least_squares
+from fieldmap.control.identification.root_locus import RootLocus, root_locus
+from fieldmap.control.identification.step_fits import (
+    StepFit,
+    fit_first_order,
+    fit_second_order,
+    noisy_step_metrics,
+)
+
+__all__ = [
+    "Estimate",
+    "EstimatedRuns",
+    "Log",
+    "Orders",
+    "RecursiveRun",
+    "RootLocus",
+    "StepFit",
+    "armax",
+    "fit_first_order",
+    "fit_second_order",
+    "generalised_least_squares",
+    "identify_direct",
+    "identify_indirect",
+    "identify_two_stage",
+    "least_squares",
+    "make_log",
+    "modified_least_squares",
+    "modified_least_squares_runs",
+    "noisy_step_metrics",
+    "pseudo_random_binary",
+    "read_log",
+    "recursive_least_squares",
+    "root_locus",
+    "write_log",
+]

@@ -1,0 +1,152 @@
+"""Identification of a plant from records of its closed loop: thesis 5.1, (5-1) to (5-3).
+
+The loop is u = C (r - y), y = P u + noise; y is what the sensor says. Three ways: from u and y (direct), from r and y
+with the controller known (indirect, (5-1)), from r, u and y without it (two-stage, (5-2), (5-3)).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import lfilter
+
+from fieldmap.arguments import check_count, check_positive
+from fieldmap.control.identification.estimate import Estimate
+from fieldmap.control.identification.least_squares import (
+    estimate_of,
+    modified_least_squares,
+    modified_least_squares_runs,
+)
+from fieldmap.control.identification.orders import Orders
+from fieldmap.control.identification.regression import (
+    Solution,
+    check_records,
+    columns_of,
+    polynomials,
+    solve,
+    stable_denominators,
+)
+from fieldmap.control.linear_models import transfer_function
+from fieldmap.errors import InputError, NotConverged, Problem
+
+Array = NDArray[np.floating[Any]]
+
+_NOISE_FREE_REFERENCE = "the reference does not depend on the noise; the noise may be of any colour"
+
+
+def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts: float) -> Estimate:
+    """The plant from the controller's output and the measured position, as if the loop were open.
+
+    Modified least squares. White noise of the sensor does no harm in spite of the feedback, if the plant has a delay
+    of a sample or more: with the unstable poles reflected, (6) is the innovations form of the plant with that noise.
+    Forces on the body that the control signal does not show, and coloured noise, bias it: then use `armax`, which
+    models them, or an indirect way. Without a reference signal the conditions (12) must hold. Raises InputError for
+    unusable records and NotConverged.
+    """
+    if orders.delay < 1:
+        raise InputError(
+            Problem(
+                "identify_direct(orders)",
+                "must have more poles than zeros, or dead time",
+                f"{orders.poles} poles, {orders.zeros} zeros",
+                "a loop without delay cannot be told from its controller",
+            )
+        )
+    return modified_least_squares(outputs, controls, orders, Ts)
+
+
+def identify_indirect(
+    outputs: ArrayLike,
+    references: ArrayLike,
+    controller: tuple[ArrayLike, ArrayLike],
+    orders: Orders,
+    Ts: float,
+    *,
+    tolerance: float = 1e-6,
+    iterations: int = 100,
+) -> Estimate:
+    """The plant from reference and position, with the known controller taken out: (5-1), by (15), (16).
+
+    controller: numerator and denominator in q of u / (r - y), with its sign (negative for a plant of negative gain).
+    Only the plant's coefficients are estimated, so nothing has to cancel afterwards. Instruments are the noise-free
+    records that the current model predicts (Gilson and Van den Hof, Automatica 41 (2005) 241): consistent for any
+    noise that does not depend on the reference, if the controller is right. Raises InputError and NotConverged.
+    """
+    where = "identify_indirect"
+    check_positive(where, Ts=Ts, tolerance=tolerance)
+    check_count(where, iterations=iterations)
+    top, bottom = transfer_function(*controller)
+    above = np.concatenate([np.zeros(bottom.size - top.size), top])
+    y, r = check_records(where, orders, outputs=outputs, references=references)
+    outward, driven = lfilter(bottom, [1.0], y), lfilter(above, [1.0], r - y)
+    solution, changes = solve(outward, driven, orders, where), []
+    for _ in range(iterations):
+        a, b = polynomials(solution.coefficients, orders)
+        forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b[0]]))
+        loop = _sum(np.convolve(bottom, a[0]), forward)
+        stable = stable_denominators(loop[None, :])[0]
+        predicted = lfilter(forward, stable, r)
+        records = (outward, driven, lfilter(bottom, [1.0], predicted), lfilter(above, [1.0], r - predicted))
+        step = _with_instruments([lfilter([1.0], stable, x) for x in records], orders, where)
+        moved = np.abs(step.coefficients - solution.coefficients).max()
+        changes.append(float(moved / np.abs(step.coefficients).max()))
+        solution = step
+        if changes[-1] <= tolerance:
+            notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
+            method = "closed loop, known controller, refined instruments"
+            return estimate_of(solution, orders, Ts, method, len(changes), notes)
+    raise NotConverged(
+        Problem(
+            where,
+            f"must settle to {tolerance:g} within {iterations} iterations",
+            f"a change of {changes[-1]:.2g}",
+            "check the controller's sign and sampling time; ask for fewer poles and zeros",
+        ),
+        residuals=tuple(changes),
+    )
+
+
+def identify_two_stage(
+    outputs: ArrayLike,
+    controls: ArrayLike,
+    references: ArrayLike,
+    orders: Orders,
+    Ts: float,
+    *,
+    loop: Orders,
+) -> Estimate:
+    """The plant in two stages, (5-2), (5-3), without knowing the controller: Van den Hof and Schrama (Automatica 29
+    (1993) 1523).
+
+    First u from r with the structure `loop` ((5-14): Orders(4, 4) for two poles and a PID); what that model predicts
+    is free of noise, and is the input of a modified least squares for y. Poles and zeros of the first stage are not
+    looked at, so near cancellations there do no harm; too few do. The plant comes out with the bias of the first
+    stage, so this is the least exact of the three. Raises InputError and NotConverged.
+    """
+    where = "identify_two_stage"
+    check_positive(where, Ts=Ts)
+    y, u, r = check_records(where, orders, outputs=outputs, controls=controls, references=references)
+    first = modified_least_squares_runs(u[0], r[0], loop, iterations=30)
+    leading = np.zeros(loop.delay)
+    stable = stable_denominators(first.denominators)[0]
+    predicted = lfilter(np.concatenate([leading, first.numerators[0]]), stable, r[0])
+    return modified_least_squares(y[0], predicted, orders, Ts)
+
+
+def _with_instruments(records: list[Array], orders: Orders, where: str) -> Solution:
+    """Z' Phi theta = Z' w with instruments Z; triangle and condition are those of the instruments, for (14)."""
+    w, v, w_free, v_free = records
+    matched = solve(w_free, v_free, orders, where)
+    columns = columns_of(w, v, orders)[0]
+    instruments = columns_of(w_free, v_free, orders)[0]
+    target = w[0, orders.first :]
+    theta = np.linalg.solve(instruments.T @ columns, instruments.T @ target)
+    errors = target - columns @ theta
+    return Solution(
+        theta[None, :], matched.triangle, np.array([errors @ errors]), target.size, matched.condition
+    )
+
+
+def _sum(a: Array, b: Array) -> Array:
+    size = max(a.size, b.size)
+    return np.pad(a, (0, size - a.size)) + np.pad(b, (0, size - b.size))
