@@ -1,6 +1,6 @@
 """The public door to saturating iron: one state of the device at given currents."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,8 +22,10 @@ from fieldmap.iron.continuation import Sources, solve_with_continuation
 from fieldmap.iron.forms.bh_law import law_tables, law_words
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.iron.galerkin import GalerkinModel, project
 from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
 from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.inside import containing_element
@@ -165,9 +167,13 @@ class NonlinearSolver:
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
 
     def solve(
-        self, currents: ArrayLike, tolerance: float = 1e-3, start: NonlinearSolution | None = None
+        self,
+        currents: ArrayLike,
+        tolerance: float = 1e-3,
+        start: "NonlinearSolution | Array | None" = None,
     ) -> NonlinearSolution:
-        """The state at currents (c,) in A, from `start` (a neighbouring state of this solver) or from zero.
+        """The state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
+        (n,)) or from zero.
 
         Where Newton's method fails, the state is approached in steps of the currents; `report.continuation` names
         them. Raises InputError for bad arguments, NotConverged with the residual history once that has failed too.
@@ -177,17 +183,18 @@ class NonlinearSolver:
             raise InputError(
                 Problem("solve, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
             )
-        field = CoilField(
-            np.einsum("c,ced->ed", values, self._unit.constant)[None], (values @ self._unit.bubble)[None]
-        )
+        field = self._coil_field(values)
         stages = Stages(self._progress)
         stages.next("Newton iteration", 0.6)
-        begin = None if start is None else start.state.potential
+        begin = start.state.potential if isinstance(start, NonlinearSolution) else start
+        begin = begin if begin is None else begin.reshape(-1, 1)
         sources = Sources(self._material, field)
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
         state, shares = solve_with_continuation(self._form, sources, residual, begin)
         stages.done()
-        report = self._report(state, {**({} if start else self._seconds), **stages.seconds}, shares)
+        report = self._report(
+            state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
+        )
         elements, material = self._form.elements, self._material
         linkage, coenergy = linkage_and_coenergy(
             elements.volume,
@@ -206,6 +213,33 @@ class NonlinearSolver:
             float(coenergy[0]),
             self.device.sections,
         )
+
+    @property
+    def surface(self) -> ChargedFaces:
+        """The charged faces, whose densities are those of the states and of the modes of `project`."""
+        return self._iron.surface
+
+    @property
+    def unknowns(self) -> int:
+        """Number of nodes."""
+        return self._form.elements.count
+
+    def project(self, basis: Array) -> GalerkinModel:
+        """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`."""
+        return project(self._form, self._material, self._unit, basis)
+
+    def charge_density(self, potential: Array) -> Array:
+        """Charge (k, s) per area of `surface`, T, for nodal potentials (n, k)."""
+        return self._form.charge_density(potential)
+
+    def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
+        """The tangent at a state, iron and air, on nodal potentials (n, k): symmetric and positive."""
+        tangent = self._form.tangent(self._material, self._coil_field(currents), potential)
+        return lambda values: tangent @ values + self._form.air(values)
+
+    def _coil_field(self, currents: Array) -> CoilField:
+        constant = np.einsum("c,ced->ed", currents, self._unit.constant)
+        return CoilField(constant[None], (currents @ self._unit.bubble)[None])
 
     def _report(
         self, state: PotentialState, seconds: dict[str, float], shares: tuple[float, ...]

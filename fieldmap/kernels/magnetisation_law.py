@@ -5,6 +5,7 @@ that starts at knot j, b = c0 t^3 + c1 t^2 + c2 t + c3 with t = h - knot[j]. Fro
 the slope of its third coefficient. h and b are both in tesla (h = mu0 H).
 """
 
+import numpy as np
 from numba import njit
 
 
@@ -24,3 +25,12 @@ def flux_density(h, law, offset, knots, coefficients):
     t = h - knots[low]
     c0, c1, c2, c3 = coefficients[low, 0], coefficients[low, 1], coefficients[low, 2], coefficients[low, 3]
     return ((c0 * t + c1) * t + c2) * t + c3, (3.0 * c0 * t + 2.0 * c1) * t + c2
+
+
+@njit(cache=True)
+def flux_densities(h, law, offset, knots, coefficients):
+    """b (n,) at h (n,) >= 0, each by its own law (n,)."""
+    out = np.empty(h.size)
+    for i in range(h.size):
+        out[i], _ = flux_density(h[i], law[i], offset, knots, coefficients)
+    return out

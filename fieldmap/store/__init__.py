@@ -7,6 +7,7 @@ from fieldmap.store.grid import Grid
 from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
 from fieldmap.store.partial import Chunk, partial_path
 from fieldmap.store.reader import read_info, read_map
+from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.store.writer import MapWriter, open_writer, write_map
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "MapInfo",
     "MapWriter",
     "Provenance",
+    "ReducedModel",
     "open_writer",
     "partial_path",
     "read_info",

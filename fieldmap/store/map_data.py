@@ -8,6 +8,7 @@ import numpy as np
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.store.grid import Array, Grid
+from fieldmap.store.reduced_model import ReducedModel
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,9 @@ class MapInfo:
     reference_current (n_coils,): the currents, A, at which the file states its fields.
     interpolation_error: largest difference found between interpolant and solver at sampled points, summed
     over the coils at their reference currents; a sample, no bound. error_bound: certified bound, or None.
+    reduced_model: where iron saturates, what turns currents into the weights of the iron's fields; None where the
+    field is linear in the currents. current_error: largest difference between that model and the solver on
+    states that were not used to train it.
     """
 
     grid: Grid
@@ -54,6 +58,8 @@ class MapInfo:
     provenance: Provenance = field(default_factory=Provenance)
     interpolation_error: FieldError | None = None
     error_bound: FieldError | None = None
+    reduced_model: ReducedModel | None = None
+    current_error: FieldError | None = None
 
     def __post_init__(self) -> None:
         current = np.array(self.reference_current, dtype=np.float64)
@@ -65,16 +71,38 @@ class MapInfo:
             )
         if not good:
             raise InputError(_problem("reference_current", f"{n} positive currents, A", str(current)))
+        if self.reduced_model is not None and len(self.reduced_model.lower) != n:
+            received = f"a model of {len(self.reduced_model.lower)} coils"
+            raise InputError(_problem("reduced_model", f"one for {n} coils", received))
         current.flags.writeable = False
         object.__setattr__(self, "reference_current", current)
+
+    @property
+    def field_names(self) -> tuple[str, ...]:
+        """Names of the fields that the map holds: the coils, then those of saturating iron."""
+        count = 0 if self.reduced_model is None else self.reduced_model.field_count
+        return (*self.coil_names, *(f"iron mode {k + 1}" for k in range(count)))
+
+    @property
+    def field_scale(self) -> Array:
+        """What every field is multiplied by in the file: reference currents in A, and 1 for those of the iron."""
+        return np.append(self.reference_current, np.ones(len(self.field_names) - len(self.coil_names)))
+
+    @property
+    def reference_weights(self) -> Array:
+        """Weights of the stored fields in their sum at the reference currents."""
+        ones = np.ones(len(self.coil_names))
+        return ones if self.reduced_model is None else np.append(ones, self.reduced_model.reference_weights)
 
 
 @dataclass(frozen=True, eq=False)
 class MapData(MapInfo):
     """A map: unit fields of every coil on a grid.
 
-    flux_density (n_coils, nx, ny, nz, 3) in T/A and gradient (n_coils, nx, ny, nz, 3, 3) in T/(m A), per
-    ampere of coil current; gradient[..., i, j] = dB_i/dx_j. Raises InputError if a shape does not fit.
+    flux_density (n_fields, nx, ny, nz, 3) in T/A and gradient (n_fields, nx, ny, nz, 3, 3) in T/(m A), per
+    ampere of coil current; gradient[..., i, j] = dB_i/dx_j. The fields are those of the coils, iron included; with
+    a reduced model those of the coils without iron, then the iron's in T and T/m at weight 1. Raises InputError
+    if a shape does not fit.
     """
 
     flux_density: Array = field(default_factory=lambda: np.empty(0))
@@ -84,7 +112,7 @@ class MapData(MapInfo):
         super().__post_init__()
         for name, tail in (("flux_density", (3,)), ("gradient", (3, 3))):
             values = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
-            wanted = (len(self.coil_names), *self.grid.shape, *tail)
+            wanted = (len(self.field_names), *self.grid.shape, *tail)
             if values.shape != wanted:
                 raise InputError(_problem(name, f"shape {wanted}", f"shape {values.shape}"))
             object.__setattr__(self, name, values)

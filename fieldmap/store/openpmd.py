@@ -26,20 +26,25 @@ def create_skeleton(file: h5py.File, info: MapInfo, planes: int) -> None:
     _write_root(file, info)
     iteration = file.create_group("/data/0")
     iteration.attrs.update(time=np.float64(0), dt=np.float64(0), timeUnitSI=np.float64(1))
-    _create_record(
-        file, "B", VECTOR, TESLA, info.grid, planes, "sum over all coils at their reference currents"
-    )
+    _create_record(file, "B", VECTOR, TESLA, info.grid, planes, "total, every coil at its reference current")
     file[f"{MESHES}/B"].attrs["referenceCurrent"] = info.reference_current
-    records = record_names(info.coil_names)
-    for name, record, current in zip(info.coil_names, records, info.reference_current, strict=True):
-        of = f'coil "{name}" alone at {current:g} A'
+    records = record_names(info.field_names)
+    for name, record, scale in zip(info.field_names, records, info.field_scale, strict=True):
+        of = _source(info, name, scale)
         _create_record(file, f"B_{record}", VECTOR, TESLA, info.grid, planes, f"flux density of {of}")
         comment = f"gradient of the flux density of {of}; component xy is dB_x/dy"
         _create_record(file, f"gradB_{record}", TENSOR, TESLA_PER_METRE, info.grid, planes, comment)
         for path in (f"{MESHES}/B_{record}", f"{MESHES}/gradB_{record}"):
-            file[path].attrs.update(coilName=fixed(name), referenceCurrent=np.float64(current))
+            file[path].attrs.update(coilName=fixed(name), referenceCurrent=np.float64(scale))
     for number, record in enumerate(records, start=1):
         _link_external_field(file, number, record, info.grid)
+
+
+def _source(info: MapInfo, name: str, scale: float) -> str:
+    if name not in info.coil_names:
+        return f"saturating iron, {name} at weight 1"
+    without = "" if info.reduced_model is None else ", without iron"
+    return f'coil "{name}" alone at {scale:g} A{without}'
 
 
 def fixed(text: str) -> np.bytes_:

@@ -17,6 +17,7 @@ from fieldmap.store.map_data import MapInfo
 from fieldmap.store.names import FORMAT_VERSION, OWN, component_paths, record_names
 from fieldmap.store.openpmd import create_skeleton
 from fieldmap.store.record import header_of, read_text, to_json, write_text
+from fieldmap.store.reduced_model_file import write_reduced_model
 
 # Nodes per chunk: few enough that a killed run loses little, enough that a solver works on many at once.
 NODES_PER_CHUNK = 1000
@@ -69,6 +70,7 @@ def begin(partial: Path, info: MapInfo) -> h5py.File:
         write_text(file, "header", to_json(header_of(info, planes_per_chunk(info.grid))))
         write_text(file, "recipe", info.provenance.recipe_text)
         write_text(file, "device", info.provenance.device_text)
+        write_reduced_model(file, info.reduced_model)
         completion = own.create_group("completion")
         completion.attrs["complete"] = np.uint8(0)
         completion["chunks"] = np.zeros(len(chunks_of(info.grid)), dtype=np.uint8)
@@ -122,7 +124,7 @@ def _unflag_damaged(file: h5py.File, info: MapInfo) -> int:
     """Unflag every chunk of which a number cannot be read back or is not finite; how many."""
     flags = file[f"{OWN}/completion/chunks"]
     flagged = flags[()]
-    records = [component_paths(record) for record in record_names(info.coil_names)]
+    records = [component_paths(record) for record in record_names(info.field_names)]
     paths = [path for record in records for group in record.values() for path in group]
     damaged = [c for c in chunks_of(info.grid) if flagged[c.number] and not _sound(file, paths, c)]
     for chunk in damaged:

@@ -16,6 +16,7 @@ from fieldmap.store.map_data import MapData, MapInfo
 from fieldmap.store.names import FORMAT_VERSION, OWN, component_paths
 from fieldmap.store.partial import UNREADABLE
 from fieldmap.store.record import info_from, read_text, sha256
+from fieldmap.store.reduced_model_file import REDUCED_MODEL, read_reduced_model
 
 REMAKE = "make the map again: fieldmap map RECIPE"
 
@@ -86,19 +87,22 @@ def _header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
     for name in ("recipe", "device"):
         if header[f"{name}_sha256"] != sha256(texts[name]):
             raise _Refused(f"the {name} it was made from", f"a {name} text with another hash", REMAKE)
-    info = info_from(header, json.loads(texts["report"]), texts["recipe"], texts["device"])
+    model = read_reduced_model(_at(file, REDUCED_MODEL)) if REDUCED_MODEL.strip("/") in file else None
+    info = info_from(header, json.loads(texts["report"]), texts["recipe"], texts["device"], model)
+    if len(header["record_names"]) != len(info.field_names):
+        raise _Refused("one record for every field", f"{len(header['record_names'])} records", REMAKE)
     return info, tuple(header["record_names"])
 
 
 def _components(file: h5py.File, paths: list[list[str]], info: MapInfo, tail: tuple[int, ...]) -> Array:
-    """(n_coils, nx, ny, nz, *tail) per ampere."""
+    """(n_fields, nx, ny, nz, *tail) per ampere, or at weight 1."""
     n_components = int(np.prod(tail))
     values = np.empty((len(paths), *info.grid.shape, n_components))
-    for coil, (components, current) in enumerate(zip(paths, info.reference_current, strict=True)):
+    for number, (components, scale) in enumerate(zip(paths, info.field_scale, strict=True)):
         _check_record(_at(file, components[0].rpartition("/")[0]), info.grid)
         for c, path in enumerate(components):
-            values[coil, ..., c] = _numbers(file, path, info.grid)
-        values[coil] /= current
+            values[number, ..., c] = _numbers(file, path, info.grid)
+        values[number] /= scale
     return values.reshape(len(paths), *info.grid.shape, *tail)
 
 

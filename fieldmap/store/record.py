@@ -11,6 +11,7 @@ import numpy as np
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_data import FieldError, MapInfo, Provenance
 from fieldmap.store.names import FORMAT_VERSION, OWN, record_names
+from fieldmap.store.reduced_model import ReducedModel
 
 _EMPTY = b"\n"  # HDF5 knows no string of length 0
 
@@ -55,7 +56,7 @@ def header_of(info: MapInfo, planes: int) -> dict[str, Any]:
         "device_sha256": sha256(source.device_text),
         "versions": dict(source.versions),
         "coil_names": list(info.coil_names),
-        "record_names": list(record_names(info.coil_names)),
+        "record_names": list(record_names(info.field_names)),
         "reference_current_A": info.reference_current.tolist(),
         "lower_m": info.grid.lower.tolist(),
         "spacing_m": info.grid.spacing.tolist(),
@@ -71,10 +72,17 @@ def report_of(info: MapInfo) -> dict[str, Any]:
         "assumptions": list(info.provenance.assumptions),
         "interpolation_error": _error_keys(info.interpolation_error),
         "error_bound": _error_keys(info.error_bound),
+        "current_error": _error_keys(info.current_error),
     }
 
 
-def info_from(header: Mapping[str, Any], report: Mapping[str, Any], recipe: str, device: str) -> MapInfo:
+def info_from(
+    header: Mapping[str, Any],
+    report: Mapping[str, Any],
+    recipe: str,
+    device: str,
+    reduced_model: ReducedModel | None,
+) -> MapInfo:
     """The map's description from its header, report and source texts; KeyError or TypeError if ill-formed."""
     provenance = Provenance(
         title=header["title"],
@@ -94,6 +102,8 @@ def info_from(header: Mapping[str, Any], report: Mapping[str, Any], recipe: str,
         provenance=provenance,
         interpolation_error=_error_from(report["interpolation_error"]),
         error_bound=_error_from(report["error_bound"]),
+        reduced_model=reduced_model,
+        current_error=_error_from(report.get("current_error")),
     )
 
 

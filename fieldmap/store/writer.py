@@ -45,7 +45,7 @@ class MapWriter:
         self.info = info
         self.note = note
         self.chunks = chunks_of(info.grid)
-        self._paths = [component_paths(record) for record in record_names(info.coil_names)]
+        self._paths = [component_paths(record) for record in record_names(info.field_names)]
         self.resumed = len(self.chunks) - len(self.missing)
 
     def __enter__(self) -> "MapWriter":
@@ -73,7 +73,7 @@ class MapWriter:
         return tuple(chunk for chunk in self.chunks if not done[chunk.number])
 
     def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-        """Store a chunk: (n_coils, planes, ny, nz, 3) in T/A and (n_coils, planes, ny, nz, 3, 3) in T/(m A).
+        """Store a chunk: (n_fields, planes, ny, nz, 3) in T/A and (n_fields, planes, ny, nz, 3, 3) in T/(m A).
 
         Raises FieldmapError if a number is not finite or the disk is full.
         """
@@ -81,11 +81,10 @@ class MapWriter:
             raise FieldmapError(_not_finite(self._target, chunk))
         tensor = gradient.reshape(*gradient.shape[:-2], 9)
         with disk_errors(self._target):
-            for coil, paths in enumerate(self._paths):
-                current = self.info.reference_current[coil]
+            for number, (paths, scale) in enumerate(zip(self._paths, self.info.field_scale, strict=True)):
                 for values, where in ((flux_density, paths["flux_density"]), (tensor, paths["gradient"])):
                     for c, path in enumerate(where):
-                        self._file[path][chunk.first : chunk.last] = values[coil, ..., c] * current
+                        self._file[path][chunk.first : chunk.last] = values[number, ..., c] * scale
             to_disk(self._file)
             self._file[f"{OWN}/completion/chunks"][chunk.number] = 1
             to_disk(self._file)
@@ -119,10 +118,10 @@ class MapWriter:
         """What `write` stored for a chunk, per ampere."""
         flux: list[Array] = []
         tensor: list[Array] = []
-        for paths, current in zip(self._paths, self.info.reference_current, strict=True):
+        for paths, scale in zip(self._paths, self.info.field_scale, strict=True):
             for values, where in ((flux, paths["flux_density"]), (tensor, paths["gradient"])):
                 parts = [self._file[path][chunk.first : chunk.last] for path in where]
-                values.append(np.stack(parts, axis=-1) / current)
+                values.append(np.stack(parts, axis=-1) / scale)
         gradient = np.array(tensor)
         return np.array(flux), gradient.reshape(*gradient.shape[:-1], 3, 3)
 
@@ -136,13 +135,13 @@ class MapWriter:
         """Complete the file and move it to its name. All chunks must be written. Returns the path."""
         if self.missing:
             raise ValueError(f"finish: {len(self.missing)} of {len(self.chunks)} chunks are not written yet")
-        info = MapInfo(
-            self.info.grid,
-            self.info.coil_names,
-            self.info.reference_current,
-            replace(self.info.provenance, solver_report=solver_report, assumptions=assumptions),
-            interpolation_error,
-            error_bound,
+        info = replace(
+            self.info,
+            provenance=replace(
+                self.info.provenance, solver_report=solver_report, assumptions=tuple(assumptions)
+            ),
+            interpolation_error=interpolation_error,
+            error_bound=error_bound,
         )
         with disk_errors(self._target):
             self._write_total()
@@ -159,11 +158,12 @@ class MapWriter:
         return self._target
 
     def _write_total(self) -> None:
+        weighted = list(zip(record_names(self.info.field_names), self.info.reference_weights, strict=True))
         for chunk in self.chunks:
             for c in VECTOR:
                 total = np.zeros((chunk.last - chunk.first, *self.info.grid.shape[1:]))
-                for record in record_names(self.info.coil_names):
-                    total += self._file[f"{MESHES}/B_{record}/{c}"][chunk.first : chunk.last]
+                for record, weight in weighted:
+                    total += weight * self._file[f"{MESHES}/B_{record}/{c}"][chunk.first : chunk.last]
                 self._file[f"{MESHES}/B/{c}"][chunk.first : chunk.last] = total
 
 

@@ -24,6 +24,7 @@ from fieldmap.device.model import (
     Material,
     SaturatingMaterial,
 )
+from fieldmap.kernels.magnetisation_law import flux_densities
 
 Array = NDArray[np.float64]
 Pieces = tuple[Array, Array]
@@ -49,6 +50,10 @@ class LawTables:
     def arrays(self) -> tuple[NDArray[np.int64], Array, Array]:
         """The tables in the order in which the kernels take them."""
         return self.offset, self.knots, self.coefficients
+
+    def flux_density(self, h: Array, law: NDArray[np.int64]) -> Array:
+        """b (n,) at h (n,) >= 0 for the laws (n,)."""
+        return flux_densities(h, law, *self.arrays)
 
 
 def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawTables:

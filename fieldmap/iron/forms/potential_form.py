@@ -146,6 +146,18 @@ class ConvexForm(Generic[E]):
 
         return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
 
+    def air(self, potential: Array) -> Array:
+        """S phi (n, c) for potentials (n, c), see `fieldmap.iron.operators.exterior`."""
+        return self._exterior.apply(potential)
+
+    def tangent(self, material: Magnetisation, field: Any, potential: Array) -> csr_matrix:
+        """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
+        return self._tangent(potential, field, 0, material)
+
+    def charge_density(self, potential: Array) -> Array:
+        """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
+        return np.ascontiguousarray((self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
+
     def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
         def operator(x: Array) -> Array:
             return factor.solve(stiffness @ x + self._exterior.apply(x, _COARSE))
@@ -195,12 +207,10 @@ class ConvexForm(Generic[E]):
     def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
         columns = range(potential.shape[1])
         fields = [self.elements.mean_fields(potential[:, c], field, c, material) for c in columns]
-        density = (self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T
+        density = self.charge_density(potential)
         mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
         inside = self._inside(potential, field, material)
-        state = IronState(
-            self.iron.surface, np.ascontiguousarray(density), mean, len(residuals), residuals, inside
-        )
+        state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside)
         return PotentialState(potential, largest, state)
 
 

@@ -1,0 +1,84 @@
+"""Saturating iron on few modes, as data: what a map needs to turn currents into weights of its fields."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.errors import InputError, Problem
+
+Array = NDArray[np.float64]
+_INTEGER = ("law", "law_offset")
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedModel:
+    """r amplitudes, p sample points, c coils, k fields of the iron; see docs/theory/current_dependence.md.
+
+    gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
+    points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
+    `fieldmap.kernels.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.reduced_iron`; output
+    (k, r): weights of the map's iron fields per amplitude; start (r,): amplitudes in the middle of the domain; lower
+    and upper (c,): the domain of the currents, A; reference_weights (k,): of the iron fields at the map's reference
+    currents. Raises InputError where shapes do not fit together or numbers are not finite.
+    """
+
+    gradients: Array
+    source: Array
+    weights: Array
+    law: NDArray[np.int64]
+    law_offset: NDArray[np.int64]
+    law_knots: Array
+    law_coefficients: Array
+    air: Array
+    constant: Array
+    output: Array
+    start: Array
+    lower: Array
+    upper: Array
+    reference_weights: Array
+
+    def __post_init__(self) -> None:
+        p, r, c, k = len(self.weights), len(self.start), len(self.lower), len(self.output)
+        laws, knots = len(self.law_offset) - 1, len(self.law_knots)
+        wanted = {
+            "gradients": (3 * p, r),
+            "source": (3 * p, c),
+            "law": (p,),
+            "law_coefficients": (knots, 4),
+            "air": (r, r),
+            "constant": (r,),
+            "output": (k, r),
+            "upper": (c,),
+            "reference_weights": (k,),
+        }
+        for field in fields(self):
+            kind = np.int64 if field.name in _INTEGER else np.float64
+            values = np.array(getattr(self, field.name), dtype=kind)
+            if values.shape != wanted.get(field.name, values.shape):
+                raise _broken(field.name, f"shape {wanted[field.name]}", f"shape {values.shape}")
+            if not np.isfinite(values).all():
+                raise _broken(field.name, "finite numbers", "NaN or infinity")
+            values.flags.writeable = False
+            object.__setattr__(self, field.name, values)
+        offset = self.law_offset
+        if laws < 1 or offset[0] != 0 or offset[-1] != knots or (np.diff(offset) < 1).any():
+            raise _broken("law_offset", "rising from 0 to the number of knots", str(offset.tolist()))
+        if p and (self.law.min() < 0 or self.law.max() >= laws):
+            raise _broken("law", f"numbers of {laws} laws", f"{self.law.min()} to {self.law.max()}")
+        if (self.weights <= 0).any():
+            raise _broken("weights", "positive", f"{self.weights.min():g}")
+
+    @property
+    def field_count(self) -> int:
+        """Number of iron fields."""
+        return len(self.output)
+
+    @property
+    def laws(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """The tables of the laws in the order in which kernels take them."""
+        return self.law_offset, self.law_knots, self.law_coefficients
+
+
+def _broken(name: str, must_hold: str, received: str) -> InputError:
+    return InputError(Problem(f"reduced model, {name}", must_hold, received, "make the map again"))

@@ -1,0 +1,80 @@
+"""A file that keeps solved states while a model is trained, one after the other; it survives a kill at any moment."""
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.store.partial import UNREADABLE, disk_errors, to_disk
+
+Array = NDArray[np.float64]
+
+
+class StateArchive:
+    """States (currents (c,), values (n,) or a reason why there are none), numbered, under one fingerprint.
+
+    A file with another fingerprint, or a damaged one, is begun anew.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], fingerprint: str) -> None:
+        self.path = Path(path)
+        self._file = self._reopen(fingerprint) or self._begin(fingerprint)
+
+    def __enter__(self) -> "StateArchive":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def remove(self) -> None:
+        """Close and delete the file: what it was kept for is done."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
+
+    def get(self, number: int, currents: Array) -> Array | str | None:
+        """The values (n,) kept for these currents, the reason why there are none, or None if it was never tried."""
+        try:
+            group = self._file[f"{number:05d}"]
+            if group.attrs["complete"] != 1 or not np.array_equal(group["currents"][()], currents):
+                return None
+            return str(group.attrs["failed"]) if "failed" in group.attrs else group["values"][()]
+        except UNREADABLE:
+            return None
+
+    def put(self, number: int, currents: Array, values: Array | str) -> None:
+        """Keep a state, or the reason why it could not be solved. Raises FieldmapError if the disk is full."""
+        name = f"{number:05d}"
+        with disk_errors(self.path):
+            if name in self._file:
+                del self._file[name]
+            group = self._file.create_group(name)
+            group.create_dataset("currents", data=currents, fletcher32=True)
+            if isinstance(values, str):
+                group.attrs["failed"] = values
+            else:
+                group.create_dataset("values", data=values, fletcher32=True)
+            to_disk(self._file)
+            group.attrs["complete"] = np.uint8(1)
+            to_disk(self._file)
+
+    def _reopen(self, fingerprint: str) -> h5py.File | None:
+        if not self.path.is_file():
+            return None
+        try:
+            file = h5py.File(self.path, "r+")
+        except UNREADABLE:
+            return None
+        if file.attrs.get("fingerprint") == fingerprint:
+            return file
+        file.close()
+        return None
+
+    def _begin(self, fingerprint: str) -> h5py.File:
+        with disk_errors(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            file = h5py.File(self.path, "w")
+            file.attrs["fingerprint"] = fingerprint
+            to_disk(file)
+        return file
