@@ -1,28 +1,30 @@
 """From a recipe to a map file: check, solve, evaluate part by part, measure the interpolant, finish."""
 
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmap.device.model import Device, PermanentMagnet
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
 from fieldmap.maps.fingerprint import fingerprint, library_versions
-from fieldmap.maps.interpolation import interpolation_error
+from fieldmap.maps.interpolation import UnitFields, interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
-from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
+from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_device
+from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
 from fieldmap.store import MapInfo, MapWriter, Provenance, open_writer, read_info
 
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
 # Shares of the whole at which a step begins.
-SOLVE, EVALUATE, MEASURE = 0.03, 0.6, 0.97
+SOLVE, EVALUATE, TRAINED, MEASURE = 0.03, 0.6, 0.9, 0.97
 
 
 def generate(
@@ -60,20 +62,60 @@ def generate(
     if resume and _is_done(target, info):
         say("complete already", 1.0)
         return target
-    with open_writer(target, info, resume) as writer:
-        if writer.note or writer.resumed:
-            say(writer.note or f"resumed with {writer.resumed} of {len(writer.chunks)} parts", SOLVE)
-        _fill(writer, placed, order, say)
+    if order.currents is None:
+        _generate_linear(order, placed, info, target, resume, say)
+    else:
+        _generate_saturating(order, order.currents, placed, info, target, resume, say)
     say("complete", 1.0)
     return target
 
 
-def _fill(writer: MapWriter, device: Device, recipe: Recipe, say: Progress) -> None:
-    """All the long work."""
-    solution = _solution(device, recipe, writer, say)
+def _generate_linear(
+    recipe: Recipe, device: Device, info: MapInfo, target: Path, resume: bool, say: Progress
+) -> None:
+    with open_writer(target, info, resume) as writer:
+        _say_resumed(writer, say)
+        _fill(writer, _solution(device, recipe, writer, say), {}, say)
+
+
+def _generate_saturating(
+    recipe: Recipe,
+    plan: CurrentPlan,
+    device: Device,
+    info: MapInfo,
+    target: Path,
+    resume: bool,
+    say: Progress,
+) -> None:
+    if not resume:
+        archive_path(target).unlink(missing_ok=True)
+    lower, upper = _domain(recipe, plan, len(device.coils))
+    trained = trained_map(
+        device,
+        replace(plan, lower=lower, upper=upper),
+        info.reference_current,
+        info.grid,
+        target,
+        info.provenance.fingerprint,
+        lambda message, share: say(message, SOLVE + share * (TRAINED - SOLVE)),
+    )
+    info = replace(info, reduced_model=trained.model, current_error=trained.error)
+    with open_writer(target, info, resume) as writer:
+        _say_resumed(writer, say)
+        _fill(writer, trained.fields, trained.about, say)
+    archive_path(target).unlink(missing_ok=True)
+
+
+def _say_resumed(writer: MapWriter, say: Progress) -> None:
+    if writer.note or writer.resumed:
+        say(writer.note or f"resumed with {writer.resumed} of {len(writer.chunks)} parts", EVALUATE)
+
+
+def _fill(writer: MapWriter, solution: UnitFields, about: Mapping[str, Any], say: Progress) -> None:
+    """Fields at the nodes, and the rest of the file."""
     _evaluate(solution, writer, say)
     say("measuring the interpolant against the solver", MEASURE)
-    _finish(solution, writer)
+    _finish(solution, about, writer)
 
 
 def _describe(recipe: Recipe, device: Device) -> MapInfo:
@@ -90,7 +132,7 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
     return MapInfo(
         grid=choose_grid(recipe, device),
         coil_names=device.coil_names,
-        reference_current=np.full(len(device.coils), recipe.reference_current),
+        reference_current=_reference_current(recipe, device),
         provenance=Provenance(
             title=recipe.title,
             device_name=device.name,
@@ -101,6 +143,34 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
         ),
     )
+
+
+def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
+    """As the recipe says; else 1 A, or the middle of the domain of the currents, at least a tenth of its range."""
+    count = len(device.coils)
+    if recipe.currents is None:
+        return np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
+    lower, upper = _domain(recipe, recipe.currents, count)
+    if recipe.reference_current is None:
+        return np.maximum(0.5 * (lower + upper), 0.1 * (upper - lower))
+    given = np.full(count, recipe.reference_current)
+    if ((given < lower) | (given > upper)).any():
+        raise recipe.error(
+            "output.reference_current_A",
+            "must lie within [currents]",
+            f"{recipe.reference_current:g}",
+            "choose a current that the map holds for, or leave it out",
+        )
+    return given
+
+
+def _domain(recipe: Recipe, plan: CurrentPlan, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper currents (n_coils,) of the map."""
+    for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):
+        if values.size not in (1, count):
+            must_hold = f"one current for all coils, or one for each of the {count} coils"
+            raise recipe.error(f"currents.{key}", must_hold, f"{values.size} currents", "correct the list")
+    return np.broadcast_to(plan.lower, count).copy(), np.broadcast_to(plan.upper, count).copy()
 
 
 def _target(recipe: Recipe, output: str | PathLike[str] | None) -> Path:
@@ -146,7 +216,7 @@ def _solution(device: Device, recipe: Recipe, writer: MapWriter, say: Progress) 
     return from_arrays(device, arrays, about)
 
 
-def _evaluate(solution: LinearSolution, writer: MapWriter, say: Progress) -> None:
+def _evaluate(solution: UnitFields, writer: MapWriter, say: Progress) -> None:
     total = len(writer.chunks)
     _, ny, nz = writer.info.grid.shape
     for chunk in writer.missing:
@@ -159,13 +229,11 @@ def _evaluate(solution: LinearSolution, writer: MapWriter, say: Progress) -> Non
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
 
 
-def _finish(solution: LinearSolution, writer: MapWriter) -> None:
+def _finish(solution: UnitFields, about: Mapping[str, Any], writer: MapWriter) -> None:
     parts = [writer.read(chunk) for chunk in writer.chunks]
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
-    error = interpolation_error(
-        writer.info.grid, flux, gradient, solution, np.array(writer.info.reference_current)
-    )
-    report: dict[str, Any] = asdict(solution.report)
+    error = interpolation_error(writer.info.grid, flux, gradient, solution, np.array(writer.info.field_scale))
+    report: dict[str, Any] = asdict(solution.report) | dict(about)
     assumptions = tuple(report.pop("assumptions"))
     writer.finish(report, assumptions, error)
 

@@ -1,16 +1,30 @@
 """How far the interpolant of a map lies from the solver between the nodes: measured where it is worst."""
 
 import itertools
+from typing import Protocol
 
 import numpy as np
 
-from fieldmap.iron import LinearSolution
+from fieldmap.iron import SolverReport
 from fieldmap.kernels import hermite
 from fieldmap.store import FieldError, Grid
 from fieldmap.store.grid import Array
 
 RANDOM_POINTS = 200
 SEED = 20240229
+
+
+class UnitFields(Protocol):
+    """What a map is evaluated from."""
+
+    @property
+    def report(self) -> SolverReport:
+        """Of the solver."""
+        ...
+
+    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3), per ampere or at weight 1."""
+        ...
 
 
 def sample_points(grid: Grid) -> Array:
@@ -28,12 +42,13 @@ def sample_points(grid: Grid) -> Array:
 
 
 def interpolation_error(
-    grid: Grid, flux_density: Array, gradient: Array, solution: LinearSolution, reference_current: Array
+    grid: Grid, flux_density: Array, gradient: Array, solution: UnitFields, scale: Array
 ) -> FieldError:
     """Largest difference between interpolant and solver over the sample points.
 
-    flux_density (n_coils, nx, ny, nz, 3) and gradient (.., 3, 3) per ampere at the nodes. The norm of each
-    coil's difference at its reference current is summed over the coils, so the figure holds at the sampled
+    flux_density (n_fields, nx, ny, nz, 3) and gradient (.., 3, 3) per ampere at the nodes. The norm of each
+    field's difference times its `scale` (n_fields,), a coil's reference current, is summed over the fields, so the
+    figure holds at the sampled
     points for any currents up to these, whatever their signs. A sample, not a bound.
     """
     points = sample_points(grid)
@@ -41,7 +56,7 @@ def interpolation_error(
     flux, slope = _interpolate(grid, flux_density, gradient, points)
     of_flux = np.linalg.norm(flux - exact, axis=2)
     of_slope = np.linalg.norm(slope - exact_slope, axis=(2, 3))
-    return FieldError(float((reference_current @ of_flux).max()), float((reference_current @ of_slope).max()))
+    return FieldError(float((scale @ of_flux).max()), float((scale @ of_slope).max()))
 
 
 def _interpolate(grid: Grid, flux_density: Array, gradient: Array, points: Array) -> tuple[Array, Array]:

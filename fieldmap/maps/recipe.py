@@ -16,6 +16,7 @@ from fieldmap.device.findings import Finding, closest, one_of, shown
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import Problem, RecipeError
+from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.schema import RecipeFile
 from fieldmap.shipped import shipped_file, shipped_names
 
@@ -24,12 +25,25 @@ MILLI = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class CurrentPlan:
+    """Saturating iron: the domain of the currents, lower and upper (n_coils,) in A or one number for all, and how
+    the reduced model is trained."""
+
+    lower: Array
+    upper: Array
+    refinement: float
+    training: Plan
+
+
+@dataclass(frozen=True, eq=False)
 class Recipe:
     """What map to make, in SI.
 
     device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper (3,) in m, or
     None for the device's workspace. mu_r: None for the initial slope of the device's B-H table. refinement:
-    divides the device's mesh sizes. file_name: of the map. path and text: the file as read.
+    divides the device's mesh sizes. reference_current: A, or None for the usual one.
+    file_name: of the map. path and text: the file as read. currents: the domain and the training where the iron
+    saturates, None where it is linear.
     """
 
     path: Path
@@ -42,8 +56,9 @@ class Recipe:
     mu_r: float | None
     tolerance: float
     refinement: float
-    reference_current: float
+    reference_current: float | None
     file_name: str
+    currents: CurrentPlan | None = None
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> RecipeError:
         """An error at a key of the file."""
@@ -82,6 +97,20 @@ def read_recipe(path_or_name: str | Path) -> Recipe:
         refinement=iron.refinement,
         reference_current=output.reference_current_A,
         file_name=output.file or f"{path.stem}.h5",
+        currents=_current_plan(contents),
+    )
+
+
+def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
+    keys, iron = contents.currents, contents.iron
+    if keys is None:
+        return None
+    training = Plan(keys.states, keys.modes, keys.points, keys.fields, keys.held_out, iron.tolerance)
+    return CurrentPlan(
+        np.atleast_1d(np.array(keys.lower_A, float)),
+        np.atleast_1d(np.array(keys.upper_A, float)),
+        iron.refinement,
+        training,
     )
 
 

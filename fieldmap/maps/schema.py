@@ -3,12 +3,14 @@
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from fieldmap.device.findings import shown
 from fieldmap.device.schema.base import LARGEST_LENGTH_MM, Point, Positive, Table, Text, broken
 
 FORMAT = 1
+LARGEST_CURRENT_A = 1e6
 
 
 def _known_format(value: Any) -> Any:
@@ -45,6 +47,15 @@ def _map_file_name(value: Any) -> Any:
     return value
 
 
+def _amperes(value: Any) -> Any:
+    """One current, or one per coil."""
+    numbers = value if isinstance(value, list) else [value]
+    if not numbers or not all(_is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers):
+        must_hold = f"a current in A of at most {LARGEST_CURRENT_A:g}, or a list of one per coil"
+        raise broken(must_hold, shown(value), "write for example lower_A = 1.0")
+    return value
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
@@ -72,7 +83,9 @@ class BoxKeys(Table):
 class IronKeys(Table):
     """How the iron is modelled."""
 
-    model: Literal["linear"] = Field(default="linear", description="law of the iron")
+    model: Literal["linear", "saturating"] = Field(
+        default="linear", description="constant permeability, or the B-H law of the device's materials"
+    )
     mu_r: Annotated[str | float | int, BeforeValidator(_permeability)] = Field(
         default="initial", description='relative permeability, or "initial"'
     )
@@ -82,14 +95,50 @@ class IronKeys(Table):
     )
 
 
+class CurrentKeys(Table):
+    """The currents that a map of saturating iron holds for, and how its reduced model is trained."""
+
+    lower_A: Annotated[float | int | list[float], BeforeValidator(_amperes)] = Field(
+        description="smallest current, one number for all coils or one for each"
+    )
+    upper_A: Annotated[float | int | list[float], BeforeValidator(_amperes)] = Field(
+        description="largest current, one number for all coils or one for each"
+    )
+    states: Annotated[int, Field(ge=4, le=4096)] = Field(default=64, description="states solved to train it")
+    modes: Annotated[int, Field(ge=2, le=200)] = Field(default=60, description="most amplitudes of the iron")
+    points: Annotated[int, Field(ge=20, le=5000)] = Field(
+        default=800, description="about how many points of the iron at which the law is evaluated"
+    )
+    fields: Annotated[int, Field(ge=1, le=100)] = Field(
+        default=20, description="most fields of the iron in the map"
+    )
+    held_out: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=12, description="states solved to measure the error, among them corners of the domain"
+    )
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> "CurrentKeys":
+        lower, upper = np.atleast_1d(self.lower_A), np.atleast_1d(self.upper_A)
+        if lower.size != upper.size and 1 not in (lower.size, upper.size):
+            received = f"{lower.size} and {upper.size} numbers"
+            raise broken("lower_A and upper_A must name the same coils", received, "give as many of each")
+        if not (lower < upper).all():
+            received = f"lower_A = {self.lower_A} with upper_A = {self.upper_A}"
+            raise broken(
+                "every current must have a range: lower_A below upper_A", received, "correct the numbers"
+            )
+        return self
+
+
 class OutputKeys(Table):
     """What is written."""
 
     file: Annotated[str | None, BeforeValidator(_map_file_name)] = Field(
         default=None, description="name of the map file"
     )
-    reference_current_A: Positive = Field(
-        default=1.0, description="coil current at which the file states its fields"
+    reference_current_A: Positive | None = Field(
+        default=None,
+        description="coil current at which the file states its fields; 1 A, or the middle of [currents]",
     )
 
 
@@ -104,4 +153,24 @@ class RecipeFile(Table):
     )
     box: BoxKeys | None = Field(default=None, description="the box; the device's workspace if left out")
     iron: IronKeys = Field(default=IronKeys(), description="how the iron is modelled")
+    currents: CurrentKeys | None = Field(
+        default=None, description="domain of the currents, where the iron saturates"
+    )
     output: OutputKeys = Field(default=OutputKeys(), description="what is written")
+
+    @model_validator(mode="after")
+    def _currents_where_iron_saturates(self) -> "RecipeFile":
+        saturating = self.iron.model == "saturating"
+        if saturating and self.currents is None:
+            raise broken(
+                "a map of saturating iron must state the currents that it is for",
+                'iron.model = "saturating" without [currents]',
+                "add [currents] with lower_A and upper_A",
+            )
+        if not saturating and self.currents is not None:
+            raise broken(
+                "[currents] belongs to saturating iron: with linear iron a map holds for all currents",
+                f'iron.model = "{self.iron.model}"',
+                'write iron.model = "saturating", or leave [currents] out',
+            )
+        return self

@@ -8,6 +8,7 @@ from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
 from fieldmap.store.partial import Chunk, partial_path
 from fieldmap.store.reader import read_info, read_map
 from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.store.states import StateArchive
 from fieldmap.store.writer import MapWriter, open_writer, write_map
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "MapWriter",
     "Provenance",
     "ReducedModel",
+    "StateArchive",
     "open_writer",
     "partial_path",
     "read_info",

@@ -18,9 +18,10 @@ class ReducedModel:
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
     points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
     `fieldmap.kernels.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.reduced_iron`; output
-    (k, r): weights of the map's iron fields per amplitude; start (r,): amplitudes in the middle of the domain; lower
-    and upper (c,): the domain of the currents, A; reference_weights (k,): of the iron fields at the map's reference
-    currents. Raises InputError where shapes do not fit together or numbers are not finite.
+    (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of the
+    states that trained it, from the nearest of which Newton's method starts; lower and upper (c,): the domain of the
+    currents, A; reference_weights (k,): of the iron fields at the map's reference currents. Raises InputError where
+    shapes do not fit together or numbers are not finite.
     """
 
     gradients: Array
@@ -33,13 +34,14 @@ class ReducedModel:
     air: Array
     constant: Array
     output: Array
-    start: Array
+    known_currents: Array
+    known_amplitudes: Array
     lower: Array
     upper: Array
     reference_weights: Array
 
     def __post_init__(self) -> None:
-        p, r, c, k = len(self.weights), len(self.start), len(self.lower), len(self.output)
+        p, r, c, k = len(self.weights), len(self.constant), len(self.lower), len(self.output)
         laws, knots = len(self.law_offset) - 1, len(self.law_knots)
         wanted = {
             "gradients": (3 * p, r),
@@ -47,7 +49,8 @@ class ReducedModel:
             "law": (p,),
             "law_coefficients": (knots, 4),
             "air": (r, r),
-            "constant": (r,),
+            "known_currents": (len(self.known_currents), c),
+            "known_amplitudes": (len(self.known_currents), r),
             "output": (k, r),
             "upper": (c,),
             "reference_weights": (k,),
@@ -66,6 +69,8 @@ class ReducedModel:
             raise _broken("law_offset", "rising from 0 to the number of knots", str(offset.tolist()))
         if p and (self.law.min() < 0 or self.law.max() >= laws):
             raise _broken("law", f"numbers of {laws} laws", f"{self.law.min()} to {self.law.max()}")
+        if not len(self.known_currents):
+            raise _broken("known_currents", "at least one state", "none")
         if (self.weights <= 0).any():
             raise _broken("weights", "positive", f"{self.weights.min():g}")
 

@@ -1,13 +1,17 @@
 """A file that keeps solved states while a model is trained, one after the other; it survives a kill at any moment."""
 
+import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.store.partial import UNREADABLE, disk_errors, to_disk
+from fieldmap.store.record import to_json
 
 Array = NDArray[np.float64]
 
@@ -32,6 +36,32 @@ class StateArchive:
         """Close and delete the file: what it was kept for is done."""
         self._file.close()
         self.path.unlink(missing_ok=True)
+
+    def kept(self) -> tuple[dict[str, np.ndarray], dict[str, Any]] | None:
+        """What `keep` kept, or None."""
+        try:
+            group = self._file["result"]
+            if group.attrs["complete"] != 1:
+                return None
+            arrays = {name: np.ascontiguousarray(group["arrays"][name][()]) for name in group["arrays"]}
+            return arrays, json.loads(bytes(group["about"][()]).decode())
+        except UNREADABLE:
+            return None
+
+    def keep(self, arrays: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> None:
+        """Keep what was made of the states, so that resuming need not make it again."""
+        with disk_errors(self.path):
+            if "result" in self._file:
+                del self._file["result"]
+            group = self._file.create_group("result")
+            for name, values in arrays.items():
+                data = np.asarray(values)
+                checked = bool(data.ndim and data.size) or None
+                group.create_dataset(f"arrays/{name}", data=data, fletcher32=checked)
+            group["about"] = np.bytes_(to_json(about).encode())
+            to_disk(self._file)
+            group.attrs["complete"] = np.uint8(1)
+            to_disk(self._file)
 
     def get(self, number: int, currents: Array) -> Array | str | None:
         """The values (n,) kept for these currents, the reason why there are none, or None if it was never tried."""

@@ -11,6 +11,7 @@ from fieldmap.iron.galerkin import GalerkinModel
 from fieldmap.maps.reduction.basis import output_fields, proper_modes
 from fieldmap.maps.reduction.cubature import empirical_cubature
 from fieldmap.maps.reduction.domain import CurrentBox
+from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.reduction.states import SolvedStates
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import FieldError
@@ -18,23 +19,6 @@ from fieldmap.store.reduced_model import ReducedModel
 
 Array = NDArray[np.float64]
 Say = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How a reduced model is trained.
-
-    states: solved to train it; modes: most amplitudes; points: conditions of the cubature, about as many sample
-    points; fields: most iron fields in the map; held_out: states solved to measure the error; tolerance: of the
-    solver.
-    """
-
-    states: int = 64
-    modes: int = 48
-    points: int = 600
-    fields: int = 20
-    held_out: int = 12
-    tolerance: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +63,7 @@ def train(
     length = np.abs(flux).max() / np.abs(gradient).max()
     probes = np.concatenate([flux.reshape(len(flux), -1), length * gradient.reshape(len(flux), -1)], axis=1)
     combination, output = output_fields(amplitudes, probes, plan.fields)
-    model = _model(reduced, output, amplitudes[0], domain, reference)
+    model = _model(reduced, output, currents, amplitudes, domain, reference)
     say("error on held-out states", 0.98)
     kept = solved[count:]
     error, scale = _held_out_error(
@@ -89,9 +73,14 @@ def train(
 
 
 def _model(
-    reduced: GalerkinModel, output: Array, start: Array, domain: CurrentBox, reference: Array
+    reduced: GalerkinModel,
+    output: Array,
+    currents: Array,
+    amplitudes: Array,
+    domain: CurrentBox,
+    reference: Array,
 ) -> ReducedModel:
-    amplitude, _ = reduced.solve(reference, start)
+    amplitude, _ = reduced.solve(reference, amplitudes[0])
     offset, knots, coefficients = reduced.tables.arrays
     return ReducedModel(
         reduced.gradients,
@@ -104,7 +93,8 @@ def _model(
         reduced.air,
         reduced.constant,
         output,
-        start,
+        currents,
+        amplitudes,
         domain.lower,
         domain.upper,
         output @ amplitude,

@@ -1,0 +1,149 @@
+"""The map of a device whose iron saturates: train a reduced model of the currents, then evaluate its fields."""
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.model import Coil, Device
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.iron import NonlinearSolver, SolverReport
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.maps.recipe import CurrentPlan
+from fieldmap.maps.reduction.domain import CurrentBox
+from fieldmap.maps.reduction.states import SolvedStates
+from fieldmap.maps.reduction.training import Trained, train
+from fieldmap.sources import unit_flux_density_and_gradient
+from fieldmap.store import FieldError, Grid, ReducedModel, StateArchive
+
+Array = NDArray[np.float64]
+Say = Callable[[str, float], None]
+# Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
+PROBES_PER_EDGE = 7
+_FACES = [field.name for field in fields(ChargedFaces)]
+_MODEL = [field.name for field in fields(ReducedModel)]
+
+
+@dataclass(frozen=True, eq=False)
+class SaturatingFields:
+    """What the map evaluates: the coils' own fields per ampere, then the iron's at weight 1."""
+
+    coils: tuple[Coil, ...]
+    faces: ChargedFaces
+    charge: Array
+    report: SolverReport
+
+    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3) of every field outside iron and windings."""
+        flux, gradient = self.faces.field_and_gradient(points, self.charge)
+        own = [unit_flux_density_and_gradient(coil, points) for coil in self.coils]
+        return (
+            np.concatenate([np.array([b for b, _ in own]), flux]),
+            np.concatenate([np.array([g for _, g in own]), gradient]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedMap:
+    """A trained model, the fields that go with it, and what training found, for the map's record."""
+
+    model: ReducedModel
+    fields: SaturatingFields
+    error: FieldError
+    about: Mapping[str, Any]
+
+
+def archive_path(target: Path) -> Path:
+    """Where the solved states of a map are kept while it is being made."""
+    return target.with_name(target.name + ".states")
+
+
+def trained_map(
+    device: Device,
+    plan: CurrentPlan,
+    reference: Array,
+    grid: Grid,
+    target: Path,
+    fingerprint: str,
+    say: Say,
+) -> TrainedMap:
+    """Solve the states, or go on with those in the archive beside `target`, and train on them.
+
+    Raises NotConverged if fewer than half of the states could be solved.
+    """
+    with StateArchive(archive_path(target), fingerprint) as archive:
+        kept = archive.kept()
+        if kept is None:
+            archive.keep(*_train(device, plan, reference, grid, archive, say))
+            # Read back, so that a resumed run gives the same bits.
+            kept = archive.kept()
+        assert kept is not None
+        return _from_arrays(device, *kept)
+
+
+def _train(
+    device: Device, plan: CurrentPlan, reference: Array, grid: Grid, archive: StateArchive, say: Say
+) -> tuple[dict[str, Array], dict[str, Any]]:
+    solver = NonlinearSolver(
+        device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0))
+    )
+    states = SolvedStates(archive)
+    domain = CurrentBox(plan.lower, plan.upper)
+    trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
+    total = plan.training.states + plan.training.held_out
+    if len(states.failed) > total // 2:
+        raise NotConverged(
+            Problem(
+                "training of the current dependence",
+                "at least half of the states must be solved",
+                f"{len(states.failed)} of {total} failed; the first: {next(iter(states.failed.values()))}",
+                "make the range of the currents smaller, or refine the mesh",
+            )
+        )
+    middle = solver.solve(domain.middle, plan.training.tolerance)
+    arrays = {name: getattr(trained.model, name) for name in _MODEL}
+    arrays |= {f"face_{name}": getattr(solver.surface, name) for name in _FACES}
+    return arrays | {"charge": trained.charge}, _about(trained, states, middle.report, total)
+
+
+def _about(trained: Trained, states: SolvedStates, report: SolverReport, total: int) -> dict[str, Any]:
+    return {
+        "report": asdict(report),
+        "error": asdict(trained.error),
+        "largest": asdict(trained.scale),
+        "states_solved": total - len(states.failed),
+        "states_failed": {str(number): reason for number, reason in states.failed.items()},
+        "solving_seconds": states.seconds,
+        "modes": len(trained.model.constant),
+        "sample_points": len(trained.model.weights),
+    }
+
+
+def _from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> TrainedMap:
+    kept = about["report"]
+    report = SolverReport(
+        **{
+            **kept,
+            "assumptions": tuple(kept["assumptions"]),
+            "continuation": tuple(kept["continuation"]),
+        }
+    )
+    faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[f"face_{name}"]) for name in _FACES})
+    charge = np.ascontiguousarray(arrays["charge"])
+    return TrainedMap(
+        ReducedModel(**{name: arrays[name] for name in _MODEL}),  # type: ignore[arg-type]
+        SaturatingFields(device.coils, faces, charge, report),
+        FieldError(**about["error"]),
+        {key: value for key, value in about.items() if key not in ("report", "error")},
+    )
+
+
+def box_surface(grid: Grid) -> Array:
+    """Points (n, 3) on the surface of the grid's box."""
+    shares = np.linspace(0.0, 1.0, PROBES_PER_EDGE)
+    triples = [t for t in itertools.product(shares, repeat=3) if any(share in (0.0, 1.0) for share in t)]
+    return np.asarray(grid.lower + np.array(triples) * (grid.upper - grid.lower))

@@ -1,0 +1,72 @@
+"""Modes, output fields and cubature against what linear algebra says of them."""
+
+import numpy as np
+import pytest
+
+from fieldmap.maps.reduction.basis import output_fields, proper_modes
+from fieldmap.maps.reduction.cubature import empirical_cubature
+from fieldmap.maps.reduction.domain import CurrentBox
+
+
+@pytest.fixture
+def states():
+    random = np.random.default_rng(1)
+    return random.standard_normal((60, 12)) * np.geomspace(1, 1e-6, 12)
+
+
+@pytest.fixture
+def energy():
+    square = np.random.default_rng(2).standard_normal((60, 60))
+    return square @ square.T + 60 * np.eye(60)
+
+
+def test_modes_are_orthonormal_and_the_best_there_are(states, energy):
+    modes = proper_modes(states, lambda x: energy @ x, 5)
+    np.testing.assert_allclose(modes.T @ energy @ modes, np.eye(5), atol=1e-9)
+    left = states - modes @ (modes.T @ energy @ states)
+    error = np.einsum("ns,nm,ms->", left, energy, left)
+    # Eckart and Young: nothing of rank 5 leaves less than the discarded singular values.
+    singular = np.linalg.svd(np.linalg.cholesky(energy).T @ states, compute_uv=False)
+    assert error == pytest.approx((singular[5:] ** 2).sum(), rel=1e-6)
+
+
+def test_output_fields_reproduce_the_states_up_to_the_next_singular_value():
+    random = np.random.default_rng(3)
+    amplitudes = random.standard_normal((40, 10)) * np.geomspace(1, 1e-4, 10)
+    fields = random.standard_normal((10, 200))
+    truth = amplitudes @ fields
+    singular = np.linalg.svd(truth, compute_uv=False)
+    for k in (3, 6, 10):
+        combination, weights = output_fields(amplitudes, fields, k)
+        got = (amplitudes @ weights.T) @ (combination @ fields)
+        bound = singular[k] if k < 10 else 1e-9 * singular[0]
+        assert np.linalg.norm(got - truth, 2) <= 1.001 * bound + 1e-9 * singular[0]
+        assert np.abs(amplitudes @ weights.T).max() == pytest.approx(1.0)
+
+
+def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
+    x = (np.arange(3000) + 0.5) / 1500 - 1
+    volume = np.full(x.size, 2 / 3000)
+    # Two "states" of six "residuals" each, all polynomials of degree 9 at most.
+    powers = np.array([x**k for k in range(10)]).T * volume[:, None]
+    parts = [powers[:, :6], powers[:, 4:]]
+    points, factors = empirical_cubature(parts, 10)
+    assert len(points) <= 11
+    assert (factors > 0).all()
+    for k in range(10):
+        exact = (1 - (-1) ** (k + 1)) / (k + 1)
+        assert factors @ powers[points, k] == pytest.approx(exact, abs=1e-6)
+
+
+def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
+    box = CurrentBox(np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
+    training, held_out = box.training(40), box.held_out(12)
+    assert training.shape == (40, 3)
+    assert (training[0] == box.middle).all()
+    for states in (training, held_out):
+        assert (states >= box.lower).all()
+        assert (states <= box.upper).all()
+    assert np.ptp(training, axis=0) == pytest.approx(box.upper - box.lower)
+    distance = np.linalg.norm(training[:, None] - held_out[None], axis=2)
+    assert (distance.min(axis=0) > 1e-3).sum() >= 8
+    assert (np.abs(held_out - box.corners()[-1]).sum(axis=1) == 0).any()

@@ -1,0 +1,222 @@
+"""A map of saturating iron, against direct solves at other currents; stopped and resumed; refused where it must be."""
+
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.errors import OutsideMapError, RecipeError
+from fieldmap.iron import NonlinearSolver
+from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.maps.saturating import archive_path
+from fieldmap.store import StateArchive, read_map
+
+DEVICE = """
+format = 1
+name = "two_cores"
+title = "Two cores on a bar, a coil on each"
+
+[material.steel]
+kind = "froehlich"
+mu_r = 2000.0
+saturation_polarisation_T = 2.0
+
+[[body]]
+name = "bar"
+material = "steel"
+shape = "box"
+size_mm = [60.0, 12.0, 8.0]
+position_mm = [0.0, 0.0, 20.0]
+mesh_size_mm = 7.0
+
+[[body]]
+name = "left core"
+material = "steel"
+shape = "box"
+size_mm = [10.0, 10.0, 20.0]
+position_mm = [-22.0, 0.0, 0.0]
+mesh_size_mm = 7.0
+
+[[body]]
+name = "right core"
+material = "steel"
+shape = "box"
+size_mm = [10.0, 10.0, 20.0]
+position_mm = [22.0, 0.0, 0.0]
+mesh_size_mm = 7.0
+
+[[coil]]
+name = "left"
+kind = "circular"
+inner_radius_mm = 8.0
+outer_radius_mm = 13.0
+height_mm = 14.0
+turns = 4000
+position_mm = [-22.0, 0.0, 10.0]
+
+[[coil]]
+name = "right"
+kind = "circular"
+inner_radius_mm = 8.0
+outer_radius_mm = 13.0
+height_mm = 14.0
+turns = 4000
+position_mm = [22.0, 0.0, 10.0]
+
+[workspace]
+shape = "box"
+lower_mm = [-8.0, -8.0, -16.0]
+upper_mm = [8.0, 8.0, -6.0]
+"""
+
+RECIPE = """
+format = 1
+title = "Below two cores, saturating"
+device = "two_cores.toml"
+spacing_mm = 2.5
+
+[iron]
+model = "saturating"
+
+[currents]
+lower_A = [0.5, -1.0]
+upper_A = 2.0
+states = 14
+modes = 12
+points = 120
+fields = 8
+held_out = 4
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("two_cores")
+    (path / "two_cores.toml").write_text(DEVICE)
+    (path / "recipe.toml").write_text(RECIPE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def data(folder):
+    return read_map(fm.generate(folder / "recipe.toml", folder / "map.h5"))
+
+
+@pytest.fixture(scope="module")
+def solver(folder):
+    return NonlinearSolver(fm.read_device(folder / "two_cores.toml"))
+
+
+def field_of(data, currents):
+    weights = CurrentModel(data.reduced_model, data.coil_names).weights(np.array(currents))
+    return (np.tensordot(weights, values, 1) for values in (data.flux_density, data.gradient))
+
+
+# Corners of the domain, opposed and equal currents, and one where the iron hardly carries flux.
+@pytest.mark.parametrize("currents", [(0.5, -1.0), (2.0, 2.0), (2.0, -1.0), (1.3, 1.9), (0.6, 0.02)])
+def test_the_map_agrees_with_direct_solves(data, solver, currents):
+    flux, gradient = field_of(data, currents)
+    state = solver.solve(currents)
+    points = data.grid.points()
+    for ours, truth in ((flux, state.field(points)), (gradient, state.gradient(points))):
+        assert np.abs(ours.reshape(truth.shape) - truth).max() < 2e-3 * np.abs(truth).max()
+
+
+def test_superposition_would_be_wrong_here(data, solver):
+    points = data.grid.points()
+    one, two, both = (solver.solve(i).field(points) for i in ((2.0, 0.0), (0.0, 2.0), (2.0, 2.0)))
+    assert np.abs(one + two - both).max() > 0.05 * np.abs(both).max()
+
+
+def test_the_stated_error_is_that_of_states_not_trained_on(data):
+    largest = data.provenance.solver_report["largest"]
+    assert 0 < data.current_error.flux_density < 5e-3 * largest["flux_density"]
+    assert 0 < data.current_error.gradient < 5e-3 * largest["gradient"]
+    assert data.provenance.solver_report["states_solved"] == 18
+
+
+def test_the_total_of_the_file_is_the_field_at_the_reference_currents(data, folder):
+    flux, _ = field_of(data, data.reference_current)
+    with h5py.File(folder / "map.h5") as file:
+        total = np.stack([file[f"/data/0/meshes/B/{c}"][()] for c in "xyz"], axis=-1)
+    np.testing.assert_allclose(total, flux, rtol=1e-7, atol=1e-9 * np.abs(flux).max())
+
+
+def test_other_programs_can_read_it(data, folder):
+    assert data.field_names[:3] == ("left", "right", "iron mode 1")
+    check = "import sys; from openpmd_validator.check_h5 import main; sys.argv = ['check', '-i', sys.argv[1]]; main()"
+    done = subprocess.run([sys.executable, "-c", check, folder / "map.h5"], capture_output=True, text=True)
+    assert "Result: 0 Errors and 0 Warnings" in done.stdout
+
+
+def test_a_stopped_run_goes_on_to_the_same_bits(data, folder):
+    def stop_at(message):
+        def progress(text, fraction):
+            if message in text:
+                raise KeyboardInterrupt
+
+        return progress
+
+    other = folder / "stopped.h5"
+    for message in ("state 7", "state 16", "sample points", "field at the nodes"):
+        with pytest.raises(KeyboardInterrupt):
+            fm.generate(folder / "recipe.toml", other, progress=stop_at(message))
+        assert not other.exists()
+    assert archive_path(other).exists()
+    resumed = read_map(fm.generate(folder / "recipe.toml", other))
+    assert (resumed.flux_density == data.flux_density).all()
+    assert (resumed.gradient == data.gradient).all()
+    for name in ("gradients", "weights", "air", "output", "known_amplitudes"):
+        assert (getattr(resumed.reduced_model, name) == getattr(data.reduced_model, name)).all()
+    assert not archive_path(other).exists()
+
+
+def test_a_damaged_archive_is_begun_anew(tmp_path):
+    path = tmp_path / "a.states"
+    with StateArchive(path, "one") as archive:
+        archive.put(0, np.array([1.0]), np.arange(3.0))
+        archive.put(1, np.array([2.0]), "did not converge")
+        assert archive.get(0, np.array([1.5])) is None
+    with StateArchive(path, "one") as archive:
+        np.testing.assert_array_equal(archive.get(0, np.array([1.0])), np.arange(3.0))
+        assert archive.get(1, np.array([2.0])) == "did not converge"
+    with StateArchive(path, "other") as archive:
+        assert archive.get(0, np.array([1.0])) is None
+    path.write_bytes(b"no such thing")
+    with StateArchive(path, "other") as archive:
+        assert archive.get(0, np.array([1.0])) is None
+        assert archive.kept() is None
+
+
+def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
+    beyond = np.array([2.5, 0.0])
+    with pytest.raises(OutsideMapError, match=r"current of coil left.*0.5 to 2 A.*2.5 A"):
+        CurrentModel(data.reduced_model, data.coil_names).weights(beyond)
+    flagged = CurrentModel(data.reduced_model, data.coil_names, "nan").weights(np.stack([beyond, [1.0, 0.0]]))
+    assert np.isnan(flagged[0, 2:]).all()
+    assert np.isfinite(flagged[1]).all()
+    assert np.isfinite(CurrentModel(data.reduced_model, data.coil_names, "evaluate").weights(beyond)).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("[currents]", "[current]", "current"),
+        ("upper_A = 2.0", "upper_A = 0.4", "lower_A below upper_A"),
+        ("upper_A = 2.0", "upper_A = [2.0, 2.0, 2.0]", "must name the same coils"),
+        ("lower_A = [0.5, -1.0]\nupper_A = 2.0", "lower_A = 0.5\nupper_A = [2.0, 2.0, 2.0]", "2 coils"),
+        ("states = 14", "states = 0", "states"),
+        ('model = "saturating"', 'model = "linear"', "belongs to saturating iron"),
+        ("held_out = 4", "held_out = 4\n[output]\nreference_current_A = 7.0", "within .currents."),
+    ],
+)
+def test_recipes_that_make_no_sense_are_refused(folder, tmp_path, old, new, text):
+    (tmp_path / "two_cores.toml").write_text(DEVICE)
+    assert old in RECIPE
+    (tmp_path / "recipe.toml").write_text(RECIPE.replace(old, new))
+    with pytest.raises(RecipeError, match=text):
+        fm.generate(tmp_path / "recipe.toml", tmp_path / "map.h5")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["recipe.toml", "two_cores.toml"]
