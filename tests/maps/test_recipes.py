@@ -50,7 +50,7 @@ def test_everything_a_recipe_can_say(rig):
 
 def test_what_is_left_out(rig):
     recipe = read_recipe(rig / "recipe.toml")
-    assert (recipe.mu_r, recipe.tolerance, recipe.reference_current) == (None, 1e-3, 1.0)
+    assert (recipe.mu_r, recipe.tolerance, recipe.reference_current) == (None, 1e-3, None)
     assert (recipe.lower, recipe.upper, recipe.file_name) == (None, None, "recipe.h5")
     np.testing.assert_allclose(recipe.spacing, 2e-3)
 
@@ -79,7 +79,7 @@ MISTAKES = {
     ),
     "unknown model": (
         'spacing_mm = 2\n[iron]\nmodel = "magic"',
-        "iron.model: must be 'linear'; received \"magic\"",
+        "iron.model: must be 'linear' or 'saturating'; received \"magic\"",
     ),
     "negative permeability": ("spacing_mm = 2\n[iron]\nmu_r = -5", 'iron.mu_r: "initial".*received -5'),
     "unknown word": ('spacing_mm = 2\n[iron]\nmu_r = "high"', 'iron.mu_r: "initial".*received "high"'),
