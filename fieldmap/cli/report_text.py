@@ -27,7 +27,10 @@ def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[
     sizes = f"{report.tetrahedra:,} tetrahedra, {report.surface_faces:,} surface faces"
     yield "mesh", f"{sizes}, {report.unknowns:,} unknowns, {pieces}"
     steps = "Newton steps" if nonlinear else "iterations"
-    yield "solution", f"{report.iterations} {steps} to a residual of {report.residual:.1e}{report.steps_words}"
+    yield (
+        "solution",
+        f"{report.iterations} {steps} to a residual of {report.residual:.1e}{report.steps_words}",
+    )
     if report.error is not None:
         yield "error", str(report.error)
     yield "matrix", f"{report.matrix_bytes / 1e6:,.0f} MB"

@@ -70,7 +70,11 @@ def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
     """sum_q D_q . b(h_q) at h_q = r_q + scale p D_q, its derivative by p, and sum_q |D_q| |b_q|."""
     total, slope, size = 0.0, 0.0, 0.0
     for q in range(4):
-        hx, hy, hz = r[q, 0] + scale * p * d[q, 0], r[q, 1] + scale * p * d[q, 1], r[q, 2] + scale * p * d[q, 2]
+        hx, hy, hz = (
+            r[q, 0] + scale * p * d[q, 0],
+            r[q, 1] + scale * p * d[q, 1],
+            r[q, 2] + scale * p * d[q, 2],
+        )
         h = math.sqrt(hx * hx + hy * hy + hz * hz)
         b, rise = flux_density(h, law, offset, knots, coefficients)
         m = b / h if h > 1e-30 else rise
@@ -186,7 +190,9 @@ def tangent(potential, t, shape, area, volume, dofs, law, offset, knots, coeffic
             for f in range(4):
                 for g in range(4):
                     dot = (
-                        area[e, f, 0] * area[e, g, 0] + area[e, f, 1] * area[e, g, 1] + area[e, f, 2] * area[e, g, 2]
+                        area[e, f, 0] * area[e, g, 0]
+                        + area[e, f, 1] * area[e, g, 1]
+                        + area[e, f, 2] * area[e, g, 2]
                     )
                     pair[f, g] = scale * (m * dot + extra * along[f] * along[g])
             for i in range(12):
@@ -218,7 +224,18 @@ def strength(potential, t, shape, area, volume, dofs, law, offset, knots, coeffi
     for e in prange(count):
         d = np.empty((4, 3))
         _strength(
-            potential, dofs[e], t[e], shape, area[e], volume[e], d, out[e], law[e], offset, knots, coefficients
+            potential,
+            dofs[e],
+            t[e],
+            shape,
+            area[e],
+            volume[e],
+            d,
+            out[e],
+            law[e],
+            offset,
+            knots,
+            coefficients,
         )
     return out
 

@@ -15,7 +15,11 @@ PARTS = {
     "S8_sensor_and_amplifier": "fieldmap.thesis.sensing:sensor_and_amplifier",
     "S16_controller": "fieldmap.thesis.vertical:controller",
     "S16_closed_loop": "fieldmap.thesis.vertical:closed_loop",
+    "S16_recovery": "fieldmap.thesis.identification:recovery",
+    "S16_root_locus": "fieldmap.thesis.identification:locus",
+    "S16_times_in_minutes": "fieldmap.thesis.identification:minutes",
     "S17_arithmetic": "fieldmap.thesis.horizontal:arithmetic",
+    "S17_recovery": "fieldmap.thesis.identification:horizontal_recovery",
     "S20_models": "fieldmap.thesis.optimal:models",
     "S20_closed_loop": "fieldmap.thesis.optimal:closed_loop",
 }

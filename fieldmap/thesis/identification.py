@@ -1,0 +1,160 @@
+"""S16, S17: identification on simulated records, closed-loop poles over the gain, and what these poles say."""
+
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares as minimise
+from scipy.signal import lfilter
+
+from fieldmap.control import (
+    PID,
+    TransferFunction,
+    closed_loop,
+    pid_transfer_function,
+    sampled,
+    simulate_loop,
+    step_metrics,
+    transfer_function,
+)
+from fieldmap.control.identification import (
+    Orders,
+    modified_least_squares_runs,
+    pseudo_random_binary,
+    root_locus,
+)
+from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.vertical import identified_plant
+
+_RUNS = 100
+_RECORDS = (
+    f"mean of {_RUNS} simulated records (seed 7): linear plant, no limits, white sensor noise of Table 3-8"
+)
+_SECONDS = "the identified plant (5-17); T_i and T_d in seconds, as the thesis writes them"
+_MINUTES = (
+    "a reading of ours: the PID function takes T_i and T_d in minutes and differentiates the measurement",
+    "plant g / (s^2 + d s - c) with g, c, d fitted to the poles at K_c = 0.334, 0.2 and 0.15; K_c = 0.5 and all other "
+    "numbers of this part are predictions",
+)
+
+
+def recovery(inputs: dict[str, Any]) -> dict[str, Any]:
+    """(5-17) from PRBS records of its closed loop, by the modified least squares on control signal and position."""
+    plant, Ts = identified_plant(inputs), inputs["Ts_s"]
+    reference = pseudo_random_binary(
+        inputs["prbs_order"], amplitude=inputs["prbs_amplitude_mm"], samples=2040
+    )
+    pid = PID(
+        inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], Ts, integration="trapezoidal", acts_on_minus_error=True
+    )
+    noise = np.random.default_rng(7).normal(scale=inputs["sensor_deviation_mm"], size=(_RUNS, reference.size))
+    run = simulate_loop(plant, pid, reference, runs=_RUNS, position_noise=noise)
+    found = modified_least_squares_runs(run.y + noise, run.u, Orders(poles=2, zeros=1))
+    notes = (_RECORDS, "direct: from the control signal and the position, plant structure known")
+    return {
+        "poles": _mean(found.poles.real, notes),
+        "zero": _mean(found.zeros.real, notes),
+        "gain": _mean(found.gains[:, None], notes),
+    }
+
+
+def horizontal_recovery(inputs: dict[str, Any]) -> dict[str, Any]:
+    """(6-6) to (6-9) from records of their own step responses to the signals of 6.4."""
+    answers = {}
+    for axis in "xy":
+        for name, poles in (("second", 2), ("first", 1)):
+            printed = np.asarray(inputs[f"{axis}_{name}_order"])
+            u = np.concatenate([np.zeros(50), np.full(1500, inputs[f"{axis}_signal"])])
+            response = lfilter(np.concatenate([np.zeros(poles), printed[:1]]), printed[1:], u)
+            noise = np.random.default_rng(7).normal(scale=inputs["deviation_mm"], size=(_RUNS, u.size))
+            found = modified_least_squares_runs(response + noise, u, Orders(poles=poles, zeros=0))
+            both = np.concatenate([found.numerators, found.denominators[:, 1:]], axis=1)
+            answers[f"{axis}_{name}_order"] = _mean(both, (_RECORDS, "3 s after a step of the signal of 6.4"))
+    return answers
+
+
+def locus(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 5-2: the poles that the thesis identified, beside those of its final model at the same gains."""
+    plant = identified_plant(inputs)
+    unit = pid_transfer_function(1.0, inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
+    negative = transfer_function(-unit.numerator, unit.denominator)
+    gains = np.asarray(inputs["gains"])
+    poles = root_locus(plant, negative, gains).poles
+    return _pairs_and_third(poles, gains, inputs, (_SECONDS,))
+
+
+def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 5-2, 5.4 and Table 7-1 again, with the controller's times in minutes and a plant of Newton's form."""
+    fitted = _fitted_plant(inputs)
+    gains, Ts = np.asarray(inputs["gains"]), inputs["Ts_s"]
+    poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
+    answers = _pairs_and_third(poles, gains, inputs, _MINUTES)
+    integral = 0.5 * Ts / (60.0 * inputs["Ti_s"])
+    answers["zero"] = Ours([(1.0 - integral) / (1.0 + integral)] * 3, _MINUTES[:1])
+    pid = PID(
+        inputs["step_gain"],
+        60.0 * inputs["Ti_s"],
+        60.0 * inputs["Td_s"],
+        Ts,
+        integration="trapezoidal",
+        derivative="measurement",
+    )
+    run = simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000))
+    metrics = step_metrics(run.time, run.y[0])
+    answers["peak_time"] = Ours(metrics.peak_time, _MINUTES)
+    answers["overshoot"] = Ours(100.0 * metrics.overshoot, _MINUTES)
+    answers["settling_time"] = Ours(metrics.settling_time, _MINUTES)
+    answers["stiffness_over_gain"] = Ours(fitted[1] / fitted[0], _MINUTES)
+    weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]
+    answers["gain_over_weight"] = Ours(fitted[0] / weight, _MINUTES)
+    return answers
+
+
+def _mean(values: np.ndarray, notes: tuple[str, ...]) -> Ours:
+    spread = ", ".join(f"{s:.2g}" for s in values.std(axis=0, ddof=1))
+    return Ours(values.mean(axis=0), (*notes, f"standard deviation from record to record: {spread}"))
+
+
+def _newtonian(plant: np.ndarray, Ts: float) -> TransferFunction:
+    """mm per V of g / (s^2 + d s - c), held input; the sign of the gain is left to the controller."""
+    gain, stiffness, damping = plant
+    return sampled(([gain], [1.0, damping, -stiffness]), Ts)
+
+
+def _loop_poles(plant: np.ndarray, gain: float, inputs: dict[str, Any]) -> np.ndarray:
+    controller = pid_transfer_function(gain, 60.0 * inputs["Ti_s"], 60.0 * inputs["Td_s"], inputs["Ts_s"])
+    return closed_loop(_newtonian(plant, inputs["Ts_s"]), controller).poles
+
+
+def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
+    """g (mm/s^2 per V), c (1/s^2), d (1/s) by least squares over the printed poles that are not held back."""
+    pairs = np.asarray(inputs["pair_real"]) + 1j * np.asarray(inputs["pair_imaginary"])
+    third = dict(zip(inputs["third_gains"], inputs["third"], strict=True))
+    scale = np.array([1e3, 1e2, 10.0])
+
+    def misses(x: np.ndarray) -> np.ndarray:
+        found = []
+        for gain, pair in zip(inputs["gains"], pairs, strict=True):
+            if gain in inputs["held_back"]:
+                continue
+            poles = _loop_poles(scale * x, gain, inputs)
+            found.append(poles[np.argmin(np.abs(poles - pair))] - pair)
+            if gain in third:
+                real = poles[np.argmin(np.abs(poles - third[gain]))]
+                found.append(real - third[gain])
+        return np.concatenate([np.real(found), np.imag(found)])
+
+    return scale * minimise(misses, [1.6, 1.5, 0.0]).x
+
+
+def _pairs_and_third(
+    poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any], notes: tuple[str, ...]
+) -> dict[str, Any]:
+    """The complex pair at every gain, and the real pole nearest to q = 1 at those where the table has one."""
+    pair = np.array([p[np.argmax(p.imag)] for p in poles])
+    real = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
+    third = [real[int(np.argmin(np.abs(gains - gain)))] for gain in inputs["third_gains"]]
+    return {
+        "pair_real": Ours(pair.real, notes),
+        "pair_imaginary": Ours(pair.imag, notes),
+        "third": Ours(third, notes),
+    }

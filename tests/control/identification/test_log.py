@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from fieldmap.control.identification import make_log, read_log, write_log
+from fieldmap.errors import InputError
+
+GOOD = "# rig 1\ntime (ms),position (mm),drive current (mA)\n0,8.0,1500\n2,8.5,1400\n4,9.0,1450\n"
+
+
+def test_units_become_si(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(GOOD)
+    log = read_log(path)
+    assert log.Ts == pytest.approx(2e-3)
+    np.testing.assert_allclose(log["position"], [8e-3, 8.5e-3, 9e-3])
+    np.testing.assert_allclose(log["drive current"], [1.5, 1.4, 1.45])
+    assert log.units == {"position": "m", "drive current": "A"}
+    np.testing.assert_allclose(log.deviations(rest=2)["position"], [-0.25e-3, 0.25e-3, 0.75e-3])
+    np.testing.assert_allclose(log.time, [0, 2e-3, 4e-3])
+
+
+def test_what_is_written_is_read(tmp_path):
+    rng = np.random.default_rng(0)
+    log = make_log(
+        2e-3, {"position": rng.normal(size=50), "u": rng.normal(size=50)}, {"position": "mm", "u": "1"}
+    )
+    write_log(tmp_path / "a.csv", log, {"position": "um"})
+    assert (tmp_path / "a.csv").read_text().startswith("time (s),position (um),u (1)\n")
+    back = read_log(tmp_path / "a.csv")
+    for name in log.signals:
+        np.testing.assert_allclose(back[name], log[name], rtol=1e-8)
+    assert back.Ts == pytest.approx(log.Ts)
+
+
+def test_spreadsheet_marks_and_spaces(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(
+        b"\xef\xbb\xbf" + GOOD.replace(",", " , ").replace("# rig 1\n", "").replace("\n", "\r\n").encode()
+    )
+    assert read_log(path)["position"].size == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (GOOD.replace("position (mm)", "position"), "name \\(unit\\)"),
+        (GOOD.replace("(mm)", "(furlong)"), "furlong"),
+        (GOOD.replace("time (ms)", "t (ms)"), "begin with the time"),
+        (GOOD.replace("time (ms)", "time (mm)"), "begin with the time"),
+        (GOOD.replace("drive current (mA)", "position (mm)"), "once"),
+        (GOOD.replace("8.5", "nan"), "log.csv:4: must be 3 finite"),
+        (GOOD.replace("8.5,", ""), "log.csv:4: must be 3 finite"),
+        (GOOD.replace("\n4,", "\n5,"), "evenly sampled"),
+        (GOOD.replace("\n4,", "\n2,"), "evenly sampled"),
+        (GOOD.replace("\n2,", "\n-2,"), "evenly sampled"),
+        ("time (s),x (m)\n0,1\n", "two samples"),
+        ("time (s)\n0\n1\n", "beside the time"),
+        ("", "two samples"),
+    ],
+)
+def test_broken_logs(tmp_path, text, says):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_log(tmp_path / "log.csv")
+
+
+def test_every_problem_of_a_header_at_once(tmp_path):
+    (tmp_path / "log.csv").write_text("time,x (furlong),y\n0,1,2\n1,2,3\n")
+    with pytest.raises(InputError) as caught:
+        read_log(tmp_path / "log.csv")
+    assert len(caught.value.problems) == 3
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="readable"):
+        read_log(tmp_path / "none.csv")
+
+
+def test_a_gap_is_found_where_it_is(tmp_path):
+    rows = [f"{0.002 * (n + 3 * (n > 40)):.3f},{n}" for n in range(100)]
+    (tmp_path / "log.csv").write_text("\n".join(["time (s),x (m)", *rows]))
+    with pytest.raises(InputError, match=r"log\.csv:43: .*0\.008"):
+        read_log(tmp_path / "log.csv")
+
+
+def test_wrong_units_and_names(tmp_path):
+    log = make_log(1e-3, {"x": [1.0, 2.0]}, {"x": "mm"})
+    with pytest.raises(InputError, match="length"):
+        write_log(tmp_path / "a.csv", log, {"x": "A"})
+    assert not (tmp_path / "a.csv").exists()
+    with pytest.raises(InputError, match="must be one of x"):
+        log["y"]
