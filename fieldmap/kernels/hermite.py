@@ -111,33 +111,6 @@ def nodal_coefficients(values, gradient, spacing):
     return out
 
 
-@njit(cache=True, nogil=True)
-def contract(coefficients, currents, out):
-    """out (nx, ny, nz, 3, 8) = sum of currents (n_coils,) times coefficients (nx, ny, nz, 3 n_coils, 8)."""
-    nx, ny, nz = out.shape[:3]
-    n_coils = currents.shape[0]
-    source = coefficients.reshape((nx * ny * nz, n_coils, 24))
-    target = out.reshape((nx * ny * nz, 24))
-    for node in range(nx * ny * nz):
-        for m in range(24):
-            target[node, m] = 0.0
-        for coil in range(n_coils):
-            for m in range(24):
-                target[node, m] += currents[coil] * source[node, coil, m]
-
-
-@njit(cache=True, nogil=True)
-def superpose(values, currents, out):
-    """out (n, m) = sum over coils of values (n, n_coils, m) times currents (n, n_coils), or (1, n_coils) for all."""
-    for p in range(values.shape[0]):
-        row = p if currents.shape[0] > 1 else 0
-        for m in range(values.shape[2]):
-            total = 0.0
-            for coil in range(values.shape[1]):
-                total += currents[row, coil] * values[p, coil, m]
-            out[p, m] = total
-
-
 @njit(**INLINED)
 def locate(point, lower, spacing, shape):
     """Cell (i, j, k) of a point and its coordinates (tx, ty, tz) in it, each 0..1.
@@ -188,7 +161,8 @@ def _dot(w, near, far, m):
 
 
 @njit(**INLINED)
-def _value(coefficients, i, j, k, c, wx, wy, wz):
+def value(coefficients, i, j, k, c, wx, wy, wz):
+    """The interpolant of channel c in cell (i, j, k), from the basis along each axis."""
     value = 0.0
     for a in range(2):
         for b in range(2):
@@ -201,7 +175,7 @@ def _value(coefficients, i, j, k, c, wx, wy, wz):
 
 
 @njit(**INLINED)
-def _value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz):
+def value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz):
     """f, f_x, f_y, f_z of channel c: sums over z, then y, then x, each partial sum used for all it enters."""
     f, fx, fy, fz = 0.0, 0.0, 0.0, 0.0
     for a in range(2):
@@ -224,7 +198,7 @@ def _value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz):
 
 
 @njit(**INLINED)
-def _bends(coefficients, i, j, k, c, x, y, z):
+def bends(coefficients, i, j, k, c, x, y, z):
     """f_xx, f_yy, f_zz, f_xy, f_xz, f_yz of channel c; x, y, z: (basis, slopes, bends) along each axis."""
     xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(2):
@@ -258,7 +232,7 @@ def field(coefficients, lower, spacing, points, values):
             continue
         wx, wy, wz = basis(tx), basis(ty), basis(tz)
         for c in range(values.shape[1]):
-            values[p, c] = _value(coefficients, i, j, k, c, wx, wy, wz)
+            values[p, c] = value(coefficients, i, j, k, c, wx, wy, wz)
     return outside
 
 
@@ -276,7 +250,7 @@ def field_and_gradient(coefficients, lower, spacing, points, values, gradient):
         wx, wy, wz = basis(tx), basis(ty), basis(tz)
         dx, dy, dz = basis_slope(tx, spacing[0]), basis_slope(ty, spacing[1]), basis_slope(tz, spacing[2])
         for c in range(values.shape[1]):
-            f, fx, fy, fz = _value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz)
+            f, fx, fy, fz = value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz)
             values[p, c] = f
             gradient[p, c, 0] = fx
             gradient[p, c, 1] = fy
@@ -298,7 +272,7 @@ def second_gradient(coefficients, lower, spacing, points, second):
         y = (basis(ty), basis_slope(ty, spacing[1]), basis_bend(ty, spacing[1]))
         z = (basis(tz), basis_slope(tz, spacing[2]), basis_bend(tz, spacing[2]))
         for c in range(second.shape[1]):
-            xx, yy, zz, xy, xz, yz = _bends(coefficients, i, j, k, c, x, y, z)
+            xx, yy, zz, xy, xz, yz = bends(coefficients, i, j, k, c, x, y, z)
             second[p, c, 0, 0], second[p, c, 1, 1], second[p, c, 2, 2] = xx, yy, zz
             second[p, c, 0, 1], second[p, c, 1, 0] = xy, xy
             second[p, c, 0, 2], second[p, c, 2, 0] = xz, xz

@@ -11,7 +11,8 @@ Array = NDArray[np.float64]
 def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
     """`values` as (n, 3), and whether a single vector (3,) was given. Raises InputError for other shapes."""
     try:
-        array = np.asarray(values, dtype=np.float64, order="C")
+        # Writeable too, lest a read-only array costs a compilation of its own.
+        array = np.require(values, np.float64, ["C", "W"])
     except (TypeError, ValueError):
         raise InputError(_problem(name, "numbers of shape (3,) or (n, 3)", repr(values)[:80])) from None
     if array.ndim == 1 and array.size == 3:
@@ -25,7 +26,7 @@ def checked_currents(values: ArrayLike, coil_names: tuple[str, ...], n_points: i
     """`values` as (n_coils,) or (n_points, n_coils). Raises InputError for other shapes."""
     n_coils = len(coil_names)
     try:
-        array = np.asarray(values, dtype=np.float64, order="C")
+        array = np.require(values, np.float64, ["C", "W"])
     except (TypeError, ValueError):
         array = np.empty((0, 0, 0))
     if array.shape in ((n_coils,), (n_points, n_coils)):

@@ -1,32 +1,53 @@
 """Field, gradient and wrench at any point of a map, for any currents."""
 
-import math
-from collections.abc import Callable
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels import hermite
-from fieldmap.lookup.checks import checked_currents, checked_vectors, outside_error
+from fieldmap.kernels import lookup as kernels
+from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
+from fieldmap.lookup.cell_form import cell_form
+from fieldmap.lookup.checks import checked_currents, checked_vectors
+from fieldmap.lookup.compiled import closed_to_new_types
+from fieldmap.lookup.dipole_wrench import dipole_wrench
+from fieldmap.lookup.doors import (
+    Box,
+    default_threads,
+    field_and_gradient,
+    in_chunks,
+    result_array,
+    with_currents,
+)
+from fieldmap.lookup.form import OUTSIDE_RULES, Form, contract, set_size
+from fieldmap.lookup.global_form import global_form
+from fieldmap.lookup.hermite_form import hermite_form
+from fieldmap.lookup.jumps import Jump, jump_between_cells
 from fieldmap.store import FieldError, MapData, MapInfo
 
 Array = NDArray[np.float64]
-Tails = tuple[tuple[int, ...], ...]
+
+FORMS = {"hermite": hermite_form, "harmonic": cell_form, "global": global_form}
 
 
 class FieldMap:
-    """Tricubic Hermite interpolant of every coil's unit field, superposed at the currents asked for.
+    """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
 
-    One interpolant per coil and component, from the stored values and gradients: once continuously
-    differentiable, error O(spacing^4) in B and O(spacing^3) in its gradient. `gradient` is the exact
-    derivative of `field`; it is symmetric and trace-free to the interpolation error. Superposition is exact
-    for coils with linear iron or none.
+    kind: "hermite", tricubic through the stored values and gradients, once continuously differentiable;
+    "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to rounding,
+    with jumps between cells far below its error (`jump`); "global", one harmonic polynomial of degree 16 for the
+    whole box, infinitely smooth. docs/lookup.md says which to take when. In every form `gradient` is the exact
+    derivative of `field`. Superposition is exact for coils with linear iron or none.
 
     Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of
-    `coil_names`. A point (3,) gives a result without the leading axis. Outside the box from `lower` to
-    `upper`: OutsideMapError, or NaN if opened with outside="nan". NaN in a point or current gives NaN in its
-    row. Arguments of another shape: InputError. Objects can be pickled and used from several threads at once.
+    `coil_names`. A point (3,) gives a result without the leading axis. Outside the box from `lower` to `upper`:
+    OutsideMapError, or with outside="nan" NaN, or with outside="clamp" the result at the nearest point of the
+    box. NaN or infinity in a point, or NaN in a current, gives NaN in its row. Arguments of another shape:
+    InputError. `out` takes a contiguous float64 array of the result's shape. Batches of more than 30 000 points
+    run on `threads` threads, by default one per processor. Objects can be pickled and used from several threads at
+    once.
 
     >>> from fieldmap.store import Grid
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -36,25 +57,32 @@ class FieldMap:
     array([0.   , 0.   , 0.002])
     """
 
-    def __init__(self, data: MapData, outside: str = "raise") -> None:
-        if outside not in ("raise", "nan"):
-            problem = Problem(
-                "lookup, outside", 'is "raise" or "nan"', repr(outside), "choose one of the two"
-            )
-            raise InputError(problem)
+    def __init__(
+        self, data: MapData, outside: str = "raise", kind: str = "hermite", threads: int | None = None
+    ) -> None:
+        check_choices(kind, outside)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
-        self._outside = outside
-        self._lower = np.array(data.grid.lower)
-        self._spacing = np.array(data.grid.spacing)
-        self._unit = _unit_coefficients(data)
-        # Largest number of points for which evaluating every coil is cheaper than superposing the whole grid.
-        self._few = data.grid.size // 4
-        self._last: tuple[bytes, Array] = (b"", np.empty(0))
+        lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
+        self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
+        self._form: Form = FORMS[kind](data, outside)
+        self._start()
+
+    def _start(self) -> None:
+        # Largest number of points for which superposing at each point is cheaper than contracting the block.
+        self._few = max(self._form.places // 4, 1)
+        self._last: tuple[bytes, FieldAtCurrents | None] = (b"", None)
+        example = (self._form.unit, np.zeros(self._form.n_coils), np.zeros(3), np.empty(3), np.empty((3, 3)))
+        self._one = closed_to_new_types(kernels.evaluate_one_with, *example)
 
     @property
     def info(self) -> MapInfo:
         """Grid, coil names, reference currents, provenance and errors of the map."""
         return self._info
+
+    @property
+    def kind(self) -> str:
+        """Form of the interpolant."""
+        return self._form.kind
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -81,33 +109,122 @@ class FieldMap:
 
     @property
     def interpolation_error(self) -> FieldError | None:
-        """Largest difference to the solver found at sampled points when the map was made, or None if unknown.
+        """Largest difference found, T and T/m, summed over all coils, each at its reference current.
 
-        Summed over all coils, each at its reference current: T and T/m.
+        Hermite form: to the solver at points sampled when the map was made, None if unknown. Harmonic forms:
+        to the map at all of its nodes, or the step between cells (`jump`) where that is larger: on a face two
+        fits err in opposite ways. What the map itself lacks is not in it.
         """
-        return self._info.interpolation_error
+        misfit = self._form.misfit
+        if misfit is None:
+            return self._info.interpolation_error
+        jump = self._jump
+        return FieldError(max(misfit.flux_density, jump.flux_density), max(misfit.gradient, jump.gradient))
 
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
+    @property
+    def nbytes(self) -> int:
+        """Size of the coefficients of all coils, bytes."""
+        return self._form.unit.nbytes
+
+    def jump(self) -> Jump:
+        """Largest step of B and gradient between neighbouring cells: sampled, and a bound on all of a face.
+
+        Zero for the Hermite and the global form, whose field and gradient are continuous.
+        """
+        return self._jump
+
+    @cached_property
+    def _jump(self) -> Jump:
+        return jump_between_cells(self._form, self._info)
+
+    def at(self, currents: ArrayLike) -> FieldAtCurrents:
+        """The field at these currents (n_coils,): contracted now, once. The last one is kept."""
+        amperes = checked_currents(currents, self.coil_names, 0)
+        key = amperes.tobytes()
+        known, fixed = self._last
+        if known != key or fixed is None:
+            form, own = self._form, self._form.potential_unit is self._form.unit
+            block = contract(form.unit, amperes, set_size(form.unit))
+            potential = block if own else contract(form.potential_unit, amperes, 8)
+            fixed = FieldAtCurrents(block, potential, self._box)
+            # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
+            self._last = (key, fixed)
+        return fixed
+
+    def compiled(self, currents: ArrayLike | None = None) -> tuple[Any, Array]:
+        """(function, data) to call from your own numba functions, without Python objects.
+
+        With currents: B, G = function(data, x, y, z). Without: B, G = function(data, currents, x, y, z), the
+        currents a float64 array (n_coils,) that may change from call to call. B is a tuple of three in T, G one
+        of three rows, G[i][j] = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
+        outside="clamp"; a compiled function cannot raise OutsideMapError.
+        """
+        if currents is None:
+            return kernels.at_currents, self._form.unit
+        return self.at(currents).compiled()
+
+    def field(self, points: ArrayLike, currents: ArrayLike, out: Array | None = None) -> Array:
         """Flux density B (n, 3), T."""
-        (flux,), single = self._evaluate(hermite.field, ((),), points, currents)
-        return flux[0] if single else flux
+        where, single, rows = self._arguments(points, currents)
+        if rows is None:
+            return self.at(currents).field(where, out)
+        flux = result_array(None if single else out, where.shape)
+        field_and_gradient(self._form.unit, rows, where, flux, np.empty((len(where), 0, 0)), self._box)
+        return single_row(flux, out) if single else flux
 
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+    def gradient(self, points: ArrayLike, currents: ArrayLike, out: Array | None = None) -> Array:
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
-        return self.field_and_gradient(points, currents)[1]
+        where, single, rows = self._arguments(points, currents)
+        if rows is None:
+            return self.at(currents).gradient(where, out)
+        slope = result_array(None if single else out, (*where.shape, 3))
+        field_and_gradient(self._form.unit, rows, where, np.empty(where.shape), slope, self._box)
+        return single_row(slope, out) if single else slope
 
-    def field_and_gradient(self, points: ArrayLike, currents: ArrayLike) -> tuple[Array, Array]:
+    def field_and_gradient(
+        self, points: ArrayLike, currents: ArrayLike, out: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
-        (flux, slope), single = self._evaluate(hermite.field_and_gradient, ((), (3,)), points, currents)
-        return (flux[0], slope[0]) if single else (flux, slope)
+        if out is None and type(points) is np.ndarray and points.ndim == 1 and type(currents) is np.ndarray:
+            flux, slope = np.empty(3), np.empty((3, 3))
+            try:
+                if self._one(self._form.unit, currents, points, flux, slope) == 0:
+                    return flux, slope
+            except TypeError:
+                pass  # not float64 or not contiguous: the general path below
+        where, single, rows = self._arguments(points, currents)
+        if rows is None:
+            return self.at(currents).field_and_gradient(where, out)
+        given = (None, None) if out is None else out
+        flux = result_array(None if single else given[0], where.shape)
+        slope = result_array(None if single else given[1], (*where.shape, 3))
+        field_and_gradient(self._form.unit, rows, where, flux, slope, self._box)
+        return (single_row(flux, given[0]), single_row(slope, given[1])) if single else (flux, slope)
 
     def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2.
 
-        Error O(spacing^2); discontinuous across the faces of the grid's cells.
+        Hermite form: error O(spacing^2), discontinuous across the faces of the cells. Harmonic: O(spacing^3).
         """
-        (bend,), single = self._evaluate(hermite.second_gradient, ((3, 3),), points, currents)
-        return bend[0] if single else bend
+        where, single, rows = self._arguments(points, currents)
+        if rows is None:
+            return self.at(currents).second_gradient(where)
+        second = np.empty((len(where), 3, 3, 3))
+        with_currents(kernels.second_gradient, self._form.unit, rows, where, second, self._box)
+        return second[0] if single else second
+
+    def potential(self, points: ArrayLike, currents: ArrayLike) -> Array | float:
+        """Scalar potential U (n,), T m, with B = -grad U; zero near the middle of the box.
+
+        Harmonic forms: -grad U is `field` to rounding. Hermite form: an interpolant of its own, -grad U is
+        `field` to the interpolation error.
+        """
+        where, single, rows = self._arguments(points, currents)
+        if rows is None:
+            return self.at(currents).potential(where)
+        values = np.empty(len(where))
+        with_currents(kernels.potential, self._form.potential_unit, rows, where, values, self._box)
+        return float(values[0]) if single else values
 
     def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: ArrayLike) -> Array:
         """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions.
@@ -117,89 +234,62 @@ class FieldMap:
         moments (3,) for all positions or (n, 3), A m^2. Singular nowhere in the box.
         """
         where, single = checked_vectors("positions", positions)
-        dipoles, _ = checked_vectors("moments", moments)
-        if len(dipoles) not in (1, len(where)):
-            received = f"{len(dipoles)} moments for {len(where)} positions"
-            problem = Problem("lookup, moments", "one for all positions or one each", received, "match them")
-            raise InputError(problem)
-        flux, slope = self.field_and_gradient(where, currents)
-        dipoles = np.broadcast_to(dipoles, where.shape)
-        force = np.einsum("nij,ni->nj", slope, dipoles)
-        result = np.concatenate([force, np.cross(dipoles, flux)], axis=1)
+        result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
         return result[0] if single else result
 
     def unit_field(self, points: ArrayLike) -> Array:
         """B per ampere in each coil, (n, n_coils, 3), T/A: what an allocation of currents starts from."""
-        where, single = checked_vectors("points", points)
-        flux = self._interpolate(hermite.field, self._unit, where, ((),))[0]
-        result = flux.reshape(len(where), len(self.coil_names), 3)
-        return result[0] if single else result
+        flux, _, single = self._units(points, 0)
+        return flux[0] if single else flux
 
     def unit_gradient(self, points: ArrayLike) -> Array:
         """Gradient per ampere in each coil, (n, n_coils, 3, 3), T/(m A)."""
+        _, slope, single = self._units(points, 3)
+        return slope[0] if single else slope
+
+    def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
         where, single = checked_vectors("points", points)
-        slope = self._interpolate(hermite.field_and_gradient, self._unit, where, ((), (3,)))[1]
-        result = slope.reshape(len(where), len(self.coil_names), 3, 3)
-        return result[0] if single else result
+        shape = (len(where), len(self.coil_names))
+        flux, slope = np.empty((*shape, 3)), np.empty((*shape, wanted, wanted))
+        unit = self._form.unit
+        in_chunks(lambda p, f, s: kernels.evaluate_units(unit, p, f, s), where, [flux, slope], self._box)
+        return flux, slope, single
 
-    def _evaluate(
-        self, kernel: Callable[..., int], tails: Tails, points: ArrayLike, currents: ArrayLike
-    ) -> tuple[list[Array], bool]:
-        """Results (n, 3, *tail), one per tail, and whether a single point was given.
+    def _arguments(self, points: ArrayLike, currents: ArrayLike) -> tuple[Array, bool, Array | None]:
+        """Points (n, 3), whether a single one was given, and currents (n or 1, n_coils) to superpose at each.
 
-        For many points the coefficients of the whole grid are superposed once, for few those at the point.
-        The choice depends on the sizes alone: equal calls give equal bits whatever was called before.
+        None instead of the currents: contract the block, there are many points for one set of currents. The
+        choice depends on the sizes alone: equal calls give equal bits whatever was called before.
         """
         where, single = checked_vectors("points", points)
         amperes = checked_currents(currents, self.coil_names, len(where))
-        if amperes.ndim == 1 and len(where) > self._few:
-            return self._interpolate(kernel, self._superposed_at(amperes), where, tails), single
-        rows = amperes if amperes.ndim == 2 else amperes[None]
-        by_channel = self._interpolate(kernel, self._unit, where, tails)
-        return [_superposed(values, rows) for values in by_channel], single
-
-    def _interpolate(
-        self, kernel: Callable[..., int], coefficients: Array, where: Array, tails: Tails
-    ) -> list[Array]:
-        results = [np.empty((len(where), coefficients.shape[3], *tail)) for tail in tails]
-        outside = kernel(coefficients, self._lower, self._spacing, where, *results)
-        if outside and self._outside == "raise":
-            raise outside_error(where, outside, self.lower, self.upper)
-        return results
-
-    def _superposed_at(self, currents: Array) -> Array:
-        """Coefficients (nx, ny, nz, 3, 8) at these currents; the last ones are kept."""
-        key = currents.tobytes()
-        known, coefficients = self._last
-        if known != key:
-            coefficients = np.empty((*self._unit.shape[:3], 3, 8))
-            hermite.contract(self._unit, currents, coefficients)
-            # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
-            self._last = (key, coefficients)
-        return coefficients
+        if amperes.ndim == 2:
+            return where, single, amperes
+        return where, single, amperes[None] if len(where) <= self._few else None
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "_last": (b"", np.empty(0))}
+        return {name: self.__dict__[name] for name in ("_info", "_box", "_form")}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._start()
 
     def __repr__(self) -> str:
         corners = ", ".join(
             f"{low * 1e3:g} to {high * 1e3:g}" for low, high in zip(self.lower, self.upper, strict=True)
         )
-        return f"FieldMap({len(self.coil_names)} coils, box {corners} mm, {self._info.grid.size} nodes)"
+        size = self._info.grid.size
+        return f"FieldMap({self.kind}, {len(self.coil_names)} coils, box {corners} mm, {size} nodes)"
 
 
-def _superposed(values: Array, currents: Array) -> Array:
-    """(n, 3, *tail): values (n, 3 n_coils, *tail) times currents (n, n_coils) or (1, n_coils), summed."""
-    n, tail = len(values), values.shape[2:]
-    result = np.empty((n, 3, *tail))
-    size = 3 * math.prod(tail)
-    hermite.superpose(values.reshape(n, currents.shape[1], size), currents, result.reshape(n, size))
-    return result
-
-
-def _unit_coefficients(data: MapData) -> Array:
-    """Coefficients (nx, ny, nz, 3 n_coils, 8) of all coils; channel 3 c + i is component i of coil c."""
-    n_coils = len(data.coil_names)
-    values = np.ascontiguousarray(np.moveaxis(data.flux_density, 0, 3)).reshape(*data.grid.shape, 3 * n_coils)
-    slopes = np.ascontiguousarray(np.moveaxis(data.gradient, 0, 3)).reshape(*data.grid.shape, 3 * n_coils, 3)
-    return hermite.nodal_coefficients(values, slopes, np.array(data.grid.spacing))
+def check_choices(kind: str, outside: str) -> None:
+    """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
+    problems = []
+    for name, value, allowed in (("kind", kind, list(FORMS)), ("outside", outside, list(OUTSIDE_RULES))):
+        if value not in allowed:
+            names = " or ".join(f'"{choice}"' for choice in allowed)
+            problems.append(
+                Problem(f"open_map, {name}", f"is {names}", repr(value), "choose one that exists")
+            )
+    if problems:
+        raise InputError(*problems)

@@ -2,34 +2,30 @@
 
 from os import PathLike
 
-from fieldmap.errors import InputError, Problem
-from fieldmap.lookup.field_map import FieldMap
+from fieldmap.lookup.field_map import FieldMap, check_choices
 from fieldmap.store import MapData, read_map
 
-KINDS = ("hermite",)
 
-
-def open_map(path: str | PathLike[str], kind: str = "hermite", outside: str = "raise") -> FieldMap:
+def open_map(
+    path: str | PathLike[str], kind: str = "hermite", outside: str = "raise", threads: int | None = None
+) -> FieldMap:
     """Read and check the map file at `path` and make it ready for lookups.
 
-    kind: "hermite", the tricubic Hermite interpolant. outside: what a point outside the map's box gives,
-    "raise" (OutsideMapError) or "nan". Raises MapFileError if the file is no complete, undamaged map and
-    InputError for an unknown kind or outside rule.
+    kind: "hermite", the tricubic Hermite interpolant; "harmonic", one harmonic polynomial per cell; "global", one
+    for the whole box (docs/lookup.md: which to take when). outside: what a point outside the map's box gives,
+    "raise" (OutsideMapError), "nan", or "clamp" (the nearest point of the box). threads: for large batches, by
+    default one per processor. Raises MapFileError if the file is no complete, undamaged map and InputError for an
+    unknown kind or outside rule, or if no single polynomial holds the map ("global").
 
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
-    _check_kind(kind)
-    return interpolate(read_map(path), kind, outside)
+    check_choices(kind, outside)
+    return interpolate(read_map(path), kind, outside, threads)
 
 
-def interpolate(data: MapData, kind: str = "hermite", outside: str = "raise") -> FieldMap:
-    """A map in memory made ready for lookups; kind and outside as in `open_map`."""
-    _check_kind(kind)
-    return FieldMap(data, outside)
-
-
-def _check_kind(kind: str) -> None:
-    if kind not in KINDS:
-        allowed = " or ".join(f'"{name}"' for name in KINDS)
-        raise InputError(Problem("open_map, kind", f"is {allowed}", repr(kind), "choose a kind that exists"))
+def interpolate(
+    data: MapData, kind: str = "hermite", outside: str = "raise", threads: int | None = None
+) -> FieldMap:
+    """A map in memory made ready for lookups; kind, outside and threads as in `open_map`."""
+    return FieldMap(data, outside, kind, threads)

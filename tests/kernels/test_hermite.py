@@ -241,26 +241,3 @@ def test_no_cell_lies_beyond_the_grid():
             assert np.all(cell >= 0)
             assert np.all(cell <= np.array(shape) - 2)
     assert found > 100
-
-
-def test_superpose_takes_one_row_of_currents_or_one_each():
-    rng = np.random.default_rng(9)
-    values, currents = rng.normal(size=(4, 2, 9)), rng.normal(size=(4, 2))
-    out = np.empty((4, 9))
-    hermite.superpose(values, currents, out)
-    for p in range(4):
-        expected = currents[p, 0] * values[p, 0] + currents[p, 1] * values[p, 1]
-        np.testing.assert_allclose(out[p], expected, rtol=1e-14)
-    hermite.superpose(values, currents[2:3], out)
-    expected = currents[2, 0] * values[:, 0] + currents[2, 1] * values[:, 1]
-    np.testing.assert_allclose(out, expected, rtol=1e-14)
-
-
-def test_contract_superposes_the_coils():
-    rng = np.random.default_rng(8)
-    coefficients = rng.normal(size=(3, 2, 4, 6, 8))
-    currents = np.array([0.5, -2.0])
-    out = np.empty((3, 2, 4, 3, 8))
-    hermite.contract(coefficients, currents, out)
-    by_coil = coefficients.reshape(3, 2, 4, 2, 3, 8)
-    np.testing.assert_allclose(out, 0.5 * by_coil[..., 0, :, :] - 2.0 * by_coil[..., 1, :, :], rtol=1e-14)

@@ -79,10 +79,96 @@ def test_arguments_of_the_wrong_shape(coarse, points, currents, words):
 
 
 def test_unknown_kind_and_outside_rule(dipoles, tmp_path):
-    with pytest.raises(InputError, match="is \"hermite\"; received 'linear'"):
+    with pytest.raises(InputError, match='"hermite" or "harmonic" or "global"; received \'linear\''):
         open_map(tmp_path / "any.h5", kind="linear")
-    with pytest.raises(InputError, match='"raise" or "nan"; received \'clamp\''):
-        interpolate(dipoles.map((6, 5, 6)), outside="clamp")
+    with pytest.raises(InputError, match='"nan" or "clamp"; received \'zero\''):
+        interpolate(dipoles.map((6, 5, 6)), outside="zero")
+    with pytest.raises(InputError) as caught:
+        interpolate(dipoles.map((6, 5, 6)), kind="linear", outside="zero")
+    assert len(caught.value.problems) == 2
+
+
+def test_clamp_gives_the_nearest_point_of_the_box(dipoles):
+    opened = interpolate(dipoles.map((6, 5, 6)), outside="clamp")
+    points = np.array([[0.1, 0.0, 0.0], [0.0, -1.0, 0.5], [0.0, 0.0, -0.01]])
+    nearest = np.clip(points, opened.lower, opened.upper)
+    for ask in (opened.field, opened.gradient, opened.second_gradient, opened.potential):
+        np.testing.assert_allclose(ask(points, CURRENTS), ask(nearest, CURRENTS), rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("outside", ["raise", "nan", "clamp"])
+def test_infinity_gives_nan_in_its_row_whatever_the_rule(dipoles, outside):
+    opened = interpolate(dipoles.map((6, 5, 6)), outside=outside)
+    flux, slope = opened.field_and_gradient([[0, 0, 0], [np.inf, 0, 0], [0, -np.inf, 0]], CURRENTS)
+    assert np.isfinite(flux[0]).all()
+    assert np.isnan(flux[1:]).all()
+    assert np.isnan(slope[1:]).all()
+    one, _ = opened.field_and_gradient(np.array([0.0, 0.0, np.inf]), CURRENTS)
+    assert np.isnan(one).all()
+
+
+def test_results_into_given_arrays(coarse, dipoles):
+    points = dipoles.points(400)
+    flux, slope = np.empty((400, 3)), np.empty((400, 3, 3))
+    given = coarse.field_and_gradient(points, CURRENTS, out=(flux, slope))
+    assert given[0] is flux
+    assert given[1] is slope
+    np.testing.assert_array_equal(flux, coarse.field(points, CURRENTS))
+    one = np.empty(3)
+    assert coarse.field(points[0], CURRENTS, out=one) is one
+    np.testing.assert_allclose(one, flux[0], rtol=1e-12)
+    for wrong in (np.empty((399, 3)), np.empty((400, 3), np.float32), np.empty((3, 400)).T, [0.0]):
+        with pytest.raises(InputError, match=r"lookup, out: a contiguous, writeable float64"):
+            coarse.field(points, CURRENTS, out=wrong)
+
+
+def test_one_point_in_every_dress(coarse, dipoles):
+    point = dipoles.points(1)[0]
+    expected = coarse.field_and_gradient(point, CURRENTS)
+    frozen = point.copy()
+    frozen.flags.writeable = False
+    for dressed in (list(point), tuple(point), point[None], np.repeat(point, 2)[::2], frozen):
+        flux, slope = coarse.field_and_gradient(dressed, list(CURRENTS))
+        np.testing.assert_allclose(np.ravel(flux), expected[0], rtol=1e-13)
+        np.testing.assert_allclose(np.ravel(slope), expected[1].ravel(), rtol=1e-13)
+        np.testing.assert_allclose(np.ravel(coarse.at(CURRENTS).field(dressed)), expected[0], rtol=1e-12)
+    with pytest.raises(InputError, match="points"):
+        coarse.field_and_gradient(np.zeros(2), CURRENTS)
+    with pytest.raises(InputError, match="currents"):
+        coarse.field_and_gradient(point, np.zeros(7))
+    with pytest.raises(OutsideMapError):
+        coarse.field_and_gradient(np.array([1.0, 0.0, 0.0]), CURRENTS)
+
+
+@pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])
+def test_threads_give_the_same_bits(dipoles, kind):
+    points = dipoles.points(70_000)
+    data = dipoles.map((6, 5, 6))
+    single, several = (interpolate(data, kind, threads=n) for n in (1, 3))
+    for ours, theirs in zip(
+        single.field_and_gradient(points, CURRENTS), several.field_and_gradient(points, CURRENTS), strict=True
+    ):
+        np.testing.assert_array_equal(ours, theirs)
+    points[69_000] = 1.0
+    with pytest.raises(OutsideMapError, match="1 of 70000 points"):
+        several.field(points, CURRENTS)
+
+
+def test_several_processes_read_one_file(dipoles, tmp_path):
+    from fieldmap.store import write_map
+
+    path = tmp_path / "map.h5"
+    write_map(path, dipoles.map((6, 5, 6)))
+    program = (
+        "import sys, fieldmap as fm\n"
+        "m = fm.open_map(sys.argv[1], kind='harmonic')\n"
+        "print(m.field([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]).tolist())"
+    )
+    command = [sys.executable, "-c", program, str(path)]
+    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    answers = [process.communicate(timeout=300)[0] for process in running]
+    expected = open_map(path, kind="harmonic").field([0.0, 0.0, 0.0], CURRENTS).tolist()
+    assert answers == [f"{expected}\n"] * 2
 
 
 def test_survives_a_pickle(coarse, dipoles):
@@ -90,6 +176,8 @@ def test_survives_a_pickle(coarse, dipoles):
     expected = coarse.gradient(points, CURRENTS)
     again = pickle.loads(pickle.dumps(coarse))
     np.testing.assert_array_equal(again.gradient(points, CURRENTS), expected)
+    fixed = pickle.loads(pickle.dumps(coarse.at(CURRENTS)))
+    np.testing.assert_array_equal(fixed.gradient(points), expected)
     assert again.coil_names == coarse.coil_names
 
 
@@ -106,7 +194,7 @@ def test_threads_with_different_currents_do_not_mix(coarse, dipoles):
 
 
 def test_says_what_it_is(coarse):
-    assert repr(coarse) == "FieldMap(3 coils, box -20 to 20, -15 to 20, -30 to 10 mm, 294 nodes)"
+    assert repr(coarse) == "FieldMap(hermite, 3 coils, box -20 to 20, -15 to 20, -30 to 10 mm, 294 nodes)"
     assert coarse.error_bound is None
     assert coarse.interpolation_error is None
 

@@ -1,0 +1,106 @@
+"""Where a map's coefficients lie: one flat array of float64 numbers, a header and the coefficients after it.
+
+One array holds all that an evaluation reads, so a compiled caller passes one argument, a pickle or a file holds
+one object, and no kernel knows a class. The header (positions below, whole numbers stored as floats):
+
+    KIND       0 Hermite, 1 one harmonic polynomial a cell, 2 one harmonic polynomial for the whole box
+    RULE       what a point outside gives: 0 NaN, 1 the value at the nearest point of the box
+    SETS       how many sets of coefficients: one a coil in A^-1, or a single one at given currents
+    DEGREE     of the potential (kinds 1 and 2)
+    LOWER      lower corner of the box, 3 numbers, m
+    INVERSE    1 / spacing, 3 numbers, 1/m
+    CELLS      number of cells along each axis
+    LOCAL      spacing / LENGTH, 3 numbers
+    LENGTH     unit of length of the harmonic polynomials, m (1 for kind 0)
+    PER_LENGTH 1 / LENGTH, 1/m
+
+Kind 1 and 2: set s of cell n lies at HEADER + (n SETS + s) (DEGREE + 1)^2, cells in C order of x, y, z. Kind 0:
+set s of node n at HEADER + (n SETS + s) 24, component i at + 8 i (hermite, for the order of the eight). At given
+currents a block of kind 2 carries the table of global_harmonics behind its only set.
+"""
+
+import math
+from typing import Any
+
+from numba import njit
+
+KIND, RULE, SETS, DEGREE = 0, 1, 2, 3
+LOWER, INVERSE, CELLS, LOCAL = 4, 7, 10, 13
+LENGTH, PER_LENGTH = 16, 17
+HEADER = 24
+
+HERMITE, CELL_HARMONIC, GLOBAL_HARMONIC = 0, 1, 2
+NAN_OUTSIDE, CLAMP = 0, 1
+INSIDE, OUTSIDE, NOT_FINITE, WRONG_SHAPE = 0, 1, 2, 3
+
+# A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing.
+EDGE = 1e-9
+
+# Fused multiply-add only. The rest of fast-math would let the compiler assume that there is no NaN.
+INLINED: dict[str, Any] = {
+    "cache": True,
+    "forceinline": True,
+    "error_model": "numpy",
+    "fastmath": {"contract"},
+}
+OUTER: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+@njit(**INLINED)
+def locate(block, x, y, z):
+    """Status, cell (i, j, k) of a point, and its coordinates 0..1 in the cell.
+
+    Unless the status is INSIDE the rest means nothing. The comparison is written so that NaN fails it.
+    """
+    nx, ny, nz = block[CELLS], block[CELLS + 1], block[CELLS + 2]
+    ux = (x - block[LOWER]) * block[INVERSE]
+    uy = (y - block[LOWER + 1]) * block[INVERSE + 1]
+    uz = (z - block[LOWER + 2]) * block[INVERSE + 2]
+    low = ux >= -EDGE and uy >= -EDGE and uz >= -EDGE
+    if not (low and ux <= nx + EDGE and uy <= ny + EDGE and uz <= nz + EDGE):
+        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+            return NOT_FINITE, 0, 0, 0, 0.0, 0.0, 0.0
+        if block[RULE] != CLAMP:
+            return OUTSIDE, 0, 0, 0, 0.0, 0.0, 0.0
+        ux, uy, uz = min(max(ux, 0.0), nx), min(max(uy, 0.0), ny), min(max(uz, 0.0), nz)
+    i = max(min(int(ux), int(nx) - 1), 0)
+    j = max(min(int(uy), int(ny) - 1), 0)
+    k = max(min(int(uz), int(nz) - 1), 0)
+    return INSIDE, i, j, k, ux - i, uy - j, uz - k
+
+
+@njit(**INLINED)
+def cell_number(block, i, j, k):
+    """Position of cell (i, j, k) in C order."""
+    return (i * int(block[CELLS + 1]) + j) * int(block[CELLS + 2]) + k
+
+
+@njit(**INLINED)
+def node_number(block, i, j, k):
+    """Position of node (i, j, k) in C order."""
+    return (i * (int(block[CELLS + 1]) + 1) + j) * (int(block[CELLS + 2]) + 1) + k
+
+
+@njit(**INLINED)
+def superpose(block, place, size, currents, out):
+    """out (size,) = sum over the sets of current times the set's numbers at a cell or node."""
+    n_sets = currents.shape[0]
+    first = HEADER + place * n_sets * size
+    for m in range(size):
+        out[m] = currents[0] * block[first + m]
+    for s in range(1, n_sets):
+        here = block[first + s * size : first + (s + 1) * size]
+        for m in range(size):
+            out[m] += currents[s] * here[m]
+
+
+@njit(**OUTER)
+def contract(block, size, currents, out):
+    """The block `out` of one set: header of `block` with SETS = 1, and every place superposed at currents.
+
+    size: numbers of one set at one place. `block` has as many sets as there are currents.
+    """
+    out[:HEADER] = block[:HEADER]
+    out[SETS] = 1.0
+    for place in range((block.shape[0] - HEADER) // (size * currents.shape[0])):
+        superpose(block, place, size, currents, out[HEADER + place * size : HEADER + (place + 1) * size])

@@ -1,0 +1,92 @@
+"""One harmonic polynomial for the whole box: infinitely smooth, a few kilobytes a coil.
+
+docs/theory/lookup.md (7), (8). It converges inside the largest sphere about the box's middle that is free of
+currents and iron; how well it does in the box is measured at every node of the map.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels import lookup as kernels
+from fieldmap.kernels import map_block
+from fieldmap.lookup.form import Form, contract, header, set_size
+from fieldmap.lookup.harmonic_matrix import field_matrix, gradient_matrix
+from fieldmap.store import FieldError, Grid, MapData
+
+Array = NDArray[np.float64]
+
+DEGREE = 16
+NODES_PER_AXIS = 13  # of the fit; the misfit is taken at all nodes, so most of a fine map is left to judge it
+GRADIENT_WEIGHT = 0.1  # against length times gradient
+LARGEST_MISFIT = 1e-3  # of the largest field
+
+
+def global_form(data: MapData, outside: str) -> Form:
+    """Coefficients (n_coils, (degree + 1)^2) behind a header, and the misfit at the nodes of the map.
+
+    Raises InputError if the polynomial misses the map by more than LARGEST_MISFIT of the largest field.
+    """
+    grid, n_coils = data.grid, len(data.coil_names)
+    box = Grid(grid.lower, grid.upper - grid.lower, (2, 2, 2))
+    length = float(np.linalg.norm(grid.upper - grid.lower)) / 2
+    chosen = np.ix_(*[_spread(n) for n in grid.shape])
+    degree = _degree(int(np.prod([len(axis.ravel()) for axis in chosen])))
+    points = (grid.points() - (grid.lower + grid.upper) / 2) / length
+    coefficients = _fit(data, points.reshape(*grid.shape, 3)[chosen].reshape(-1, 3), chosen, degree, length)
+    start = header(map_block.GLOBAL_HARMONIC, box, n_coils, outside, degree, length)
+    unit = np.concatenate([start, coefficients.ravel()])
+    return Form("global", unit, unit, _checked_misfit(data, unit))
+
+
+def _spread(n: int) -> NDArray[np.intp]:
+    """Up to NODES_PER_AXIS of n nodes, evenly spread, both ends among them."""
+    return np.unique(np.linspace(0, n - 1, min(n, NODES_PER_AXIS)).round().astype(np.intp))
+
+
+def _degree(n_nodes: int) -> int:
+    """DEGREE, or less where the nodes give fewer than twice as many independent numbers (8 each) as unknowns."""
+    degree = DEGREE
+    while degree > 3 and (degree + 1) ** 2 - 1 > 4 * n_nodes:
+        degree -= 1
+    return degree
+
+
+def _fit(
+    data: MapData, local: Array, chosen: tuple[NDArray[np.intp], ...], degree: int, length: float
+) -> Array:
+    """Least squares over fields and gradients at the chosen nodes, every column scaled to length 1."""
+    n_coils, n = len(data.coil_names), len(local)
+    of_field = field_matrix(degree, local).reshape(3 * n, -1)[:, 1:]
+    of_gradient = gradient_matrix(degree, local).reshape(9 * n, -1)[:, 1:]
+    design = np.concatenate([of_field, GRADIENT_WEIGHT * of_gradient])
+    scale = np.linalg.norm(design, axis=0)
+    flux = np.stack([unit[chosen].ravel() for unit in data.flux_density], axis=1)
+    slope = np.stack([unit[chosen].ravel() for unit in data.gradient], axis=1)
+    values = np.concatenate([flux, GRADIENT_WEIGHT * length * slope])
+    q, r = np.linalg.qr(design / scale)
+    found = np.linalg.solve(r, q.T @ values) / scale[:, None]
+    return np.concatenate([np.zeros((n_coils, 1)), found.T], axis=1)
+
+
+def _checked_misfit(data: MapData, unit: Array) -> FieldError:
+    points = data.grid.points()
+    n, n_coils = len(points), len(data.coil_names)
+    flux, slope = np.empty((n, 3)), np.empty((n, 3, 3))
+    of_flux, of_slope, size = np.zeros(n), np.zeros(n), np.zeros(n)
+    for c, amperes in enumerate(data.reference_current):
+        kernels.evaluate(contract(unit, np.eye(n_coils)[c], set_size(unit)), points, flux, slope)
+        exact = data.flux_density[c].reshape(n, 3)
+        of_flux += amperes * np.linalg.norm(flux - exact, axis=1)
+        of_slope += amperes * np.linalg.norm(slope - data.gradient[c].reshape(n, 3, 3), axis=(1, 2))
+        size += amperes * np.linalg.norm(exact, axis=1)
+    largest = float(size.max())
+    if not of_flux.max() <= LARGEST_MISFIT * largest:
+        problem = Problem(
+            "open_map, kind",
+            f'"global" only for a field that one harmonic polynomial holds to {LARGEST_MISFIT:g}',
+            f"a misfit of {of_flux.max() / max(largest, 1e-300):.1e} of the largest field at the nodes",
+            'take "harmonic" or "hermite": sources are too near to this box for one expansion',
+        )
+        raise InputError(problem)
+    return FieldError(float(of_flux.max()), float(of_slope.max()))

@@ -1,0 +1,33 @@
+"""The tricubic Hermite form of a map: through the stored values and gradients, once continuously differentiable."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.kernels import hermite, map_block
+from fieldmap.lookup.form import Form, header
+from fieldmap.lookup.node_potential import node_potential
+from fieldmap.store import MapData
+
+Array = NDArray[np.float64]
+
+
+def hermite_form(data: MapData, outside: str) -> Form:
+    """Coefficients of the field (three channels a coil) and of the potential (one), at every node."""
+    start = header(map_block.HERMITE, data.grid, len(data.coil_names), outside)
+    field = _coefficients(data, data.flux_density, data.gradient)
+    potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])
+    return Form(
+        "hermite",
+        np.concatenate([start, field]),
+        np.concatenate([start, potential]),
+        None,
+    )
+
+
+def _coefficients(data: MapData, values: Array, slopes: Array) -> Array:
+    """Flat coefficients of values (n_coils, nx, ny, nz, c) and slopes (n_coils, nx, ny, nz, c, 3)."""
+    shape = data.grid.shape
+    channels = len(values) * values.shape[-1]
+    by_node = np.ascontiguousarray(np.moveaxis(values, 0, 3)).reshape(*shape, channels)
+    slopes_by_node = np.ascontiguousarray(np.moveaxis(slopes, 0, 3)).reshape(*shape, channels, 3)
+    return hermite.nodal_coefficients(by_node, slopes_by_node, np.array(data.grid.spacing)).ravel()
