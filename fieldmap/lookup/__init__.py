@@ -1,6 +1,8 @@
 """Opened maps: field, gradient and wrench at any point, for any currents."""
 
+from fieldmap.lookup.at_currents import FieldAtCurrents
 from fieldmap.lookup.field_map import FieldMap
+from fieldmap.lookup.jumps import Jump
 from fieldmap.lookup.opening import interpolate, open_map
 
-__all__ = ["FieldMap", "interpolate", "open_map"]
+__all__ = ["FieldAtCurrents", "FieldMap", "Jump", "interpolate", "open_map"]

@@ -1,6 +1,6 @@
 """One harmonic polynomial for the whole box: infinitely smooth, a few kilobytes a coil.
 
-docs/theory/lookup.md (7), (8). It converges inside the largest sphere about the box's middle that is free of
+docs/theory/lookup.md (8), (9). It converges inside the largest sphere about the box's middle that is free of
 currents and iron; how well it does in the box is measured at every node of the map.
 """
 

@@ -24,7 +24,7 @@ class Jump:
     """Largest norm of the step across a face, summed over the coils at their reference currents: T and T/m.
 
     flux_density, gradient: at 5 x 5 Chebyshev points of every face. flux_density_bound, gradient_bound: on all
-    of every face, the former times the Lebesgue constant 3.96 of these points (docs/theory/lookup.md (6)).
+    of every face, the former times the Lebesgue constant 3.96 of these points (docs/theory/lookup.md (7)).
     """
 
     flux_density: float

@@ -12,7 +12,7 @@ def node_potential(data: MapData) -> Array:
     """V (n_coils, nx, ny, nz) in T m/A with grad V = B, zero at the middle node.
 
     Along x through the first node, along y from there, then along z: trapezoid with the correction of its end
-    slopes (Euler and Maclaurin; docs/theory/lookup.md (9)), error O(spacing^4). Different ways round a cell
+    slopes (Euler and Maclaurin; docs/theory/lookup.md (10)), error O(spacing^4). Different ways round a cell
     agree to that order because B is curl-free.
     """
     steps = [_steps(data, axis) for axis in range(3)]
