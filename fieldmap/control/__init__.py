@@ -5,12 +5,6 @@ python-control as they are.
 """
 
 from fieldmap.control.compensator import compensated_reference
-from fieldmap.control.current_division import (
-    DivisionSignals,
-    divide_currents,
-    division_slopes,
-    undivide_currents,
-)
 from fieldmap.control.levitated_plants import (
     LumpedMagnet,
     levitated_plant,
@@ -36,6 +30,12 @@ from fieldmap.control.pid import PID, RunningPID, pid_transfer_function, run_pid
 from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
+from fieldmap.device.current_division import (
+    DivisionSignals,
+    divide_currents,
+    division_slopes,
+    undivide_currents,
+)
 
 __all__ = [
     "PID",

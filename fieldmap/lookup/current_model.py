@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.device.current_division import undivide_currents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
 from fieldmap.kernels.reduced_iron import newton
 from fieldmap.store import ReducedModel
@@ -14,6 +15,9 @@ _TOLERANCE = 1e-6
 _MOST_STEPS = 60
 # Currents may lie outside the domain by this share of its range: rounding of what the user computed.
 _MARGIN = 1e-9
+# Currents are taken for a division if they differ from one by no more than this share of u.
+_LARGEST_MISMATCH = 1e-6
+_REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
 class CurrentModel:
@@ -27,7 +31,7 @@ class CurrentModel:
         self.model = model
         self._names = coil_names
         self._outside = outside
-        self._range = model.upper - model.lower
+        self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
 
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields): the currents (..., c) in A, then those of the iron's fields.
@@ -67,20 +71,47 @@ class CurrentModel:
     def _holds(self, currents: Array) -> bool:
         if not np.isfinite(currents).all():
             return False
-        margin = _MARGIN * self._range
-        low, high = self.model.lower - margin, self.model.upper + margin
-        beyond = np.flatnonzero((currents < low) | (currents > high))
-        if self._outside == "evaluate" or not beyond.size:
+        if self._outside == "evaluate":
             return True
-        if self._outside == "nan":
-            return False
-        k = int(beyond[0])
-        domain = f"{self.model.lower[k]:g} to {self.model.upper[k]:g} A"
-        raise OutsideMapError(
-            Problem(
-                f"current of coil {self._names[k]}",
-                f"must lie within what the map was made for, {domain}",
-                f"{currents[k]:g} A",
-                'make a map with a wider [currents], or open this one with outside_currents="evaluate"',
-            )
+        problem = (
+            self._outside_division(currents)
+            if self.model.division_exponent.size
+            else self._outside_box(currents)
         )
+        if problem is not None and self._outside == "raise":
+            raise OutsideMapError(problem)
+        return problem is None
+
+    def _outside_box(self, currents: Array) -> Problem | None:
+        k = self._beyond(currents)
+        if k is None:
+            return None
+        return Problem(
+            f"current of coil {self._names[k]}",
+            f"must lie within what the map was made for, {self.model.lower[k]:g} to {self.model.upper[k]:g} A",
+            f"{currents[k]:g} A",
+            _REMEDY,
+        )
+
+    def _outside_division(self, currents: Array) -> Problem | None:
+        exponent = float(self.model.division_exponent[0])
+        if currents.mean() == 0.0:
+            return Problem("currents", "must have a mean, as their division has", "mean 0", _REMEDY)
+        found = undivide_currents(currents, exponent)
+        if found.mismatch > _LARGEST_MISMATCH:
+            must_hold = f"must be a division of u, x and y with n = {exponent:g}, which the map was made for"
+            return Problem("currents", must_hold, f"currents off it by {found.mismatch:.1e} of u", _REMEDY)
+        signals = np.array([found.u, found.x, found.y])
+        k = self._beyond(signals)
+        if k is None:
+            return None
+        low, high = self.model.lower[k], self.model.upper[k]
+        must_hold = f"must lie within what the map was made for, {low:g} to {high:g}"
+        return Problem(f"currents, their {'uxy'[k]}", must_hold, f"{signals[k]:g}", _REMEDY)
+
+    def _beyond(self, values: Array) -> int | None:
+        """Number of the first value beyond the domain."""
+        low, high = self.model.lower, self.model.upper
+        margin = _MARGIN * (high - low)
+        beyond = np.flatnonzero((values < low - margin) | (values > high + margin))
+        return int(beyond[0]) if beyond.size else None

@@ -17,6 +17,7 @@ from fieldmap.maps.fingerprint import fingerprint, library_versions
 from fieldmap.maps.interpolation import UnitFields, interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
 from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_device
+from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
 from fieldmap.store import MapInfo, MapWriter, Provenance, open_writer, read_info
@@ -89,10 +90,9 @@ def _generate_saturating(
 ) -> None:
     if not resume:
         archive_path(target).unlink(missing_ok=True)
-    lower, upper = _domain(recipe, plan, len(device.coils))
     trained = trained_map(
         device,
-        replace(plan, lower=lower, upper=upper),
+        replace(plan, domain=_domain(recipe, plan.domain, len(device.coils))),
         info.reference_current,
         info.grid,
         target,
@@ -146,15 +146,17 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
 
 
 def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
-    """As the recipe says; else 1 A, or the middle of the domain of the currents, at least a tenth of its range."""
+    """As the recipe says; else 1 A, or the middle of the domain of the currents, where that is positive."""
     count = len(device.coils)
     if recipe.currents is None:
         return np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
-    lower, upper = _domain(recipe, recipe.currents, count)
+    domain = _domain(recipe, recipe.currents.domain, count)
     if recipe.reference_current is None:
-        return np.maximum(0.5 * (lower + upper), 0.1 * (upper - lower))
+        middle = domain.middle
+        return np.where(middle > 0, middle, np.abs(domain.corners()).max(initial=1.0))
     given = np.full(count, recipe.reference_current)
-    if ((given < lower) | (given > upper)).any():
+    low, high = (0.0, np.inf) if domain.division_exponent is not None else (domain.lower, domain.upper)
+    if ((given < low) | (given > high)).any():
         raise recipe.error(
             "output.reference_current_A",
             "must lie within [currents]",
@@ -164,13 +166,19 @@ def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
     return given
 
 
-def _domain(recipe: Recipe, plan: CurrentPlan, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower and upper currents (n_coils,) of the map."""
-    for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):
+def _domain(recipe: Recipe, domain: CurrentDomain, count: int) -> CurrentDomain:
+    """The domain with one lower and one upper current for every coil."""
+    if domain.division_exponent is not None:
+        if count != 6:
+            must_hold = "a division is for six coils, named in the order of the thesis"
+            raise recipe.error("currents.division", must_hold, f"{count} coils", "give lower_A and upper_A")
+        return domain
+    for key, values in (("lower_A", domain.lower), ("upper_A", domain.upper)):
         if values.size not in (1, count):
             must_hold = f"one current for all coils, or one for each of the {count} coils"
             raise recipe.error(f"currents.{key}", must_hold, f"{values.size} currents", "correct the list")
-    return np.broadcast_to(plan.lower, count).copy(), np.broadcast_to(plan.upper, count).copy()
+    lower, upper = (np.broadcast_to(values, count).copy() for values in (domain.lower, domain.upper))
+    return CurrentDomain(lower, upper)
 
 
 def _target(recipe: Recipe, output: str | PathLike[str] | None) -> Path:

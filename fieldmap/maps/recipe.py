@@ -16,6 +16,7 @@ from fieldmap.device.findings import Finding, closest, one_of, shown
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import Problem, RecipeError
+from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.schema import RecipeFile
 from fieldmap.shipped import shipped_file, shipped_names
@@ -26,11 +27,10 @@ MILLI = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class CurrentPlan:
-    """Saturating iron: the domain of the currents, lower and upper (n_coils,) in A or one number for all, and how
-    the reduced model is trained."""
+    """Saturating iron: the domain of the currents (one number may stand for all coils), and how the reduced model is
+    trained."""
 
-    lower: Array
-    upper: Array
+    domain: CurrentDomain
     refinement: float
     training: Plan
 
@@ -106,12 +106,12 @@ def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
     if keys is None:
         return None
     training = Plan(keys.states, keys.modes, keys.points, keys.fields, keys.held_out, iron.tolerance)
-    return CurrentPlan(
-        np.atleast_1d(np.array(keys.lower_A, float)),
-        np.atleast_1d(np.array(keys.upper_A, float)),
-        iron.refinement,
-        training,
-    )
+    if keys.division is None:
+        lower, upper = (np.atleast_1d(np.array(amperes, float)) for amperes in (keys.lower_A, keys.upper_A))
+        return CurrentPlan(CurrentDomain(lower, upper), iron.refinement, training)
+    ranges = np.array([keys.division.u_A, keys.division.x, keys.division.y])
+    domain = CurrentDomain(ranges[:, 0], ranges[:, 1], keys.division.n)
+    return CurrentPlan(domain, iron.refinement, training)
 
 
 def read_recipe_device(recipe: Recipe) -> Device:

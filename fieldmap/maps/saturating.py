@@ -14,7 +14,6 @@ from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver, SolverReport
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.maps.recipe import CurrentPlan
-from fieldmap.maps.reduction.domain import CurrentBox
 from fieldmap.maps.reduction.states import SolvedStates
 from fieldmap.maps.reduction.training import Trained, train
 from fieldmap.sources import unit_flux_density_and_gradient
@@ -92,7 +91,7 @@ def _train(
         device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0))
     )
     states = SolvedStates(archive)
-    domain = CurrentBox(plan.lower, plan.upper)
+    domain = plan.domain
     trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
     total = plan.training.states + plan.training.held_out
     if len(states.failed) > total // 2:

@@ -49,6 +49,8 @@ def _map_file_name(value: Any) -> Any:
 
 def _amperes(value: Any) -> Any:
     """One current, or one per coil."""
+    if value is None:
+        return value
     numbers = value if isinstance(value, list) else [value]
     if not numbers or not all(_is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers):
         must_hold = f"a current in A of at most {LARGEST_CURRENT_A:g}, or a list of one per coil"
@@ -95,14 +97,37 @@ class IronKeys(Table):
     )
 
 
+def _range(value: Any) -> Any:
+    """Two numbers, the first the smaller."""
+    good = isinstance(value, list) and len(value) == 2 and all(_is_number(n) for n in value)
+    if not good or not value[0] < value[1]:
+        raise broken("a range [smallest, largest]", shown(value), "write for example x = [-0.4, 0.4]")
+    return [float(n) for n in value]
+
+
+Range = Annotated[list[float], BeforeValidator(_range)]
+
+
+class DivisionKeys(Table):
+    """Six currents by the division of one lift and two direction signals, thesis (6-2), (6-3)."""
+
+    u_A: Range = Field(description="range of the mean current")
+    x: Range = Field(description="range of the direction signal along x")
+    y: Range = Field(description="range of the direction signal along y")
+    n: Positive = Field(default=1.0, description="how much more the two coils on the x axis follow x")
+
+
 class CurrentKeys(Table):
     """The currents that a map of saturating iron holds for, and how its reduced model is trained."""
 
-    lower_A: Annotated[float | int | list[float], BeforeValidator(_amperes)] = Field(
-        description="smallest current, one number for all coils or one for each"
+    lower_A: Annotated[float | int | list[float] | None, BeforeValidator(_amperes)] = Field(
+        default=None, description="smallest current, one number for all coils or one for each"
     )
-    upper_A: Annotated[float | int | list[float], BeforeValidator(_amperes)] = Field(
-        description="largest current, one number for all coils or one for each"
+    upper_A: Annotated[float | int | list[float] | None, BeforeValidator(_amperes)] = Field(
+        default=None, description="largest current, one number for all coils or one for each"
+    )
+    division: DivisionKeys | None = Field(
+        default=None, description="in the place of lower_A and upper_A: currents of a division"
     )
     states: Annotated[int, Field(ge=4, le=4096)] = Field(default=64, description="states solved to train it")
     modes: Annotated[int, Field(ge=2, le=200)] = Field(default=60, description="most amplitudes of the iron")
@@ -118,6 +143,13 @@ class CurrentKeys(Table):
 
     @model_validator(mode="after")
     def _not_empty(self) -> "CurrentKeys":
+        given = [self.lower_A is not None, self.upper_A is not None, self.division is not None]
+        if given not in ([True, True, False], [False, False, True]):
+            names = [n for n, there in zip(("lower_A", "upper_A", "division"), given, strict=True) if there]
+            must_hold = "[currents] must have lower_A and upper_A, or a division"
+            raise broken(must_hold, " and ".join(names) or "none of them", "give one or the other")
+        if self.lower_A is None or self.upper_A is None:
+            return self
         lower, upper = np.atleast_1d(self.lower_A), np.atleast_1d(self.upper_A)
         if lower.size != upper.size and 1 not in (lower.size, upper.size):
             received = f"{lower.size} and {upper.size} numbers"

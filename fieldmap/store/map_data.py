@@ -71,8 +71,8 @@ class MapInfo:
             )
         if not good:
             raise InputError(_problem("reference_current", f"{n} positive currents, A", str(current)))
-        if self.reduced_model is not None and len(self.reduced_model.lower) != n:
-            received = f"a model of {len(self.reduced_model.lower)} coils"
+        if self.reduced_model is not None and self.reduced_model.coil_count != n:
+            received = f"a model of {self.reduced_model.coil_count} coils"
             raise InputError(_problem("reduced_model", f"one for {n} coils", received))
         current.flags.writeable = False
         object.__setattr__(self, "reference_current", current)

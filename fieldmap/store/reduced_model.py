@@ -19,9 +19,10 @@ class ReducedModel:
     points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
     `fieldmap.kernels.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.reduced_iron`; output
     (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of the
-    states that trained it, from the nearest of which Newton's method starts; lower and upper (c,): the domain of the
-    currents, A; reference_weights (k,): of the iron fields at the map's reference currents. Raises InputError where
-    shapes do not fit together or numbers are not finite.
+    states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
+    the currents in A (d = c), or of u in A, x and y of their division where division_exponent (1,) is given instead of
+    (0,), see `fieldmap.device.current_division`; reference_weights (k,): of the iron fields at the map's reference
+    currents. Raises InputError where shapes do not fit together or numbers are not finite.
     """
 
     gradients: Array
@@ -38,10 +39,15 @@ class ReducedModel:
     known_amplitudes: Array
     lower: Array
     upper: Array
+    division_exponent: Array
     reference_weights: Array
 
     def __post_init__(self) -> None:
-        p, r, c, k = len(self.weights), len(self.constant), len(self.lower), len(self.output)
+        if np.ndim(self.source) != 2 or not all(
+            np.ndim(v) for v in (self.weights, self.constant, self.output)
+        ):
+            raise _broken("source", "coils' fields at points", "arrays of other dimensions")
+        p, r, c, k = len(self.weights), len(self.constant), self.coil_count, len(self.output)
         laws, knots = len(self.law_offset) - 1, len(self.law_knots)
         wanted = {
             "gradients": (3 * p, r),
@@ -52,7 +58,9 @@ class ReducedModel:
             "known_currents": (len(self.known_currents), c),
             "known_amplitudes": (len(self.known_currents), r),
             "output": (k, r),
-            "upper": (c,),
+            "lower": (c,) if self.division_exponent.size == 0 else (3,),
+            "upper": self.lower.shape,
+            "division_exponent": (self.division_exponent.size,),
             "reference_weights": (k,),
         }
         for field in fields(self):
@@ -73,6 +81,11 @@ class ReducedModel:
             raise _broken("known_currents", "at least one state", "none")
         if (self.weights <= 0).any():
             raise _broken("weights", "positive", f"{self.weights.min():g}")
+
+    @property
+    def coil_count(self) -> int:
+        """Number of coils."""
+        return int(self.source.shape[1])
 
     @property
     def field_count(self) -> int:

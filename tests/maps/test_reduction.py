@@ -5,7 +5,7 @@ import pytest
 
 from fieldmap.maps.reduction.basis import output_fields, proper_modes
 from fieldmap.maps.reduction.cubature import empirical_cubature
-from fieldmap.maps.reduction.domain import CurrentBox
+from fieldmap.maps.reduction.domain import CurrentDomain
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
 
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
-    box = CurrentBox(np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
+    box = CurrentDomain(np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
     training, held_out = box.training(40), box.held_out(12)
     assert training.shape == (40, 3)
     assert (training[0] == box.middle).all()
@@ -70,3 +70,16 @@ def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
     distance = np.linalg.norm(training[:, None] - held_out[None], axis=2)
     assert (distance.min(axis=0) > 1e-3).sum() >= 8
     assert (np.abs(held_out - box.corners()[-1]).sum(axis=1) == 0).any()
+
+
+def test_a_division_gives_the_currents_of_the_thesis():
+    # (6-2), (6-3) at u = 1.558 A, x = 0.2, y = 0: coils 1, 3 and 4, 6 by 1 -+ x, coils 2 and 5 by 1 -+ n x.
+    family = CurrentDomain(np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25)
+    got = family.currents(np.array([1.558, 0.2, 0.0])) / 1.558
+    np.testing.assert_allclose(got, [0.8, 0.75, 0.8, 1.2, 1.25, 1.2], rtol=1e-12)
+    assert family.training(9).shape == (9, 6)
+    means = family.training(40).mean(axis=1)
+    assert (means >= 1.0).all()
+    assert (means <= 2.2).all()
+    assert len(family.corners()) == 8
+    assert family.middle == pytest.approx(np.full(6, 1.6))

@@ -2,12 +2,14 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
 import fieldmap as fm
+from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import OutsideMapError, RecipeError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
@@ -201,6 +203,24 @@ def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
     assert np.isfinite(CurrentModel(data.reduced_model, data.coil_names, "evaluate").weights(beyond)).all()
 
 
+def test_a_map_of_a_division_knows_its_currents(data):
+    six = {"source": np.zeros((data.reduced_model.source.shape[0], 6)), "known_currents": np.ones((1, 6))}
+    known = {
+        "known_amplitudes": data.reduced_model.known_amplitudes[:1],
+        "division_exponent": np.array([1.25]),
+    }
+    bounds = {"lower": np.array([1.0, -0.4, -0.3]), "upper": np.array([2.2, 0.4, 0.3])}
+    model = CurrentModel(replace(data.reduced_model, **six, **known, **bounds), tuple("123456"))
+    inside = divide_currents(1.6, -0.3, 0.2, 1.25)
+    assert model.weights(inside)[:6] == pytest.approx(inside)
+    with pytest.raises(OutsideMapError, match=r"their x.*-0.4 to 0.4.*0.5"):
+        model.weights(divide_currents(1.6, 0.5, 0.2, 1.25))
+    with pytest.raises(OutsideMapError, match=r"n = 1.25"):
+        model.weights(divide_currents(1.6, 0.3, 0.2, 1.0))
+    with pytest.raises(OutsideMapError, match="mean"):
+        model.weights(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
@@ -208,6 +228,12 @@ def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
         ("upper_A = 2.0", "upper_A = 0.4", "lower_A below upper_A"),
         ("upper_A = 2.0", "upper_A = [2.0, 2.0, 2.0]", "must name the same coils"),
         ("lower_A = [0.5, -1.0]\nupper_A = 2.0", "lower_A = 0.5\nupper_A = [2.0, 2.0, 2.0]", "2 coils"),
+        ("upper_A = 2.0\n", "", "lower_A and upper_A, or a division; received lower_A"),
+        (
+            "lower_A = [0.5, -1.0]\nupper_A = 2.0",
+            "division = { u_A = [1, 2], x = [-0.4, 0.4], y = [0, 0.3] }",
+            "division is for six coils",
+        ),
         ("states = 14", "states = 0", "states"),
         ('model = "saturating"', 'model = "linear"', "belongs to saturating iron"),
         ("held_out = 4", "held_out = 4\n[output]\nreference_current_A = 7.0", "within .currents."),

@@ -1,4 +1,4 @@
-"""The currents that a map is made for, and the states that are solved to train it."""
+"""The currents that a map is made for, and the states that are solved to train and to try it."""
 
 import itertools
 from dataclasses import dataclass
@@ -7,54 +7,65 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from fieldmap.device.current_division import divide_currents
+
 Array = NDArray[np.float64]
-# Beyond this many coils the corners are too many; the low-discrepancy states must do.
+# Beyond this many corners only the low-discrepancy states are solved.
 _MOST_CORNERS = 64
-_HELD_OUT_SEED = 20261
+_SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
 
 
 @dataclass(frozen=True, eq=False)
-class CurrentBox:
-    """Independent currents: lower (c,) to upper (c,), A."""
+class CurrentDomain:
+    """A box of parameters, lower (d,) to upper (d,), and the currents that belong to them.
+
+    The parameters are the currents themselves, A; or, where `division_exponent` n is given, u in A, x and y of the
+    division of six currents (`fieldmap.device.current_division`, thesis (6-2), (6-3)).
+    """
 
     lower: Array
     upper: Array
+    division_exponent: float | None = None
 
     @property
     def middle(self) -> Array:
-        """Centre of the box (c,)."""
-        return 0.5 * (self.lower + self.upper)
+        """Currents (c,) in the middle."""
+        return self.currents(0.5 * (self.lower + self.upper))
 
-    def at(self, share: Array) -> Array:
-        """Currents (n, c) for shares (n, c) between 0 and 1."""
-        return self.lower + share * (self.upper - self.lower)
+    def currents(self, parameters: Array) -> Array:
+        """Currents (..., c) of parameters (..., d)."""
+        if self.division_exponent is None:
+            return parameters
+        u, x, y = np.moveaxis(parameters, -1, 0)
+        return divide_currents(u, x, y, self.division_exponent)
 
     def training(self, count: int) -> Array:
-        """Currents (count, c): the middle, some corners, then a low-discrepancy sequence (Sobol).
-
-        The first states of a longer list are those of a shorter one of the same eighth part of corners.
-        """
-        corners = self.corners()[: max(0, count // 4)]
+        """Currents (count, c): the middle, corners (a quarter at most), then a low-discrepancy sequence (Sobol)."""
+        corners = self._corners()[: max(0, count // 4)]
         power = int(np.ceil(np.log2(max(2, count))))
-        shares = qmc.Sobol(len(self.lower), seed=3).random_base2(power)
-        states = np.concatenate([self.middle[None], corners, self.at(shares)])
-        return states[:count]
-
-    def corners(self) -> Array:
-        """Corners (m, c) in an order that spreads them, at most 64."""
-        c = len(self.lower)
-        if 2**c > _MOST_CORNERS:
-            return np.empty((0, c))
-        signs = np.array(list(itertools.product((0.0, 1.0), repeat=c)))
-        order = np.random.default_rng(7).permutation(len(signs))
-        return self.at(signs[order])
+        shares = qmc.Sobol(len(self.lower), seed=_SEED).random_base2(power)
+        middle = np.full((1, len(self.lower)), 0.5)
+        return self._at(np.concatenate([middle, corners, shares])[:count])
 
     def held_out(self, count: int) -> Array:
         """Currents (count, c) to try a trained model at: every third a corner, the others at random."""
-        random = np.random.default_rng(_HELD_OUT_SEED)
-        states = self.at(random.random((count, len(self.lower))))
-        corners = self.corners()[::-1]
+        shares = np.random.default_rng(_HELD_OUT_SEED).random((count, len(self.lower)))
+        corners = self._corners()[::-1]
         for k in range(0, count, 3):
             if k // 3 < len(corners):
-                states[k] = corners[k // 3]
-        return states
+                shares[k] = corners[k // 3]
+        return self._at(shares)
+
+    def corners(self) -> Array:
+        """Currents (m, c) of the corners, at most 64, in an order that spreads them."""
+        return self._at(self._corners())
+
+    def _corners(self) -> Array:
+        d = len(self.lower)
+        if 2**d > _MOST_CORNERS:
+            return np.empty((0, d))
+        signs = np.array(list(itertools.product((0.0, 1.0), repeat=d)))
+        return signs[np.random.default_rng(_ORDER_SEED).permutation(len(signs))]
+
+    def _at(self, shares: Array) -> Array:
+        return self.currents(self.lower + shares * (self.upper - self.lower))

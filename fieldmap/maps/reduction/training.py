@@ -10,7 +10,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.galerkin import GalerkinModel
 from fieldmap.maps.reduction.basis import output_fields, proper_modes
 from fieldmap.maps.reduction.cubature import empirical_cubature
-from fieldmap.maps.reduction.domain import CurrentBox
+from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.reduction.states import SolvedStates
 from fieldmap.sources import unit_flux_density_and_gradient
@@ -34,7 +34,7 @@ class Trained:
 
 def train(
     solver: NonlinearSolver,
-    domain: CurrentBox,
+    domain: CurrentDomain,
     plan: Plan,
     points: Array,
     reference: Array,
@@ -77,7 +77,7 @@ def _model(
     output: Array,
     currents: Array,
     amplitudes: Array,
-    domain: CurrentBox,
+    domain: CurrentDomain,
     reference: Array,
 ) -> ReducedModel:
     amplitude, _ = reduced.solve(reference, amplitudes[0])
@@ -97,6 +97,7 @@ def _model(
         amplitudes,
         domain.lower,
         domain.upper,
+        np.array([] if domain.division_exponent is None else [domain.division_exponent]),
         output @ amplitude,
     )
 
