@@ -33,27 +33,41 @@ _SPLIT_B = np.array([[0, 1, 2, 4], [0, 4, 2, 5], [0, 4, 5, 3]])
 _SHARP_ANGLE = 0.6
 
 
-def sharp_edges(points: Points, tets: Index, candidates: Index) -> Index:
-    """Those of the candidate edges (k, 2) at which the iron's surface has a kink. Returns (s, 2), sorted."""
+def sharp_edges(points: Points, tets: Index, candidates: Index, midpoints: tuple[Index, Points]) -> Index:
+    """Those of the candidate edges (k, 2) at which the iron's surface has a kink. Returns (s, 2), sorted.
+
+    midpoints: all element edges (m, 2), sorted, lexicographic, and their midpoints (m, 3) on the true surface. A
+    coarse polygon is kinked where the surface is smooth; parabolas through the midpoints are not.
+    """
     faces = np.sort(tets[:, _OPPOSITE_FACES].reshape(-1, 3), axis=1)
-    faces, first, count = np.unique(faces, axis=0, return_index=True, return_counts=True)
-    faces, owner = faces[count == 1], first[count == 1] // 4
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    inward = np.einsum("ij,ij->i", normal, points[tets[owner]].mean(axis=1) - a) > 0
-    normal[inward] *= -1
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    faces, count = np.unique(faces, axis=0, return_counts=True)
+    faces = faces[count == 1]
     sides = faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
-    face_of_side = np.repeat(np.arange(len(faces)), 3)
-    key = sides[:, 0] * len(points) + sides[:, 1]
+    opposite = faces[:, [2, 1, 0]].ravel()
+    key = _key(sides, len(points))
     order = np.argsort(key, kind="stable")
-    key, face_of_side, sides = key[order], face_of_side[order], sides[order]
+    key, sides, opposite = key[order], sides[order], opposite[order]
     pair = np.flatnonzero(key[1:] == key[:-1])
-    cosine = np.einsum("ij,ij->i", normal[face_of_side[pair]], normal[face_of_side[pair + 1]])
+    across = [_leaving(points, sides[pair], opposite[pair + k], midpoints) for k in range(2)]
+    cosine = -np.einsum("ij,ij->i", *across)
     kinked = sides[pair[cosine < np.cos(_SHARP_ANGLE)]]
     wanted = np.sort(candidates, axis=1)
     is_candidate = np.isin(_key(kinked, len(points)), _key(wanted, len(points)))
     return np.unique(kinked[is_candidate], axis=0)
+
+
+def _leaving(points, sides, opposite, midpoints):
+    """Unit vectors (k, 3) in the true surface, across its edge `sides` (k, 2) and towards the vertex `opposite`."""
+    keys, tangent = _key(midpoints[0], len(points)), np.zeros((len(sides), 3))
+    for end in sides.T:
+        between = np.sort(np.column_stack([end, opposite]), axis=1)
+        middle = midpoints[1][np.searchsorted(keys, _key(between, len(points)))]
+        # Slope at its start of the parabola through end, middle and opposite vertex.
+        tangent += 4 * middle - 3 * points[end] - points[opposite]
+    along = points[sides[:, 1]] - points[sides[:, 0]]
+    share = np.einsum("ij,ij->i", tangent, along) / np.einsum("ij,ij->i", along, along)
+    tangent -= share[:, None] * along
+    return tangent / np.linalg.norm(tangent, axis=1)[:, None]
 
 
 def grade_edges(

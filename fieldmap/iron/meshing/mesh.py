@@ -6,7 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
+from fieldmap.device.symmetry import find_symmetry
+from fieldmap.device.symmetry.chamber import Chamber, mirror_chamber
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.cad.chamber import glue_chamber
 from fieldmap.iron.cad.solids import glue_bodies
+from fieldmap.iron.meshing.copies import ChamberCopies, MeshSymmetry
 from fieldmap.iron.meshing.edge_grading import grade_edges, sharp_edges
 from fieldmap.iron.meshing.rounding import equal_volume_vertices
 
@@ -17,6 +22,7 @@ _CURVATURE_SAFETY = 2.4
 _GRADING = 0.3
 # Ratio of one layer's thickness to the next at sharp edges.
 _LAYER_RATIO = 0.4
+SYMMETRIES = ("auto", "none")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,28 +30,55 @@ class IronMesh:
     """Tetrahedra of all iron bodies.
 
     points (n, 3) in m; tets (m, 4), positively oriented; body (m,) index into `body_names`.
-    Bodies that touch share points.
+    Bodies that touch share points. symmetry: what maps the mesh onto itself exactly, where it was made so.
     """
 
     points: NDArray[np.float64]
     tets: NDArray[np.int64]
     body: NDArray[np.int64]
     body_names: tuple[str, ...]
+    symmetry: MeshSymmetry | None = None
 
 
-def generate_mesh(device: Device, refinement: float = 1.0) -> IronMesh:
+def generate_mesh(device: Device, refinement: float = 1.0, symmetry: str = "auto") -> IronMesh:
     """Mesh all iron bodies of a device.
 
     refinement: divides every element size of the device file (2 halves them); the first layer at sharp edges is
     divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
+    symmetry: "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
+    mesh has the symmetry exactly; "none": meshed as a whole. Raises InputError for another word.
     """
-    points, tets, body, edges, midpoints = _netgen_mesh(device, refinement)
-    sharp = sharp_edges(points, tets, edges)
-    points = equal_volume_vertices(points, tets, body, *midpoints)
+    if symmetry not in SYMMETRIES:
+        raise InputError(
+            Problem("symmetry", f"must be one of {', '.join(SYMMETRIES)}", repr(symmetry), 'try "auto"')
+        )
+    names = tuple(body.name for body in device.bodies)
     size = np.array([b.edge_size or np.inf for b in device.bodies]) / refinement**2
+    chamber = mirror_chamber(find_symmetry(device)) if symmetry == "auto" else None
+    shape = None if chamber is None else glue_chamber(device, chamber)
+    if chamber is None or shape is None:
+        points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement)
+        sharp = sharp_edges(points, tets, edges, midpoints)
+        points = equal_volume_vertices(points, tets, body, *midpoints)
+        points, tets, parent = grade_edges(points, tets, sharp, size[body], _LAYER_RATIO)
+        return IronMesh(points, oriented(points, tets), body[parent], names)
+    points, tets, body, edges, midpoints = _netgen_mesh(shape, device, refinement)
+    points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
     points, tets, parent = grade_edges(points, tets, sharp, size[body], _LAYER_RATIO)
-    body = body[parent]
-    return IronMesh(points, oriented(points, tets), body, tuple(b.name for b in device.bodies))
+    copies = ChamberCopies(chamber, points)
+    tets = copies.tets(oriented(copies.points, tets))
+    return IronMesh(copies.all_points(), tets, copies.bodies(body[parent]), names, copies.symmetry())
+
+
+def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
+    """The chamber's points after rounding, and its sharp edges: both are seen on the whole, where walls are inside."""
+    copies, count = ChamberCopies(chamber, points), len(points)
+    everything, all_tets = copies.all_points(), copies.tets(tets)
+    ends, first = np.unique(np.sort(copies.nodes(midpoints[0]), axis=1), axis=0, return_index=True)
+    all_midpoints = ends, copies.vectors(midpoints[1])[first]
+    sharp = sharp_edges(everything, all_tets, copies.nodes(edges), all_midpoints)
+    rounded = equal_volume_vertices(everything, all_tets, copies.bodies(body), *all_midpoints)
+    return copies.onto_walls(rounded[:count]), sharp[(sharp < count).all(axis=1)]
 
 
 def oriented(points: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -62,11 +95,10 @@ def volumes(points: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
 
 
-def _netgen_mesh(device: Device, refinement: float):
+def _netgen_mesh(shape, device: Device, refinement: float):
     """Points in m, tets, body index, CAD edges (k, 2), and the curved midpoints of all element edges."""
     from netgen.occ import OCCGeometry
 
-    shape = glue_bodies(device)
     sizes = {body.name: body.mesh_size / _MILLIMETRE / refinement for body in device.bodies}
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]

@@ -8,6 +8,7 @@ from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.iron.meshing.topology import Faces, build_faces
 from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.operators.symmetric_mutual import SymmetricMutualPotential
 
 # Double matrix, single factor, and one single copy while it is factored.
 _BYTES_PER_PAIR = 16
@@ -15,8 +16,9 @@ _BYTES_PER_PAIR = 16
 _MEMORY_SHARE = 0.8
 
 
-def _needed_bytes(faces: int) -> int:
-    return _BYTES_PER_PAIR * faces**2
+def _needed_bytes(mesh: IronMesh, faces: int) -> int:
+    operations = 1 if mesh.symmetry is None else mesh.symmetry.group.order
+    return _BYTES_PER_PAIR * faces**2 // operations
 
 
 def _memory_bytes() -> float | None:
@@ -44,24 +46,31 @@ class AssembledIron:
 def fits_into_memory(mesh: IronMesh) -> bool:
     """Whether the dense matrix and its factor fit. Where the machine does not tell its memory, they are let be."""
     have = _memory_bytes()
-    return have is None or _needed_bytes(len(build_faces(mesh).surface)) < have
+    return have is None or _needed_bytes(mesh, len(build_faces(mesh).surface)) < have
 
 
 def assemble(mesh: IronMesh) -> AssembledIron:
     """Costs 12 bytes times the square of the number of surface faces, and half a dense Cholesky factorisation.
 
+    Where the mesh has a symmetry of g operations, the memory is divided by g and the factorisation by its square.
     Raises InputError before it starts if the machine has too little memory for that.
     """
     topology = build_faces(mesh)
     count, have = len(topology.surface), _memory_bytes()
-    if have is not None and _needed_bytes(count) > have:
+    if have is not None and _needed_bytes(mesh, count) > have:
         raise InputError(
             Problem(
                 "mesh of the iron",
                 f"its dense matrix must fit into {have / 1e9:.1f} GB of memory",
-                f"{count} surface faces, {_needed_bytes(count) / 1e9:.1f} GB",
+                f"{count} surface faces, {_needed_bytes(mesh, count) / 1e9:.1f} GB",
                 "use a smaller refinement or larger mesh sizes",
             )
         )
-    surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
-    return AssembledIron(mesh, topology, surface, DenseMutualPotential(surface.mutual_potential()))
+    triangles = topology.nodes[topology.surface]
+    surface = ChargedFaces.from_nodes(mesh.points, triangles)
+    mutual: MutualPotential
+    if mesh.symmetry is None:
+        mutual = DenseMutualPotential(surface.mutual_potential())
+    else:
+        mutual = SymmetricMutualPotential(surface, mesh.symmetry, triangles)
+    return AssembledIron(mesh, topology, surface, mutual)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.charged_surface import surface_field, surface_field_and_gradient
+from fieldmap.kernels.mutual_block import mutual_potential_block
 from fieldmap.kernels.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 
@@ -62,6 +63,31 @@ class ChargedFaces:
             touch_weights,
             _NEAR_RADII,
         )
+
+    def part(self, chosen: NDArray[np.int64]) -> "ChargedFaces":
+        """Some of the triangles, in this order."""
+        return ChargedFaces(
+            np.ascontiguousarray(self.corners[chosen]),
+            self.normals[chosen],
+            self.areas[chosen],
+            self.centres[chosen],
+            self.radii[chosen],
+        )
+
+    def mutual_potential_with(self, others: "ChargedFaces", symmetric: bool) -> Array:
+        """Block (n, n) of W: mean potentials on these triangles of unit charges on as many others.
+
+        symmetric: it is known that the block is; half of it is computed.
+        """
+        return mutual_potential_block(
+            *self._block_geometry(), *others._block_geometry(), _NEAR_RADII, symmetric
+        )
+
+    def _block_geometry(self):
+        far, _ = self.rule_points(2)
+        near, touch = self.rule_points(_NEAR_DEGREE), self.rule_points(_TOUCH_DEGREE)
+        geometry = (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)
+        return geometry, np.ascontiguousarray(far.reshape(-1, 3).T)
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
