@@ -26,6 +26,7 @@ def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[
     pieces = count_of(report.magnetic_bodies, "magnetic body", "magnetic bodies")
     sizes = f"{report.tetrahedra:,} tetrahedra, {report.surface_faces:,} surface faces"
     yield "mesh", f"{sizes}, {report.unknowns:,} unknowns, {pieces}"
+    yield "symmetry", report.symmetry
     steps = "Newton steps" if nonlinear else "iterations"
     yield (
         "solution",

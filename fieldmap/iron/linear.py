@@ -35,6 +35,7 @@ def solve_linear(
     progress: Progress | None = None,
     refinement: float = 1.0,
     form: str = "auto",
+    symmetry: str = "auto",
 ) -> LinearSolution:
     """Solve a device with iron of constant permeability, once per coil (and once for its magnets' remanence).
 
@@ -42,9 +43,10 @@ def solve_linear(
     tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
     the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
     form: "potential" (second order; every mu_r >= 1), "flux" (lowest order; any mu_r, flux barriers too), or "auto":
-    potential where it may be used. The two err to opposite sides in closed magnetic circuits. Methods:
-    docs/theory/iron.md. Raises GeometryError if bodies, windings and workspace do not fit together, InputError for
-    bad arguments, NotConverged with the residual history.
+    potential where it may be used. The two err to opposite sides in closed magnetic circuits. symmetry: "auto" uses
+    the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron.md. Raises GeometryError
+    if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with the
+    residual history.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"), mu_r=1000.0)
@@ -61,7 +63,7 @@ def solve_linear(
         return coils_alone(device, stages.seconds)
     form = chosen_form(form, properties)
     stages.next("meshing the iron", 0.02)
-    mesh = generate_mesh(device, refinement)
+    mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)
     iron = assemble(mesh)
     stages.next("coil fields and solution", 0.5)
@@ -92,6 +94,7 @@ def solved_in_form(
         matrix_bytes=iron.mutual.bytes,
         seconds=stages.seconds,
         assumptions=properties.assumptions + geometry_notes(device),
+        symmetry=iron.symmetry,
     )
     has_remanence = bool(properties.remanence.any())
     return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, device.sections)

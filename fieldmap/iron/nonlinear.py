@@ -141,10 +141,17 @@ class NonlinearSolution:
 class NonlinearSolver:
     """A device meshed and assembled once, for any number of current states.
 
-    refinement divides the mesh sizes of the device file. Raises GeometryError and InputError like `solve`.
+    refinement divides the mesh sizes of the device file; symmetry: "auto" uses the mirror planes of the iron, "none"
+    does not look for them. Raises GeometryError and InputError like `solve`.
     """
 
-    def __init__(self, device: Device, refinement: float = 1.0, progress: Progress | None = None) -> None:
+    def __init__(
+        self,
+        device: Device,
+        refinement: float = 1.0,
+        progress: Progress | None = None,
+        symmetry: str = "auto",
+    ) -> None:
         self.device = device
         self._progress = progress
         _require_soft_bodies(device)
@@ -152,7 +159,7 @@ class NonlinearSolver:
         stages.next("checking the geometry", 0.0)
         check_geometry(device)
         stages.next("meshing the iron", 0.02)
-        mesh = generate_mesh(device, refinement)
+        mesh = generate_mesh(device, refinement, symmetry)
         stages.next("mutual potentials of the faces", 0.1)
         self._iron = assemble(mesh)
         stages.next("air operator", 0.4)
@@ -258,6 +265,7 @@ class NonlinearSolver:
             matrix_bytes=self._iron.mutual.bytes,
             seconds=seconds,
             assumptions=_assumptions(self.device) + geometry_notes(self.device),
+            symmetry=self._iron.symmetry,
             largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
             beyond_table=int((largest > high).sum()),
             below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),

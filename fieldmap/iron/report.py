@@ -16,7 +16,7 @@ class SolverReport:
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
     lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made;
     continuation: shares of the currents that had to be solved on the way, because Newton's method failed at all of
-    them at once.
+    them at once; symmetry: what of the iron's symmetry was found and used, in words.
     """
 
     form: str
@@ -35,6 +35,7 @@ class SolverReport:
     below_table: int = 0
     error: ErrorEstimate | None = None
     continuation: tuple[float, ...] = ()
+    symmetry: str = "none"
 
     @property
     def total_seconds(self) -> float:
@@ -47,7 +48,8 @@ class SolverReport:
         return (
             f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
             f"faces, {self.magnetic_bodies} magnetic bodies{peak}; {self.iterations} iterations to "
-            f"{self.residual:.1e}{self.steps_words}{self._outside()}; {self.total_seconds:.1f} s ({steps})"
+            f"{self.residual:.1e}{self.steps_words}{self._outside()}; symmetry: {self.symmetry}; "
+            f"{self.total_seconds:.1f} s ({steps})"
         )
 
     @property

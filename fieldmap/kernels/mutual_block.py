@@ -33,9 +33,7 @@ def _near_pair(i, j, distance2, one, other):
     if distance2 > (radii[i] + other_radii[j]) ** 2:
         # The outer rule belongs to the smaller triangle, over which the other's potential varies less.
         if areas[i] < other_areas[j]:
-            return (
-                _mean_potential(near[i], near_weights, other_corners[j], other_normals[j]) / other_areas[j]
-            )
+            return _mean_potential(near[i], near_weights, other_corners[j], other_normals[j]) / other_areas[j]
         return _mean_potential(other_near[j], near_weights, corners[i], normals[i]) / areas[i]
     return 0.5 * (
         _mean_potential(touch[i], touch_weights, other_corners[j], other_normals[j]) / other_areas[j]

@@ -17,7 +17,8 @@ def device(shape, size, edge=None):
 @pytest.mark.parametrize("shape", [Box((0.02, 0.03, 0.01)), Cylinder(0.02, 0.006)])
 @pytest.mark.parametrize("layer", [2e-3, 5e-4, 1e-4])
 def test_volume_and_surface_are_unchanged(shape, layer):
-    plain, graded = generate_mesh(device(shape, 0.008)), generate_mesh(device(shape, 0.008, layer))
+    # Meshed whole: a mirror plane half way up the cylinder makes elements as thin as the thickest layer.
+    plain, graded = (generate_mesh(device(shape, 0.008, edge), symmetry="none") for edge in (None, layer))
     assert len(graded.tets) > len(plain.tets)
     volume = volumes(graded.points, graded.tets)
     assert volume.min() > 0

@@ -62,9 +62,7 @@ class ChamberCopies:
         """All nodes (N, 3), the chamber's own first."""
         operation, point = self._source
         centre = self._chamber.group.centre
-        turned = np.einsum(
-            "nij,nj->ni", self._chamber.group.matrices[operation], self.points[point] - centre
-        )
+        turned = np.einsum("nij,nj->ni", self._chamber.group.matrices[operation], self.points[point] - centre)
         turned += centre
         turned[: len(self.points)] = self.points
         return turned
@@ -99,4 +97,5 @@ class ChamberCopies:
         number = np.zeros((order, count), np.int64)
         number[is_first] = np.arange(is_first.sum())
         number = np.take_along_axis(number, first, axis=0)
-        return number, np.nonzero(is_first)
+        operation, point = np.nonzero(is_first)
+        return number, (operation.astype(np.int64), point.astype(np.int64))

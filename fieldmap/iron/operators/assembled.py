@@ -42,6 +42,12 @@ class AssembledIron:
         """Number of connected pieces of iron."""
         return int(self.topology.group_of_tet.max()) + 1
 
+    @property
+    def symmetry(self) -> str:
+        """What of the iron's symmetry is used, in words for the report."""
+        used = self.mesh.symmetry
+        return "none" if used is None else f"{used.group}, used: {self.mutual.storage}"
+
 
 def fits_into_memory(mesh: IronMesh) -> bool:
     """Whether the dense matrix and its factor fit. Where the machine does not tell its memory, they are let be."""

@@ -79,11 +79,12 @@ class ChargedFaces:
 
         symmetric: it is known that the block is; half of it is computed.
         """
-        return mutual_potential_block(
-            *self._block_geometry(), *others._block_geometry(), _NEAR_RADII, symmetric
-        )
+        one, one_far = self._block_geometry()
+        other, other_far = others._block_geometry()
+        return mutual_potential_block(one, one_far, other, other_far, _NEAR_RADII, symmetric)
 
-    def _block_geometry(self):
+    def _block_geometry(self) -> tuple[tuple[Array, ...], Array]:
+        """What the block kernel takes of one set of triangles."""
         far, _ = self.rule_points(2)
         near, touch = self.rule_points(_NEAR_DEGREE), self.rule_points(_TOUCH_DEGREE)
         geometry = (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)

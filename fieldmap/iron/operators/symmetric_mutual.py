@@ -51,7 +51,6 @@ class SymmetricMutualPotential:
         if table is None:
             raise ValueError("the operations of a mesh must form a group")
         self._faces = face_orbits(symmetry, triangles)
-        self._name = str(symmetry.group)
         representations = irreducible_representations(table)
         self._dimensions = [matrices.shape[1] for matrices in representations]
         self._transform = fourier_matrix(representations)
@@ -75,7 +74,7 @@ class SymmetricMutualPotential:
     @property
     def storage(self) -> str:
         """How it is stored, in words."""
-        return f"dense, {len(self._blocks)} blocks by symmetry ({self._name})"
+        return f"{len(self._blocks)} dense blocks"
 
     def __matmul__(self, charge: Array) -> Array:
         """Mean potentials (s, c) of charges (s, c)."""
@@ -87,7 +86,7 @@ class SymmetricMutualPotential:
 
     def _blockwise(self, values: Array, apply) -> Array:
         flat = values.reshape(len(values), -1)
-        count, order = self._faces.shape
+        count = len(self._faces)
         # (g, n, c): function on the group, to its coefficients and back.
         by_operation = flat[self._faces.T]
         coefficients = np.tensordot(self._transform, by_operation, axes=1)
