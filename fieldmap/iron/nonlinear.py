@@ -150,7 +150,7 @@ class NonlinearSolver:
         device: Device,
         refinement: float = 1.0,
         progress: Progress | None = None,
-        symmetry: str = "auto",
+        symmetry: str = "none",
     ) -> None:
         self.device = device
         self._progress = progress

@@ -32,7 +32,8 @@ def test_last_two_meshes_agree(levels):
 
 
 def test_sixfold_symmetry(levels):
-    """The field of coil k, turned back by its angle, is that of coil 5; the mesh knows nothing of it."""
+    """The field of coil k, turned back by its angle, is that of coil 5. The mesh has the symmetry
+    exactly, the windings only nearly: their squares are not turned with the cores."""
     points, solution = workspace_points(), levels[0]
     first = solution.unit_fields(points)[0][solution.coil_names.index("5")]
     for name, degrees in ANGLE.items():

@@ -41,20 +41,29 @@ def plate_with_posts(count, turned=0.0, edge=None):
 
 
 CASES = {
-    "one mirror": (device(body(Box((0.02, 0.02, 0.01))), body(Box((0.01, 0.02, 0.02)), at=(0.01, 0, 0.01), name="c")), 2),
+    "one mirror": (
+        device(body(Box((0.02, 0.02, 0.01))), body(Box((0.01, 0.02, 0.02)), at=(0.01, 0, 0.01), name="c")),
+        2,
+    ),
     "box": (device(body(Box((0.03, 0.02, 0.01)), edge=1e-3)), 8),
-    "box on its edge": (device(body(Box((0.02, 0.02, 0.03)), at=(0.1, 0.2, 0.3), turned=30.0, edge=1e-3)), 16),
+    "box on its edge": (
+        device(body(Box((0.02, 0.02, 0.03)), at=(0.1, 0.2, 0.3), turned=30.0, edge=1e-3)),
+        16,
+    ),
     "three posts": (plate_with_posts(3, edge=1e-3), 6),
     "five posts, turned": (plate_with_posts(5, turned=11.0), 10),
     "six posts": (plate_with_posts(6), 12),
-    "two apart": (device(body(Box((0.01,) * 3), at=(0.02, 0, 0)), body(Box((0.01,) * 3), at=(-0.02, 0, 0), name="c")), 16),
+    "two apart": (
+        device(body(Box((0.01,) * 3), at=(0.02, 0, 0)), body(Box((0.01,) * 3), at=(-0.02, 0, 0), name="c")),
+        16,
+    ),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_every_operation_maps_the_mesh_onto_itself(case):
     machine, order = CASES[case]
-    mesh = generate_mesh(machine)
+    mesh = generate_mesh(machine, symmetry="auto")
     group = mesh.symmetry.group
     # The chamber of a cube's 48 operations and the like is as good as any; here the mirrors generate all.
     assert group.order == order
@@ -65,14 +74,16 @@ def test_every_operation_maps_the_mesh_onto_itself(case):
         moved = (mesh.points - group.centre) @ operation.matrix.T + group.centre
         assert np.abs(moved - mesh.points[images]).max() <= 2e-15 * max(size, np.abs(mesh.points).max())
         moved_body = np.array(operation.bodies)[mesh.body]
-        assert {tuple(row) for row in np.column_stack([np.sort(images[mesh.tets], axis=1), moved_body])} == keys
+        assert {
+            tuple(row) for row in np.column_stack([np.sort(images[mesh.tets], axis=1), moved_body])
+        } == keys
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_no_cracks_no_doubles_and_the_same_bodies(case):
     """Volume per body and outer surface are those of the mesh of the whole: a crack would add surface."""
     machine, _ = CASES[case]
-    whole, mesh = generate_mesh(machine, symmetry="none"), generate_mesh(machine)
+    whole, mesh = (generate_mesh(machine, symmetry=word) for word in ("none", "auto"))
     assert whole.symmetry is None
     volume = volumes(mesh.points, mesh.tets)
     assert volume.min() > 0
@@ -82,7 +93,9 @@ def test_no_cracks_no_doubles_and_the_same_bodies(case):
     for each in (whole, mesh):
         faces = build_faces(each)
         a, b, c = (each.points[faces.nodes[faces.surface][:, k]] for k in range(3))
-        surfaces.append((faces.group_of_tet.max(), 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()))
+        surfaces.append(
+            (faces.group_of_tet.max(), 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        )
     round_plate = len(machine.bodies) > 2
     assert surfaces[1] == pytest.approx(surfaces[0], rel=3e-3 if round_plate else 1e-12)
     reference = volumes(whole.points, whole.tets)
@@ -94,8 +107,8 @@ def test_no_cracks_no_doubles_and_the_same_bodies(case):
 def test_layers_grow_at_sharp_edges_in_mirror_planes_and_nowhere_else():
     """A box on its edge: mirror planes run through edges and through faces."""
     shape = Box((0.02, 0.02, 0.03))
-    plain = generate_mesh(device(body(shape, turned=45.0)))
-    graded = generate_mesh(device(body(shape, turned=45.0, edge=1e-3)))
+    plain = generate_mesh(device(body(shape, turned=45.0)), symmetry="auto")
+    graded = generate_mesh(device(body(shape, turned=45.0, edge=1e-3)), symmetry="auto")
     assert len(plain.points) < len(graded.points)
     new = graded.points[~np.isin(np.round(graded.points, 9), np.round(plain.points, 9)).all(axis=1)]
     local = np.abs(new @ about_z(45.0)) * [1, 1, 0] + np.abs(new - [0, 0, 0.015]) * [0, 0, 1]
@@ -109,7 +122,10 @@ def test_layers_grow_at_sharp_edges_in_mirror_planes_and_nowhere_else():
 
 @pytest.mark.parametrize("refinement", [0.5, 1.0])
 def test_mirror_planes_through_round_bodies_make_no_sharp_edges(refinement):
-    sphere = [generate_mesh(device(body(Sphere(0.02), edge=edge)), refinement) for edge in (None, 1e-4)]
+    sphere = [
+        generate_mesh(device(body(Sphere(0.02), edge=edge)), refinement, symmetry="auto")
+        for edge in (None, 1e-4)
+    ]
     assert sphere[0].symmetry is not None
     assert len(sphere[0].tets) == len(sphere[1].tets)
 

@@ -43,7 +43,9 @@ def test_representations(count):
     assert np.abs(overlap.T @ overlap - np.eye(group.order)).max() < 1e-12
     # As many as there are classes of conjugate elements.
     inverse = np.argmax(table == 0, axis=1)
-    classes = {frozenset(int(table[table[b, a], inverse[b]]) for b in range(group.order)) for a in range(group.order)}
+    classes = {
+        frozenset(int(table[table[b, a], inverse[b]]) for b in range(group.order)) for a in range(group.order)
+    }
     assert len(found) == len(classes)
 
 
@@ -56,7 +58,7 @@ def test_rotations_alone_are_refused():
 @pytest.fixture(scope="module", params=[1, 2, 3])
 def pair(request):
     """Blocks of a mesh with 2, 4 or 6 operations, and the dense matrix of the same mesh."""
-    iron = assemble(generate_mesh(device(request.param)))
+    iron = assemble(generate_mesh(device(request.param), symmetry="auto"))
     assert iron.mesh.symmetry.group.order == 2 * request.param
     return iron, DenseMutualPotential(iron.surface.mutual_potential())
 

@@ -22,7 +22,9 @@ AXIAL_FACTOR = {1.0: 0.3116, 0.2: 0.6802}
 def solved(problem, mu_r, applied, remanence, tolerance):
     count = len(problem.elements.volume)
     material = Magnetisation(
-        np.zeros(count, np.int64), law_tables([LinearMaterial("iron", mu_r)]), np.tile(remanence, (1, count, 1))
+        np.zeros(count, np.int64),
+        law_tables([LinearMaterial("iron", mu_r)]),
+        np.tile(remanence, (1, count, 1)),
     )
     field = problem.elements.coil_field(lambda p: np.broadcast_to(applied, (1, *p.shape)))
     return problem.solve_linear(material, field, tolerance).iron

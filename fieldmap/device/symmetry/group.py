@@ -138,7 +138,7 @@ def _group_name(operations: tuple[Operation, ...]) -> str:
     mirrors = [operation for operation in operations if operation.is_mirror]
     fold, axis = _main_axis(operations)
     if fold <= 2 and len(mirrors) > 0:
-        planes = [_plane(mirror) for mirror in mirrors]
+        planes = sorted(_plane(mirror) for mirror in mirrors)
         return ("mirror " if len(planes) == 1 else "mirrors ") + ", ".join(planes)
     if fold == 1:
         return "inversion"

@@ -40,7 +40,7 @@ class IronMesh:
     symmetry: MeshSymmetry | None = None
 
 
-def generate_mesh(device: Device, refinement: float = 1.0, symmetry: str = "auto") -> IronMesh:
+def generate_mesh(device: Device, refinement: float = 1.0, symmetry: str = "none") -> IronMesh:
     """Mesh all iron bodies of a device.
 
     refinement: divides every element size of the device file (2 halves them); the first layer at sharp edges is
