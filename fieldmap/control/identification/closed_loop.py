@@ -79,22 +79,24 @@ def identify_indirect(
     above = np.concatenate([np.zeros(bottom.size - top.size), top])
     y, r = check_records(where, orders, outputs=outputs, references=references)
     outward, driven = lfilter(bottom, [1.0], y), lfilter(above, [1.0], r - y)
-    solution, changes = solve(outward, driven, orders, where), []
+    # Plain least squares is too far off to start from: what the controller must have sent, and the direct way.
+    start = modified_least_squares_runs(y, lfilter(above, bottom, r - y), orders, iterations=30)
+    a, b, changes = start.denominators[:, : orders.poles + 1], start.numerators, []
+    previous = np.concatenate([a[0, 1:], b[0]])
     for _ in range(iterations):
-        a, b = polynomials(solution.coefficients, orders)
         forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b[0]]))
         loop = _sum(np.convolve(bottom, a[0]), forward)
         stable = stable_denominators(loop[None, :])[0]
         predicted = lfilter(forward, stable, r)
         records = (outward, driven, lfilter(bottom, [1.0], predicted), lfilter(above, [1.0], r - predicted))
         step = _with_instruments([lfilter([1.0], stable, x) for x in records], orders, where)
-        moved = np.abs(step.coefficients - solution.coefficients).max()
-        changes.append(float(moved / np.abs(step.coefficients).max()))
-        solution = step
+        changes.append(float(np.abs(step.coefficients[0] - previous).max() / np.abs(step.coefficients).max()))
+        previous = step.coefficients[0]
+        a, b = polynomials(step.coefficients, orders)
         if changes[-1] <= tolerance:
             notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
             method = "closed loop, known controller, refined instruments"
-            return estimate_of(solution, orders, Ts, method, len(changes), notes)
+            return estimate_of(step, orders, Ts, method, len(changes), notes)
     raise NotConverged(
         Problem(
             where,

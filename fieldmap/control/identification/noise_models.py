@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
 from fieldmap.control.identification.estimate import Estimate
-from fieldmap.control.identification.least_squares import estimate_of
+from fieldmap.control.identification.least_squares import estimate_of, modified_least_squares_runs
 from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.regression import (
     check_records,
@@ -76,9 +76,9 @@ def armax(
     """A(q) y = B(q) u + C(q) v, thesis (5-6), by minimising the prediction errors: (8), (9).
 
     noise_order: of C; as many as poles unless given, which covers white noise of a sensor on top of any plant, in
-    open and closed loop. Started from a long autoregression (Hannan and Rissanen), then scipy's least squares with
-    exact derivatives. Consistent for every noise that C can describe, in closed loop too. Raises NotConverged;
-    InputError for unusable records.
+    open and closed loop. Started from a long autoregression (Hannan and Rissanen) or the modified least squares,
+    whichever predicts better, then scipy's least squares with exact derivatives. Consistent for every noise
+    that C can describe, in closed loop too. Raises NotConverged; InputError for unusable records.
     """
     where = "armax"
     noise = orders.poles if noise_order is None else noise_order
@@ -86,9 +86,10 @@ def armax(
     check_count(where, noise_order=noise)
     needed = 3 * (orders.parameters + noise) + 40
     y, u = (x[0] for x in check_records(where, orders, needed, outputs=outputs, inputs=inputs))
-    start = _two_stage_start(y, u, orders, noise, where)
+    starts = [_two_stage_start(y, u, orders, noise, where), _modified_start(y, u, orders, noise)]
     # C may have roots near the unit circle: a start in the middle of the noise would ring through 1/C.
     y, u = (np.concatenate([np.zeros(orders.first), x]) for x in (y, u))
+    start = min(starts, key=lambda theta: float(np.sum(_prediction_errors(theta, y, u, orders) ** 2)))
     fit = scipy.optimize.least_squares(
         _prediction_errors,
         start,
@@ -146,6 +147,14 @@ def _two_stage_start(y: Array, u: Array, orders: Orders, noise: int, where: str)
     if np.sqrt(np.mean(v**2)) < 1e-9 * np.sqrt(np.mean(y**2)):
         return np.concatenate([solve_columns(known, y[first:], where).coefficients[0], np.zeros(noise)])
     return solve_columns(np.concatenate([known, past], axis=1), y[first:], where).coefficients[0]
+
+
+def _modified_start(y: Array, u: Array, orders: Orders, noise: int) -> Array:
+    """Sensor noise: C = A with its roots inside the unit circle."""
+    found = modified_least_squares_runs(y, u, orders, iterations=30)
+    a = found.denominators[:, : orders.poles + 1]
+    c = np.resize(np.concatenate([stable_denominators(a)[0, 1:], np.zeros(noise)]), noise)
+    return np.concatenate([a[0, 1:], found.numerators[0], c])
 
 
 def _prediction_errors(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
