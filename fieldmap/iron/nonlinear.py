@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.continuation import Sources, solve_with_continuation
 from fieldmap.iron.forms.bh_law import law_tables, law_words
+from fieldmap.iron.forms.element_fields import PotentialField
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
 from fieldmap.iron.galerkin import GalerkinModel, project
@@ -27,9 +29,11 @@ from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.quantities.differential_inductance import iron_differential_inductance
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.inside import containing_element
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
+from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.stages import Progress, Stages
@@ -127,6 +131,13 @@ class NonlinearSolution:
     def energy(self) -> float:
         """Field energy in J, iron included: sum of currents x linkages, less the co-energy."""
         return float(self.currents @ self.flux_linkage()) - self.coenergy()
+
+    def as_magpylib(self) -> Any:
+        """The state as a magpylib Collection: iron as tetrahedra of constant polarisation, coils as current sheets.
+
+        Its getB in the air differs from `field` by the iron's discretisation.
+        """
+        return as_magpylib(self.coils, self.currents, self.mesh, self.state.iron, np.ones(1))
 
     @cached_property
     def _air_inductance(self) -> Array:
@@ -247,6 +258,21 @@ class NonlinearSolver:
     def _coil_field(self, currents: Array) -> CoilField:
         constant = np.einsum("c,ced->ed", currents, self._unit.constant)
         return CoilField(constant[None], (currents @ self._unit.bubble)[None])
+
+    def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
+        """Derivatives (c, c) in H of the flux linkages by the currents at a state of this solver; symmetric.
+
+        Where the iron saturates it is less than linkage per current. tolerance: of the linear solve. Raises
+        InputError for a state of another solver, NotConverged.
+        """
+        inside = state.state.iron.inside
+        if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
+            remedy = "pass what this solver's own solve returned"
+            raise InputError(
+                Problem("differential_inductance, state", "must be a state of this solver", "another", remedy)
+            )
+        added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
+        return bare_inductance(self.device.coils) + added
 
     def _report(
         self, state: PotentialState, seconds: dict[str, float], shares: tuple[float, ...]

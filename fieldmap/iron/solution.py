@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.inside import containing_element
+from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
@@ -140,6 +142,15 @@ class LinearSolution:
         """Energy in J that the currents (c,) in A have put into the field: half the sum of I L I."""
         values = checked_currents(currents, self.coil_names)
         return float(0.5 * values @ self.inductance() @ values)
+
+    def as_magpylib(self, currents: ArrayLike) -> Any:
+        """A magpylib Collection at currents (c,): iron as tetrahedra of constant polarisation, coils as current sheets.
+
+        Its getB in the air differs from `field` by the iron's discretisation. Raises InputError for a wrong number of
+        currents, and for a solution that was read back from a file.
+        """
+        values = checked_currents(currents, self.coil_names)
+        return as_magpylib(self.coils, values, self.mesh, self.state, self._weights(values))
 
     @cached_property
     def _air_inductance(self) -> Array:

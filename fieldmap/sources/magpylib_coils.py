@@ -1,4 +1,4 @@
-"""The same coils as magpylib objects: for cross-checks and for export. The only door to magpylib.
+"""The same coils as magpylib objects: for cross-checks and for export.
 
 A winding of uniform current density is a stack of current sheets, one inside the other, and a current sheet is
 the surface of a uniformly magnetised prism: J = mu0 N I / height inside the sheet's outline, along the axis. The

@@ -195,6 +195,21 @@ def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Arr
     return b, stored
 
 
+def law_slopes(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
+    """Chord b/h and slope db/dh (e,) at mu0 H = h (e,); at h = 0 both are the initial slope."""
+    chord, slope = np.empty_like(h), np.empty_like(h)
+    for number in np.unique(law):
+        mine = law == number
+        piece = slice(tables.offset[number], tables.offset[number + 1])
+        knots, c = tables.knots[piece], tables.coefficients[piece]
+        j = np.clip(np.searchsorted(knots, h[mine], side="right") - 1, 0, len(knots) - 1)
+        t = h[mine] - knots[j]
+        slope[mine] = (3 * c[j, 0] * t + 2 * c[j, 1]) * t + c[j, 2]
+        b = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
+        chord[mine] = np.divide(b, h[mine], out=slope[mine], where=h[mine] > 1e-30)
+    return chord, slope
+
+
 def _integral(c: Array, t: Array) -> Array:
     """Integral from 0 to t of the cubics c (k, 4)."""
     return (((c[:, 0] / 4 * t + c[:, 1] / 3) * t + c[:, 2] / 2) * t + c[:, 3]) * t

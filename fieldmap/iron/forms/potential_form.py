@@ -158,6 +158,16 @@ class ConvexForm(Generic[E]):
         """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
         return np.ascontiguousarray((self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
 
+    def solve_tangent(
+        self, potential: Array, field: Any, material: Magnetisation, right: Array, tolerance: float
+    ) -> Array:
+        """Solve (K + S) x = right (n, c) with the tangent K of the state (n, 1). Raises NotConverged."""
+        stiffness = self._tangent(np.ascontiguousarray(potential[:, 0]), field, 0, material)
+        solved, history = self._linear_system(stiffness, material, right, tolerance)
+        residuals = tuple(float(step.max()) for step in history)
+        require_convergence("tangent of the potential form", residuals, tolerance)
+        return solved
+
     def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
         def operator(x: Array) -> Array:
             return factor.solve(stiffness @ x + self._exterior.apply(x, _COARSE))

@@ -1,0 +1,73 @@
+"""The differential inductance of saturated states, against differences of flux linkage."""
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.device.model import (
+    Arctangent,
+    Body,
+    CircularCoil,
+    Cylinder,
+    Device,
+    LinearMaterial,
+    Part,
+    PermanentMagnet,
+    Placement,
+)
+from fieldmap.errors import InputError
+from fieldmap.iron import NonlinearSolver
+
+
+def at(x, y, z):
+    return Placement(np.array([x, y, z], float), np.eye(3))
+
+
+def device(material):
+    """A core in a coil, a second coil to its side, and a magnet beside it."""
+    core = Body("core", "iron", (Part(Cylinder(0.005, 0.03)),), 0.006)
+    magnet = Body("magnet", "magnet", (Part(Cylinder(0.004, 0.006), at(0.012, 0, 0)),), 0.004)
+    coils = (
+        CircularCoil("around", 0.006, 0.007, 0.02, 200.0, placement=at(0, 0, 0.015)),
+        CircularCoil("beside", 0.005, 0.008, 0.01, 100.0, -1, placement=at(0.015, 0.004, 0.04)),
+    )
+    magnetised = PermanentMagnet("magnet", np.array([0.2, 0.0, 1.0]), 1.05)
+    return Device("d", "", coils, (core, magnet), {"iron": material, "magnet": magnetised})
+
+
+@pytest.fixture(scope="module")
+def solver():
+    return NonlinearSolver(device(Arctangent("steel", 2000.0, 2.0)))
+
+
+@pytest.mark.parametrize("currents", [[0.0, 0.0], [60.0, 20.0]])
+def test_derivative_of_the_linkages(solver, currents):
+    """Central differences of flux linkage, below and in saturation; symmetric, and falling as the iron saturates."""
+    currents, step = np.array(currents), 0.05
+    state = solver.solve(currents, tolerance=1e-6)
+    matrix = solver.differential_inductance(state)
+    for k in range(2):
+        ahead, behind = (
+            solver.solve(currents + s * step * np.eye(2)[k], tolerance=1e-6, start=state).flux_linkage()
+            for s in (1, -1)
+        )
+        assert matrix[:, k] == pytest.approx((ahead - behind) / (2 * step), rel=2e-4)
+    assert matrix == pytest.approx(matrix.T, rel=1e-4)
+
+
+def test_saturation_lowers_it(solver):
+    weak, strong = (solver.differential_inductance(solver.solve([i, 0.0]))[0, 0] for i in (1.0, 60.0))
+    assert strong < 0.6 * weak
+
+
+def test_of_linear_iron_is_its_inductance():
+    linear = device(LinearMaterial("iron", 300.0))
+    solver = NonlinearSolver(linear)
+    matrix = solver.differential_inductance(solver.solve([3.0, 1.0]))
+    assert matrix == pytest.approx(fm.solve_linear(linear).inductance(), rel=1e-5)
+
+
+def test_a_state_of_another_solver_is_refused(solver):
+    other = NonlinearSolver(device(LinearMaterial("iron", 300.0)), refinement=0.7).solve([1.0, 0.0])
+    with pytest.raises(InputError, match="must be a state of this solver"):
+        solver.differential_inductance(other)
