@@ -18,6 +18,17 @@ GAP_POINTS = {
     "thin_plates": [[1.85e-3, 0.02, 0.0624], [1.85e-3, 0.025, 0.0624]],
     "pole_in_box": [[0.0, 0.0, 0.5e-3], [0.013, 0.0, 0.0575]],
 }
+# What has air all around.
+PIECES: dict[str, tuple[tuple[str, ...], ...]] = {
+    "thin_plates": (
+        *(
+            (part, f"{part} upper end", f"{part} lower end")
+            for part in ("centre plate", "right channel", "left channel")
+        ),
+        ("coil",),
+    ),
+    "pole_in_box": (("pole",), ("box", "floor pad", "lid collar"), ("coil",)),
+}
 CURRENTS = {"thin_plates": (1.0, 3.0), "pole_in_box": (1.0, 3.0, 5.0)}
 # The force by coenergy: the pole is moved this far either way, m.
 STEP = 2.5e-5
@@ -40,8 +51,7 @@ def state_row(state: NonlinearSolution, current: float) -> str:
     name = "thin_plates" if "centre plate" in state.mesh.body_names else "pole_in_box"
     gap = np.linalg.norm(state.field(GAP_POINTS[name]), axis=1)
     sections = [f"{state.section_flux_density(section):.4f}" for section in state.sections]
-    parts = (*state.mesh.body_names, *state.coil_names)
-    forces = np.array([state.force_on(part) for part in parts])
+    forces = np.array([state.force_on(group) for group in PIECES[name]])
     residue = np.abs(forces.sum(axis=0)).max() / np.abs(forces).max()
     pull = f"{forces[0, 2]:.3f}" if name == "pole_in_box" else f"{np.abs(forces).max():.4f}"
     return (

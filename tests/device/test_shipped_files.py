@@ -187,7 +187,7 @@ def number_locations(data: dict) -> list[tuple]:
 
 def test_shipped_names_and_places():
     assert {*UNITS, "single_electromagnet", "loop_and_sphere"} <= set(shipped_names("geometry"))
-    assert shipped_names("geometry", "materials") == ["materials/steel_a3"]
+    assert shipped_names("geometry", "materials") == ["materials/steel_a3", "materials/steel_foot"]
     assert shipped_file("geometry", "drive_unit") == shipped_folder("geometry") / "drive_unit.toml"
     assert shipped_file("geometry", "no such device") is None
     assert shipped_file("geometry", "../pyproject") is None
