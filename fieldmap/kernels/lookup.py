@@ -171,7 +171,7 @@ def evaluate_with(block, currents, points, flux, slope):
 @njit(**OUTER)
 def evaluate_one(block, point, flux, slope):
     """Field and gradient at one point (3,); the status."""
-    if point.shape[0] != 3:
+    if point.shape[0] != 3 or flux.shape[0] != 3 or slope.shape != (3, 3):
         return WRONG_SHAPE
     status, values = contracted_at(block, point[0], point[1], point[2])
     _store(values, flux, slope)
@@ -181,7 +181,9 @@ def evaluate_one(block, point, flux, slope):
 @njit(**OUTER)
 def evaluate_one_with(block, currents, point, flux, slope):
     """Field and gradient at one point (3,) and currents (n_coils,); the status."""
-    if point.shape[0] != 3 or currents.shape[0] != int(block[SETS]):
+    if point.shape[0] != 3 or flux.shape[0] != 3 or slope.shape != (3, 3):
+        return WRONG_SHAPE
+    if currents.shape[0] != int(block[SETS]):
         return WRONG_SHAPE
     status, values = superposed_at(block, currents, point[0], point[1], point[2])
     _store(values, flux, slope)

@@ -29,6 +29,8 @@ from fieldmap.store import FieldError, MapData, MapInfo
 
 Array = NDArray[np.float64]
 
+_empty = np.empty
+
 FORMS = {"hermite": hermite_form, "harmonic": cell_form, "global": global_form}
 
 
@@ -73,6 +75,7 @@ class FieldMap:
         self._last: tuple[bytes, FieldAtCurrents | None] = (b"", None)
         example = (self._form.unit, np.zeros(self._form.n_coils), np.zeros(3), np.empty(3), np.empty((3, 3)))
         self._one = closed_to_new_types(kernels.evaluate_one_with, *example)
+        self._unit = self._form.unit
 
     @property
     def info(self) -> MapInfo:
@@ -165,6 +168,10 @@ class FieldMap:
 
     def field(self, points: ArrayLike, currents: ArrayLike, out: Array | None = None) -> Array:
         """Flux density B (n, 3), T."""
+        if out is None:
+            found = self._single(points, currents)
+            if found is not None:
+                return found[0]
         where, single, rows = self._arguments(points, currents)
         if rows is None:
             return self.at(currents).field(where, out)
@@ -174,6 +181,10 @@ class FieldMap:
 
     def gradient(self, points: ArrayLike, currents: ArrayLike, out: Array | None = None) -> Array:
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
+        if out is None:
+            found = self._single(points, currents)
+            if found is not None:
+                return found[1]
         where, single, rows = self._arguments(points, currents)
         if rows is None:
             return self.at(currents).gradient(where, out)
@@ -185,13 +196,9 @@ class FieldMap:
         self, points: ArrayLike, currents: ArrayLike, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
-        if out is None and type(points) is np.ndarray and points.ndim == 1 and type(currents) is np.ndarray:
-            flux, slope = np.empty(3), np.empty((3, 3))
-            try:
-                if self._one(self._form.unit, currents, points, flux, slope) == 0:
-                    return flux, slope
-            except TypeError:
-                pass  # not float64 or not contiguous: the general path below
+        found = self._single(points, currents, out)
+        if found is not None:
+            return found
         where, single, rows = self._arguments(points, currents)
         if rows is None:
             return self.at(currents).field_and_gradient(where, out)
@@ -246,6 +253,19 @@ class FieldMap:
         """Gradient per ampere in each coil, (n, n_coils, 3, 3), T/(m A)."""
         _, slope, single = self._units(points, 3)
         return slope[0] if single else slope
+
+    def _single(
+        self, points: Any, currents: Any, out: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array] | None:
+        """Field and gradient at one point, with as little Python as can be; None: take the general path."""
+        try:
+            if points.ndim == 1:
+                flux, slope = out or (_empty(3), _empty((3, 3)))
+                if self._one(self._unit, currents, points, flux, slope) == 0:
+                    return flux, slope
+        except (TypeError, AttributeError, ValueError):
+            pass  # a list, not float64, not contiguous, no pair
+        return None
 
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
         where, single = checked_vectors("points", points)

@@ -117,6 +117,12 @@ def test_results_into_given_arrays(coarse, dipoles):
     one = np.empty(3)
     assert coarse.field(points[0], CURRENTS, out=one) is one
     np.testing.assert_allclose(one, flux[0], rtol=1e-12)
+    pair = np.empty(3), np.empty((3, 3))
+    assert coarse.field_and_gradient(points[0], CURRENTS, out=pair)[0] is pair[0]
+    np.testing.assert_allclose(pair[1], slope[0], rtol=1e-12)
+    for wrong_pair in ((np.empty(2), pair[1]), (pair[0], np.empty((2, 3))), (pair[0], np.empty(9))):
+        with pytest.raises(InputError, match="lookup, out"):
+            coarse.field_and_gradient(points[0], CURRENTS, out=wrong_pair)
     for wrong in (np.empty((399, 3)), np.empty((400, 3), np.float32), np.empty((3, 400)).T, [0.0]):
         with pytest.raises(InputError, match=r"lookup, out: a contiguous, writeable float64"):
             coarse.field(points, CURRENTS, out=wrong)
