@@ -6,6 +6,7 @@ from scipy.constants import mu_0
 from scipy.optimize import brentq
 
 from fieldmap.device.model import Arctangent, BHTable, Froehlich, Marrocco
+from fieldmap.errors import InputError
 from fieldmap.iron.forms.bh_law import initial_mu_r, law_range, law_tables, law_values, law_words
 
 FROEHLICH = Froehlich("f", 4000.0, 2.1)
@@ -110,3 +111,28 @@ def test_the_law_says_its_range():
     assert "up to 2.17 T, slope mu0 above" in law_words(MARROCCO)
     assert "saturation polarisation 2.1 T" in law_words(FROEHLICH)
     assert law_range(FROEHLICH) == (np.inf, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("material", "text"),
+    [
+        (table((np.array([100.0, 200.0, 300.0]), np.array([1.0, 1.2, 1.1]))), "nowhere be below"),
+        (
+            table((np.array([100.0, 300.0, 200.0]), np.array([1.0, 1.2, 1.3]))),
+            "H must be strictly increasing",
+        ),
+        (table((np.array([1e5, 2e5]), np.array([1.0, 1.05]))), "5e-07 T m/A up to point 2"),
+        (table((np.array([100.0]), np.array([1.0]))), "two at least"),
+        (table((np.array([100.0, 200.0]), np.array([1.0]))), "as many finite numbers"),
+        (table((np.array([100.0, 200.0]), np.array([1.0, np.nan]))), "as many finite numbers"),
+        (table(POINTS, 1.9), "end below the saturation"),
+        (Froehlich("f", 1.0, 2.0), "mu_r must be above 1"),
+        (Arctangent("a", 1000.0, np.inf), "a finite number"),
+        (Marrocco("m", 2e-4, 0.1, 5.5, 5e4), "fall to that of free space"),
+        (Marrocco("m", 0.0, 1.0, 5.5, 5e4), "fall to that of free space"),
+    ],
+)
+def test_laws_that_no_iron_follows_are_refused(material, text):
+    """Also where a device was made in Python, and no reader has looked at it."""
+    with pytest.raises(InputError, match=text):
+        law_tables([material])

@@ -14,6 +14,7 @@ from fieldmap.device.model import (
     CircularCoil,
     Cylinder,
     Device,
+    Froehlich,
     LinearMaterial,
     Part,
     PermanentMagnet,
@@ -196,6 +197,28 @@ def test_magnet_and_plate():
     unit = fm.solve_linear(Device("d", "", (idle,), (plate, ball), materials))
     assert unit.force_on("ball", [0.0]) == pytest.approx([0, 0, -exact], abs=0.02 * exact)
     assert unit.force_on("plate", [0.0]) == pytest.approx([0, 0, exact], abs=0.02 * exact)
+
+
+def test_action_is_reaction_between_saturated_iron_magnet_and_coil():
+    """All three kinds of bodies in one state, without symmetry: forces, and torques about any point, cancel to 1 %."""
+    bodies = (
+        Body("core", "steel", (Part(Cylinder(0.005, 0.02)),), 0.004),
+        Body("magnet", "magnet", (Part(Box((0.008, 0.006, 0.005)), at(0.004, 0.002, 0.022)),), 0.003),
+    )
+    materials = {
+        "steel": Froehlich("steel", 3000.0, 2.0),
+        "magnet": PermanentMagnet("magnet", np.array([0.5, -0.2, 1.0]), 1.05),
+    }
+    coil = CircularCoil("coil", 0.006, 0.008, 0.012, 300.0, placement=at(0.0005, 0, 0.012))
+    state = fm.solve(Device("d", "", (coil,), bodies, materials), [10.0])
+    assert state.report.largest_flux_density > 1.6
+    about = [0.01, 0.02, -0.03]
+    names = ("core", "magnet", "coil")
+    forces = np.array([state.force_on(name) for name in names])
+    torques = np.array([state.torque_on(name, about) for name in names])
+    assert np.abs(forces.sum(axis=0)).max() < 5e-3 * np.abs(forces).max()
+    assert np.abs(torques.sum(axis=0)).max() < 5e-3 * np.abs(torques).max()
+    assert all(np.abs(force).max() > 0.01 for force in forces)
 
 
 def test_coaxial_coils_without_iron():

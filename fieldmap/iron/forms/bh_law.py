@@ -24,6 +24,7 @@ from fieldmap.device.model import (
     Material,
     SaturatingMaterial,
 )
+from fieldmap.iron.forms.law_checks import require_physical
 from fieldmap.kernels.magnetisation_law import flux_densities
 
 Array = NDArray[np.float64]
@@ -89,7 +90,8 @@ def law_range(material: SaturatingMaterial) -> tuple[float, float]:
 
 
 def saturating_law(material: SaturatingMaterial) -> Pieces:
-    """Knots (k,) and coefficients (k, 4) of b(h), in T."""
+    """Knots (k,) and coefficients (k, 4) of b(h), in T. Raises InputError for a law that no iron follows."""
+    require_physical(material)
     if isinstance(material, BHTable):
         return _table_law(material)
     if isinstance(material, Marrocco):
