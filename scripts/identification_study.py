@@ -1,12 +1,23 @@
 """What the estimators of fieldmap.control.identification make of the thesis's vertical loop, by Monte Carlo.
 
 Prints the tables of docs/theory/identification.md. The plant is (5-17), the controller (5-11), the noise that of
-Table 3-8; everything else is stated in the tables. Takes about a minute.
+Table 3-8; everything else is stated in the tables. Takes a minute or two.
 """
 
-import numpy as np
+import itertools
 
-from fieldmap.control import PID, from_roots, pid_transfer_function, simulate_loop, transfer_function
+import numpy as np
+import scipy.optimize
+
+from fieldmap.control import (
+    PID,
+    closed_loop,
+    from_roots,
+    pid_transfer_function,
+    sampled,
+    simulate_loop,
+    transfer_function,
+)
 from fieldmap.control.identification import (
     Orders,
     armax,
@@ -121,6 +132,33 @@ def locus_table():
         print(f"  {Kc:5.3f}", root_locus(PLANT, controller(1.0), [Kc]).poles[0].round(4))
 
 
+def newtonian_fits():
+    """Fits of g / (s^2 + d s - c), or with a lag in place of d, to Table 5-2 at K_c = 0.334, 0.2, 0.15."""
+    table = {0.334: [0.9743 + 0.0246j], 0.2: [0.9899 + 0.0207j, 0.9896], 0.15: [0.9956 + 0.0167j, 0.9858]}
+
+    def misses(x, unit, lagging):
+        g, c = 1e3 * x[0], 1e2 * x[1]
+        bottom = np.polymul([1e-2 * abs(x[2]), 1.0], [1.0, 0.0, -c]) if lagging else [1.0, 10 * x[2], -c]
+        plant, found = sampled(([g], bottom), TS), []
+        for Kc, printed in table.items():
+            poles = closed_loop(plant, pid_transfer_function(Kc, 0.007 * unit, 0.001 * unit, TS)).poles
+            found += [poles[np.argmin(np.abs(poles - pole))] - pole for pole in printed]
+        return np.concatenate([np.real(found), np.imag(found)])
+
+    for name, unit, lagging in (
+        ("minutes, d", 60, False),
+        ("minutes, lag", 60, True),
+        ("seconds, d", 1, False),
+    ):
+        starts = itertools.product((0.01, 0.1, 1.6), (-2.0, 0.1, 1.5), (0.1, 1.5, 4.0))
+        fits = (scipy.optimize.least_squares(misses, start, args=(unit, lagging)) for start in starts)
+        fit = min(fits, key=lambda found: found.cost)
+        g, c, third = fit.x * [1e3, 1e2, 10.0]
+        last = f"lag {abs(third):.2g} ms" if lagging else f"d {third:.2g} 1/s"
+        rms = np.sqrt(np.mean(fit.fun**2))
+        print(f"  {name:13s} g {g:7.1f} mm/s2 per V, c {c:7.1f} 1/s2, {last}, poles missed by {rms:.4f} rms")
+
+
 if __name__ == "__main__":
     recovery_table()
     bias_table()
@@ -128,3 +166,5 @@ if __name__ == "__main__":
     identifiability()
     print("\nclosed-loop poles of (5-17):")
     locus_table()
+    print("\nNewtonian plants for Table 5-2, times of the controller in minutes or seconds:")
+    newtonian_fits()

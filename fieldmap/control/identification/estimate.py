@@ -61,11 +61,12 @@ class Estimate:
 
     @property
     def pole_errors(self) -> Array:
-        """Standard error of each of `poles`, first order in the errors of the coefficients: (14)."""
+        """Standard error of each of `poles`, first order in the errors of the coefficients: (14); 0 for those at 0
+        that stand for dead time."""
         order = len(self.covariance) - self.model.numerator.size
-        return _root_errors(
-            self.model.denominator[: order + 1], self.poles, self.covariance[:order, :order], 1
-        )
+        moving = self.model.denominator[: order + 1]
+        errors = _root_errors(moving, by_magnitude(np.roots(moving)), self.covariance[:order, :order], 1)
+        return np.concatenate([errors, np.zeros(self.poles.size - errors.size)])
 
     @property
     def zero_errors(self) -> Array:

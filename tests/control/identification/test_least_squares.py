@@ -81,6 +81,17 @@ def test_modified_least_squares_has_no_such_bias_and_knows_its_spread():
     assert stated == pytest.approx(poles.std(), rel=0.35)  # 40 runs know their spread to 11 %
 
 
+def test_dead_time_adds_poles_at_zero_without_error():
+    y, u = record(2000, 0.1)
+    late = np.concatenate([np.zeros(3), y[:-3]])
+    found = modified_least_squares(late, u, Orders(2, 1, dead_time=3), TS)
+    plain = modified_least_squares(y[:-3], u[:-3], ORDERS, TS)
+    np.testing.assert_allclose(found.poles[:2], plain.poles, rtol=1e-3)
+    np.testing.assert_allclose(found.pole_errors[:2], plain.pole_errors, rtol=0.05)
+    assert np.all(found.poles[2:] == 0.0)
+    assert np.all(found.pole_errors[2:] == 0.0)
+
+
 def test_coloured_noise_leads_it_astray_and_armax_follows():
     """Noise 1 / (1 - 0.95 q^-1) on the sensor is beyond (5-4), (5-5), which settle on another plant; A y = B u + C v
     with one more pole in A and B holds it."""
