@@ -123,14 +123,13 @@ def test_without_reference_a_pi_controller_hides_the_plant_and_a_pid_does_not():
     assert least_squares(y[0], u[0], ORDERS, TS).condition < 1e4
 
 
-def test_wrong_sign_of_the_controller_is_not_accepted_in_silence():
+def test_the_sign_of_the_controller_is_the_sign_of_the_plant():
+    """Reference and position know the product alone."""
     r, _, y = records(0.5, 1)
-    wrong = pid_transfer_function(0.5, 0.007, 0.001, TS)
-    try:
-        found = identify_indirect(y[0], r, wrong, ORDERS, TS)
-    except (NotConverged, InputError):
-        return
-    assert found.gain > 0  # then the plant's sign is wrong with it, and the product right
+    positive = pid_transfer_function(0.5, 0.007, 0.001, TS)
+    found = identify_indirect(y[0], r, positive, ORDERS, TS)
+    assert found.gain == pytest.approx(-GAIN, rel=0.02)
+    assert identify_indirect(y[0], r, controller(0.5), ORDERS, TS).gain == pytest.approx(-found.gain)
 
 
 def test_a_loop_without_delay_is_refused():
