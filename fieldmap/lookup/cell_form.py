@@ -28,7 +28,7 @@ GRADIENT_WEIGHT = 0.3
 
 def cell_form(data: MapData, outside: str) -> Form:
     """Coefficients (cells, n_coils, 36) of all coils behind a header, and the largest misfit at the nodes."""
-    grid, n_coils = data.grid, len(data.coil_names)
+    grid, n_coils = data.grid, len(data.field_names)
     length = float(np.max(grid.spacing)) / 2
     corners = (CORNERS - 0.5) * np.array(grid.spacing) / length
     design = _design(corners)
@@ -56,7 +56,7 @@ def _design(corners: Array) -> Array:
 def _corner_values(data: MapData, i: int, length: float) -> Array:
     """(ny - 1, nz - 1, n_coils, 96): what the design matrix should give in the cells of slab i."""
     _, ny, nz = data.grid.shape
-    n_coils = len(data.coil_names)
+    n_coils = len(data.field_names)
     values = np.empty((ny - 1, nz - 1, n_coils, 96))
     of_field = values[..., :24].reshape(ny - 1, nz - 1, n_coils, 8, 3)
     of_gradient = values[..., 24:].reshape(ny - 1, nz - 1, n_coils, 8, 9)
@@ -73,7 +73,7 @@ def _misfit(residual: Array, data: MapData) -> Array:
     shape = residual.shape[:3]
     flux = np.linalg.norm(residual[..., :24].reshape(*shape, 8, 3), axis=-1)
     slope = np.linalg.norm(residual[..., 24:].reshape(*shape, 8, 9), axis=-1) / GRADIENT_WEIGHT
-    amperes = data.reference_current
+    amperes = data.field_scale
     return np.array([np.einsum("jkcv,c->jkv", norm, amperes).max() for norm in (flux, slope)])
 
 

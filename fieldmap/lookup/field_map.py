@@ -12,6 +12,7 @@ from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
 from fieldmap.lookup.cell_form import cell_form
 from fieldmap.lookup.checks import checked_currents, checked_vectors
 from fieldmap.lookup.compiled import closed_to_new_types
+from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
 from fieldmap.lookup.dipole_wrench import dipole_wrench
 from fieldmap.lookup.doors import (
     Box,
@@ -41,7 +42,9 @@ class FieldMap:
     "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to rounding,
     with jumps between cells far below its error (`jump`); "global", one harmonic polynomial of degree 16 for the
     whole box, infinitely smooth. docs/lookup.md says which to take when. In every form `gradient` is the exact
-    derivative of `field`. Superposition is exact for coils with linear iron or none.
+    derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
+    a small model of the iron once for every change of the currents (docs/theory/current_dependence.md), and what
+    currents beyond its domain do is said by outside_currents: "raise", "nan", or "evaluate" without a known error.
 
     Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of
     `coil_names`. A point (3,) gives a result without the leading axis. Outside the box from `lower` to `upper`:
@@ -60,21 +63,31 @@ class FieldMap:
     """
 
     def __init__(
-        self, data: MapData, outside: str = "raise", kind: str = "hermite", threads: int | None = None
+        self,
+        data: MapData,
+        outside: str = "raise",
+        kind: str = "hermite",
+        threads: int | None = None,
+        outside_currents: str = "raise",
     ) -> None:
-        check_choices(kind, outside)
+        check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
         self._form: Form = FORMS[kind](data, outside)
+        reduced = data.reduced_model
+        self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, outside_currents)
         self._start()
 
     def _start(self) -> None:
         # Largest number of points for which superposing at each point is cheaper than contracting the block.
         self._few = max(self._form.places // 4, 1)
         self._last: tuple[bytes, FieldAtCurrents | None] = (b"", None)
+        self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
         example = (self._form.unit, np.zeros(self._form.n_coils), np.zeros(3), np.empty(3), np.empty((3, 3)))
-        self._one = closed_to_new_types(kernels.evaluate_one_with, *example)
+        # Currents that need a model of the iron take the general path.
+        linear = self._model is None
+        self._one = closed_to_new_types(kernels.evaluate_one_with, *example) if linear else _never
         self._unit = self._form.unit
 
     @property
@@ -140,6 +153,12 @@ class FieldMap:
     def _jump(self) -> Jump:
         return jump_between_cells(self._form, self._info)
 
+    @property
+    def current_error(self) -> FieldError | None:
+        """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver on states
+        not used to train it. None where the field is linear in the currents."""
+        return self._info.current_error
+
     def at(self, currents: ArrayLike) -> FieldAtCurrents:
         """The field at these currents (n_coils,): contracted now, once. The last one is kept."""
         amperes = checked_currents(currents, self.coil_names, 0)
@@ -147,8 +166,9 @@ class FieldMap:
         known, fixed = self._last
         if known != key or fixed is None:
             form, own = self._form, self._form.potential_unit is self._form.unit
-            block = contract(form.unit, amperes, set_size(form.unit))
-            potential = block if own else contract(form.potential_unit, amperes, 8)
+            weights = self._weights(amperes)
+            block = contract(form.unit, weights, set_size(form.unit))
+            potential = block if own else contract(form.potential_unit, weights, 8)
             fixed = FieldAtCurrents(block, potential, self._box)
             # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
             self._last = (key, fixed)
@@ -163,6 +183,7 @@ class FieldMap:
         outside="clamp"; a compiled function cannot raise OutsideMapError.
         """
         if currents is None:
+            self._require_superposition("compiled without currents")
             return kernels.at_currents, self._form.unit
         return self.at(currents).compiled()
 
@@ -268,6 +289,7 @@ class FieldMap:
         return None
 
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
+        self._require_superposition("unit_field")
         where, single = checked_vectors("points", points)
         shape = (len(where), len(self.coil_names))
         flux, slope = np.empty((*shape, 3)), np.empty((*shape, wanted, wanted))
@@ -284,11 +306,33 @@ class FieldMap:
         where, single = checked_vectors("points", points)
         amperes = checked_currents(currents, self.coil_names, len(where))
         if amperes.ndim == 2:
-            return where, single, amperes
-        return where, single, amperes[None] if len(where) <= self._few else None
+            return where, single, self._weights(amperes)
+        return where, single, self._weights(amperes)[None] if len(where) <= self._few else None
+
+    def _weights(self, currents: Array) -> Array:
+        """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, or what the
+        model of saturating iron makes of them. The last single set is kept."""
+        if self._model is None:
+            return currents
+        if currents.ndim == 2:
+            return self._model.weights(currents)
+        key = currents.tobytes()
+        known, weights = self._last_weights
+        if known != key:
+            weights = self._model.weights(currents)
+            self._last_weights = (key, weights)
+        return weights
+
+    def _require_superposition(self, what: str) -> None:
+        if self._model is not None:
+            must_hold = "a map whose field is the sum of its coils' fields"
+            received = "a map of saturating iron, which does not superpose"
+            raise InputError(
+                Problem(f"lookup, {what}", must_hold, received, "give the currents: at(currents)")
+            )
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: self.__dict__[name] for name in ("_info", "_box", "_form")}
+        return {name: self.__dict__[name] for name in ("_info", "_box", "_form", "_model")}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
@@ -302,10 +346,19 @@ class FieldMap:
         return f"FieldMap({self.kind}, {len(self.coil_names)} coils, box {corners} mm, {size} nodes)"
 
 
-def check_choices(kind: str, outside: str) -> None:
+def _never(*_: object) -> int:
+    return 1
+
+
+def check_choices(kind: str, outside: str, outside_currents: str) -> None:
     """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
     problems = []
-    for name, value, allowed in (("kind", kind, list(FORMS)), ("outside", outside, list(OUTSIDE_RULES))):
+    choices = (
+        ("kind", kind, list(FORMS)),
+        ("outside", outside, list(OUTSIDE_RULES)),
+        ("outside_currents", outside_currents, list(OUTSIDE_CURRENTS)),
+    )
+    for name, value, allowed in choices:
         if value not in allowed:
             names = " or ".join(f'"{choice}"' for choice in allowed)
             problems.append(

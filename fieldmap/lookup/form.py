@@ -23,10 +23,10 @@ OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "
 class Form:
     """One of the forms of a map.
 
-    kind: "hermite", "harmonic" or "global". unit: block with one set of coefficients per coil, per ampere.
-    potential_unit: the same for the potential, if the block above does not hold it. misfit: largest difference
-    between form and map at the nodes, T and T/m, summed over the coils at their reference currents; None for a
-    form that passes through the nodes.
+    kind: "hermite", "harmonic" or "global". unit: block with one set of coefficients per field of the map: of a
+    coil per ampere, of saturating iron at weight 1. potential_unit: the same for the potential, if the block above
+    does not hold it. misfit: largest difference between form and map at the nodes, T and T/m, summed over the
+    fields, coils at their reference currents; None for a form that passes through the nodes.
     """
 
     kind: str

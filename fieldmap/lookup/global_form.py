@@ -27,7 +27,7 @@ def global_form(data: MapData, outside: str) -> Form:
 
     Raises InputError if the polynomial misses the map by more than LARGEST_MISFIT of the largest field.
     """
-    grid, n_coils = data.grid, len(data.coil_names)
+    grid, n_coils = data.grid, len(data.field_names)
     box = Grid(grid.lower, grid.upper - grid.lower, (2, 2, 2))
     length = float(np.linalg.norm(grid.upper - grid.lower)) / 2
     chosen = np.ix_(*[_spread(n) for n in grid.shape])
@@ -56,7 +56,7 @@ def _fit(
     data: MapData, local: Array, chosen: tuple[NDArray[np.intp], ...], degree: int, length: float
 ) -> Array:
     """Least squares over fields and gradients at the chosen nodes, every column scaled to length 1."""
-    n_coils, n = len(data.coil_names), len(local)
+    n_coils, n = len(data.field_names), len(local)
     of_field = field_matrix(degree, local).reshape(3 * n, -1)[:, 1:]
     of_gradient = gradient_matrix(degree, local).reshape(9 * n, -1)[:, 1:]
     design = np.concatenate([of_field, GRADIENT_WEIGHT * of_gradient])
@@ -71,15 +71,15 @@ def _fit(
 
 def _checked_misfit(data: MapData, unit: Array) -> FieldError:
     points = data.grid.points()
-    n, n_coils = len(points), len(data.coil_names)
+    n, n_coils = len(points), len(data.field_names)
     flux, slope = np.empty((n, 3)), np.empty((n, 3, 3))
     of_flux, of_slope, size = np.zeros(n), np.zeros(n), np.zeros(n)
-    for c, amperes in enumerate(data.reference_current):
+    for c, scale in enumerate(data.field_scale):
         kernels.evaluate(contract(unit, np.eye(n_coils)[c], set_size(unit)), points, flux, slope)
         exact = data.flux_density[c].reshape(n, 3)
-        of_flux += amperes * np.linalg.norm(flux - exact, axis=1)
-        of_slope += amperes * np.linalg.norm(slope - data.gradient[c].reshape(n, 3, 3), axis=(1, 2))
-        size += amperes * np.linalg.norm(exact, axis=1)
+        of_flux += scale * np.linalg.norm(flux - exact, axis=1)
+        of_slope += scale * np.linalg.norm(slope - data.gradient[c].reshape(n, 3, 3), axis=(1, 2))
+        size += scale * np.linalg.norm(exact, axis=1)
     largest = float(size.max())
     if not of_flux.max() <= LARGEST_MISFIT * largest:
         problem = Problem(

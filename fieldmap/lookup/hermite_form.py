@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 def hermite_form(data: MapData, outside: str) -> Form:
     """Coefficients of the field (three channels a coil) and of the potential (one), at every node."""
-    start = header(map_block.HERMITE, data.grid, len(data.coil_names), outside)
+    start = header(map_block.HERMITE, data.grid, len(data.field_names), outside)
     field = _coefficients(data, data.flux_density, data.gradient)
     potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])
     return Form(

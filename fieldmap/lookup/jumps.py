@@ -49,7 +49,7 @@ def jump_between_cells(form: Form, info: MapInfo) -> Jump:
     coefficients = form.unit[map_block.HEADER :].reshape(*cells, form.n_coils, SIZE)
     half = form.unit[map_block.LOCAL : map_block.LOCAL + 3] / 2
     per_length = float(form.unit[map_block.PER_LENGTH])
-    steps = [_across(coefficients, half, axis, info.reference_current) for axis in range(3)]
+    steps = [_across(coefficients, half, axis, info.field_scale) for axis in range(3)]
     largest = np.max(steps, axis=0)
     return Jump(float(largest[0]), float(largest[1]) * per_length)
 

@@ -7,25 +7,35 @@ from fieldmap.store import MapData, read_map
 
 
 def open_map(
-    path: str | PathLike[str], kind: str = "hermite", outside: str = "raise", threads: int | None = None
+    path: str | PathLike[str],
+    kind: str = "hermite",
+    outside: str = "raise",
+    threads: int | None = None,
+    outside_currents: str = "raise",
 ) -> FieldMap:
     """Read and check the map file at `path` and make it ready for lookups.
 
     kind: "hermite", the tricubic Hermite interpolant; "harmonic", one harmonic polynomial per cell; "global", one
     for the whole box (docs/lookup.md: which to take when). outside: what a point outside the map's box gives,
     "raise" (OutsideMapError), "nan", or "clamp" (the nearest point of the box). threads: for large batches, by
-    default one per processor. Raises MapFileError if the file is no complete, undamaged map and InputError for an
-    unknown kind or outside rule, or if no single polynomial holds the map ("global").
+    default one per processor. outside_currents: what currents beyond the domain of a map of saturating iron give,
+    "raise" (OutsideMapError), "nan", or "evaluate", without a statement of the error there. Raises MapFileError if
+    the file is no complete, undamaged map and InputError for an unknown kind or outside rule, or if no single
+    polynomial holds the map ("global").
 
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
-    check_choices(kind, outside)
-    return interpolate(read_map(path), kind, outside, threads)
+    check_choices(kind, outside, outside_currents)
+    return interpolate(read_map(path), kind, outside, threads, outside_currents)
 
 
 def interpolate(
-    data: MapData, kind: str = "hermite", outside: str = "raise", threads: int | None = None
+    data: MapData,
+    kind: str = "hermite",
+    outside: str = "raise",
+    threads: int | None = None,
+    outside_currents: str = "raise",
 ) -> FieldMap:
-    """A map in memory made ready for lookups; kind, outside and threads as in `open_map`."""
-    return FieldMap(data, outside, kind, threads)
+    """A map in memory made ready for lookups; arguments as in `open_map`."""
+    return FieldMap(data, outside, kind, threads, outside_currents)

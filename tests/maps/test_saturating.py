@@ -1,5 +1,6 @@
 """A map of saturating iron, against direct solves at other currents; stopped and resumed; refused where it must be."""
 
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,7 +11,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.current_division import divide_currents
-from fieldmap.errors import OutsideMapError, RecipeError
+from fieldmap.errors import InputError, OutsideMapError, RecipeError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.saturating import archive_path
@@ -219,6 +220,43 @@ def test_a_map_of_a_division_knows_its_currents(data):
         model.weights(divide_currents(1.6, 0.3, 0.2, 1.0))
     with pytest.raises(OutsideMapError, match="mean"):
         model.weights(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]))
+
+
+@pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])
+def test_every_form_of_the_opened_map_gives_the_field_of_the_solver(data, folder, solver, kind):
+    opened = fm.open_map(folder / "map.h5", kind=kind)
+    points = np.array([[0.001, 0.002, -0.011], [-0.004, 0.003, -0.008], [0.005, -0.006, -0.0151]])
+    currents = np.array([1.7, -0.4])
+    state = solver.solve(currents)
+    flux, gradient = state.field(points), state.gradient(points)
+    scale = np.abs(flux).max(), np.abs(gradient).max()
+    for ours in (opened.field(points, currents), opened.at(currents).field(points)):
+        assert np.abs(ours - flux).max() < 5e-3 * scale[0]
+    assert np.abs(opened.gradient(points, currents) - gradient).max() < 1e-2 * scale[1]
+    rows = np.stack([currents, [1.0, 1.0], currents])
+    by_row = opened.field(points, rows)
+    np.testing.assert_array_equal(by_row[0], opened.field(points[0], currents))
+    assert np.abs(by_row[1] - solver.solve(rows[1]).field(points[1])).max() < 5e-3 * scale[0]
+    one = opened.field_and_gradient(points[0], currents)
+    np.testing.assert_array_equal(one[0], by_row[0])
+    evaluate, block = opened.compiled(currents)
+    assert np.array(evaluate(block, *points[0])[0]) == pytest.approx(one[0], rel=1e-9)
+    copied = pickle.loads(pickle.dumps(opened))
+    np.testing.assert_array_equal(copied.field(points, currents), opened.field(points, currents))
+
+
+def test_the_opened_map_says_what_it_cannot_do(folder):
+    opened = fm.open_map(folder / "map.h5")
+    assert opened.current_error.flux_density > 0
+    for call in (lambda: opened.unit_field(np.zeros(3)), opened.compiled):
+        with pytest.raises(InputError, match="does not superpose"):
+            call()
+    with pytest.raises(OutsideMapError):
+        opened.field([0, 0, -0.01], [3.0, 0.0])
+    flagged = fm.open_map(folder / "map.h5", outside_currents="nan")
+    assert np.isnan(flagged.field([0, 0, -0.01], [3.0, 0.0])).all()
+    with pytest.raises(InputError, match="outside_currents"):
+        fm.open_map(folder / "map.h5", outside_currents="guess")
 
 
 @pytest.mark.parametrize(
