@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.cli.lift import lift_in_map
 from fieldmap.cli.measured import is_measured_machine, measured_lift_current
 from fieldmap.cli.opening import Source
 from fieldmap.device.model import Payload
@@ -53,7 +54,11 @@ def lifted(source: Source, payload: Payload, height: float) -> dict[str, Any]:
     point = check_position(_box(source), [0.0, 0.0, height], "the magnet's centre")
     if source.states is None:
         field, assumptions = source.open(None)
-        lift = lift_current(_searchable(source, field), payload, point)
+        lift = (
+            lift_in_map(field, payload, point)
+            if source.kind == "map"
+            else lift_current(_searchable(source, field), payload, point)
+        )
     else:
         lift, assumptions = _lift_by_states(source, payload, point)
     answer = _common(source, payload, lift, assumptions)

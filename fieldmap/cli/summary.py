@@ -5,15 +5,16 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.cli.lift import lift_in_map
 from fieldmap.cli.measured import is_measured_machine, measured_lift_current
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible
-from fieldmap.levitation import GRAVITY, lift_current, magnet_height
+from fieldmap.errors import Infeasible, OutsideMapError
+from fieldmap.levitation import GRAVITY, magnet_height
 
 SENSOR_READINGS_MM = (10.0, 20.0, 30.0, 40.0)
 SATURATION = (
-    "This map is linear: no saturation. fieldmap solve DEVICE --nonlinear --currents ... gives the saturated "
-    "field at given currents; maps over currents with saturation are not in yet."
+    'This map is linear: no saturation. A recipe with iron.model = "saturating" makes a map over currents with '
+    "saturation (docs/recipes.md)."
 )
 
 
@@ -56,19 +57,36 @@ def summarise(path: Path, opened: Any) -> dict[str, Any]:
         "reference_current": info.reference_current,
         "interpolation_error": info.interpolation_error,
         "error_bound": info.error_bound,
+        "current_error": info.current_error,
+        "current_domain": _domain(info),
         "middle": middle(opened),
         "assumptions": tuple(record.assumptions),
         "payload": payload,
         "lift": lift_rows(opened, payload, record.device_name),
-        "saturation": SATURATION if _saturates(record.device_text) else "",
+        "saturation": SATURATION if info.reduced_model is None and _saturates(record.device_text) else "",
+    }
+
+
+def _domain(info: Any) -> dict[str, Any] | None:
+    """The currents that a map of saturating iron is for."""
+    model = info.reduced_model
+    if model is None:
+        return None
+    names = ("u", "x", "y") if model.division_exponent.size else info.coil_names
+    ranges = zip(names, model.lower.tolist(), model.upper.tolist(), strict=True)
+    return {
+        "division_exponent": float(model.division_exponent[0]) if model.division_exponent.size else None,
+        "ranges": {name: (low, high) for name, low, high in ranges},
     }
 
 
 def middle(opened: Any) -> dict[str, Any]:
-    """Bz (T) and dBz/dz (T/m) in the middle of the box for 1 A in each coil alone, and in all."""
+    """Bz (T) and dBz/dz (T/m) in the middle of the box for 1 A in each coil alone, and in all; of saturating iron,
+    at the reference currents."""
     centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
     alone = np.eye(len(opened.coil_names))
-    currents = [*alone, alone.sum(axis=0)]
+    saturating = opened.info.reduced_model is not None
+    currents = [opened.info.reference_current] if saturating else [*alone, alone.sum(axis=0)]
     return {
         "at": centre,
         "Bz": [float(opened.field(centre[None, :], i)[0, 2]) for i in currents],
@@ -86,9 +104,11 @@ def lift_rows(opened: Any, payload: Payload | None, device: str) -> list[dict[st
     rows = []
     for reading, height in _heights(opened, payload.magnet_offset, thesis):
         try:
-            current = lift_current(opened, payload, [0.0, 0.0, height]).current
+            current = lift_in_map(opened, payload, [0.0, 0.0, height]).current
         except Infeasible:
             continue
+        except OutsideMapError:
+            current = None
         measured = measured_lift_current(device, coils, reading)
         rows.append(
             {
@@ -96,7 +116,7 @@ def lift_rows(opened: Any, payload: Payload | None, device: str) -> list[dict[st
                 "height": height,
                 "current": current,
                 "thesis": measured,
-                "ratio": None if measured is None else current / measured,
+                "ratio": None if measured is None or current is None else current / measured,
             }
         )
     return rows

@@ -41,12 +41,40 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         sizes = f"{1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m"
         where = f"at sampled points, {summary['reference_current'][0]:g} A in every coil"
         yield "interpolation", f"within {sizes} of the solver {where}; mesh error not included"
+    yield from _current_facts(summary)
+
+
+def _current_facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    domain, error, solver = summary["current_domain"], summary["current_error"], summary["solver"]
+    if domain is None:
+        return
+    ranges = list(domain["ranges"].items())
+    exponent = domain["division_exponent"]
+    if exponent is not None:
+        words = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in ranges)
+        yield "currents", f"division (6-3) with n = {exponent:g}: {words} (u in A)"
+    elif len({bounds for _, bounds in ranges}) == 1:
+        yield "currents", f"{ranges[0][1][0]:g} to {ranges[0][1][1]:g} A in every coil, independently"
+    else:
+        yield "currents", ", ".join(f"{name}: {low:g} to {high:g} A" for name, (low, high) in ranges)
+    model = (
+        f"{solver['modes']} modes and {solver['sample_points']} points from {solver['states_solved']} states"
+    )
+    if error is not None:
+        share = error.flux_density / solver["largest"]["flux_density"]
+        slope = error.gradient / solver["largest"]["gradient"]
+        model += (
+            f"; within {100 * share:.2g} % (B) and {100 * slope:.2g} % (gradient) on states not trained on"
+        )
+    yield "reduced model", model
+    for number, reason in solver["states_failed"].items():
+        yield f"state {number}", f"not solved: {reason}"
 
 
 def _solver_words(solver: dict[str, Any]) -> list[str]:
     if solver.get("form") == "coils":
         return [FORM_WORDS["coils"]]
-    words = ["linear"]
+    words = ["saturating" if "modes" in solver else "linear"]
     if "form" in solver:
         words.append(FORM_WORDS.get(solver["form"], str(solver["form"])))
     for key, text in (("tetrahedra", "tetrahedra"), ("surface_faces", "surface faces")):
@@ -67,6 +95,9 @@ def _unit_table(summary: dict[str, Any]) -> Any:
         ("Bz, mT", *(f"{1e3 * value:.4f}" for value in middle["Bz"])),
         ("dBz/dz, mT/m", *(f"{1e3 * value:.4f}" for value in middle["dBz_dz"])),
     )
+    if summary["current_domain"] is not None:
+        amperes = ", ".join(f"{current:.4g}" for current in summary["reference_current"])
+        return table((f"at {_mm(middle['at'])} mm", f"{amperes} A"), rows)
     names = [f"coil {name}" for name in summary["coil_names"]]
     return table((f"1 A, at {_mm(middle['at'])} mm", *names, "all"), rows)
 
@@ -74,22 +105,27 @@ def _unit_table(summary: dict[str, Any]) -> Any:
 def _lift_table(summary: dict[str, Any]) -> Any:
     payload = summary["payload"]
     title = f"lift {1e3 * payload.mass:.4g} g, {payload.moment:.3g} A m2"
+    iron = "A per coil (linear)" if summary["current_domain"] is None else "A per coil"
     if summary["lift"][0]["thesis"] is None:
         lifts = summary["lift"]
-        heights = ((f"magnet at z = {_mm_z(row)} mm", f"{row['current']:.3f}") for row in lifts)
-        return table((title, "A per coil (linear)"), heights)
+        heights = ((f"magnet at z = {_mm_z(row)} mm", _amperes(row)) for row in lifts)
+        return table((title, iron), heights)
     rows = (
         (
             f"sensor {row['sensor_mm']:g} mm",
             _mm_z(row),
-            f"{row['current']:.3f}",
+            _amperes(row),
             f"{row['thesis']:.3f}",
-            f"{row['ratio']:.2f}",
+            "" if row["ratio"] is None else f"{row['ratio']:.2f}",
         )
         for row in summary["lift"]
     )
-    columns = (title, "magnet z, mm", "A per coil (linear)", "thesis (7-18), measured", "ratio")
+    columns = (title, "magnet z, mm", iron, "thesis (7-18), measured", "ratio")
     return Group(table(columns, rows), Text(f" {RATIO}", style="dim"))
+
+
+def _amperes(row: dict[str, Any]) -> str:
+    return "beyond the map" if row["current"] is None else f"{row['current']:.3f}"
 
 
 def _mm_z(row: dict[str, Any]) -> str:
