@@ -245,7 +245,8 @@ def test_every_form_of_the_opened_map_gives_the_field_of_the_solver(data, folder
     np.testing.assert_array_equal(copied.field(points, currents), opened.field(points, currents))
 
 
-def test_the_opened_map_says_what_it_cannot_do(folder):
+def test_the_opened_map_says_what_it_cannot_do(data, folder):
+    assert data.current_error.gradient > 0
     opened = fm.open_map(folder / "map.h5")
     assert opened.current_error.flux_density > 0
     for call in (lambda: opened.unit_field(np.zeros(3)), opened.compiled):
