@@ -14,6 +14,7 @@ from fieldmap.lookup.doors import Box, field_and_gradient, result_array, with_cu
 Array = NDArray[np.float64]
 
 _ONE = np.ones((1, 1))
+_empty = np.empty
 
 
 class FieldAtCurrents:
@@ -41,10 +42,8 @@ class FieldAtCurrents:
 
     def field(self, points: ArrayLike, out: Array | None = None) -> Array:
         """Flux density B (n, 3), T."""
-        if out is None:
-            found = self._single(points)
-            if found is not None:
-                return found[0]
+        if out is None and getattr(points, "ndim", 0) == 1:
+            return self.field_and_gradient(points)[0]
         where, single = checked_vectors("points", points)
         flux = result_array(None if single else out, where.shape)
         field_and_gradient(self._block, None, where, flux, np.empty((len(where), 0, 0)), self._box)
@@ -52,10 +51,8 @@ class FieldAtCurrents:
 
     def gradient(self, points: ArrayLike, out: Array | None = None) -> Array:
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
-        if out is None:
-            found = self._single(points)
-            if found is not None:
-                return found[1]
+        if out is None and getattr(points, "ndim", 0) == 1:
+            return self.field_and_gradient(points)[1]
         where, single = checked_vectors("points", points)
         slope = result_array(None if single else out, (*where.shape, 3))
         field_and_gradient(self._block, None, where, np.empty(where.shape), slope, self._box)
@@ -65,9 +62,13 @@ class FieldAtCurrents:
         self, points: ArrayLike, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
-        found = self._single(points, out)
-        if found is not None:
-            return found
+        try:
+            if points.ndim == 1:  # type: ignore[union-attr]
+                flux, slope = (_empty(3), _empty((3, 3))) if out is None else out
+                if self._one(self._block, points, flux, slope) == 0:
+                    return flux, slope
+        except (TypeError, AttributeError, ValueError):
+            pass  # a list, not float64, not contiguous, no pair: what follows sorts it out
         where, single = checked_vectors("points", points)
         given = (None, None) if out is None else out
         flux = result_array(None if single else given[0], where.shape)
@@ -99,17 +100,6 @@ class FieldAtCurrents:
     def compiled(self) -> tuple[Any, Array]:
         """(function, data) for numba functions: see `FieldMap.compiled`."""
         return kernels.at, self._block
-
-    def _single(self, points: Any, out: tuple[Array, Array] | None = None) -> tuple[Array, Array] | None:
-        """Field and gradient at one point, with as little Python as can be; None: take the general path."""
-        try:
-            if points.ndim == 1:
-                flux, slope = out or (np.empty(3), np.empty((3, 3)))
-                if self._one(self._block, points, flux, slope) == 0:
-                    return flux, slope
-        except (TypeError, AttributeError, ValueError):
-            pass  # a list, not float64, not contiguous, no pair
-        return None
 
     def __getstate__(self) -> dict[str, object]:
         return {"block": self._block, "potential_block": self._potential_block, "box": self._box}
