@@ -1,7 +1,7 @@
 """Data files that come with the package: devices and materials (geometry), recipes (maps), printed numbers (thesis).
 
-In an installed wheel they lie in fieldmap/shipped/; in a checkout, in the folders of the same name beside the
-package.
+Devices and recipes lie in fieldmap/shipped/ in an installed wheel; in a checkout, in the folders of the same name
+beside the package. The printed numbers lie inside the package.
 """
 
 from pathlib import Path
@@ -14,6 +14,8 @@ def shipped_folder(kind: str) -> Path:
     """Folder of the shipped files of one kind: "geometry", "maps" or "thesis"."""
     if kind not in KINDS:
         raise ValueError(f"shipped_folder: kind must be one of {', '.join(KINDS)}; received {kind!r}")
+    if kind == "thesis":
+        return PACKAGE / "thesis" / "printed_numbers"
     installed = PACKAGE / "shipped" / kind
     return installed if installed.is_dir() else PACKAGE.parent / kind
 
