@@ -1,7 +1,7 @@
 """The public door to saturating iron: one state of the device at given currents."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,12 +20,14 @@ from fieldmap.device.model import (
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.continuation import Sources, solve_with_continuation
+from fieldmap.iron.error_estimate import ErrorEstimate, workspace_surface
 from fieldmap.iron.forms.bh_law import law_tables, law_words
 from fieldmap.iron.forms.element_fields import PotentialField
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
 from fieldmap.iron.galerkin import GalerkinModel, project
 from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
+from fieldmap.iron.nonlinear_error import Complement, state_error
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
@@ -43,6 +45,10 @@ from fieldmap.sources.inductance import bare_inductance
 Array = NDArray[np.float64]
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
+# The gap between the forms is not asked for more than two digits.
+_RESIDUAL_OF_COMPLEMENT = 1e-2
+# Ratio of the mesh sizes of a state and of the one that it is compared with.
+_COARSER = 1.4
 _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
 
@@ -164,7 +170,7 @@ class NonlinearSolver:
         symmetry: str = "none",
     ) -> None:
         self.device = device
-        self._progress = progress
+        self._progress, self._refinement, self._symmetry = progress, refinement, symmetry
         _require_soft_bodies(device)
         stages = Stages(progress)
         stages.next("checking the geometry", 0.0)
@@ -274,6 +280,30 @@ class NonlinearSolver:
         added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
         return bare_inductance(self.device.coils) + added
 
+    def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
+        """How far a state of this solver is from the truth in the workspace (`fieldmap.iron.error_estimate`).
+
+        Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser; both are kept for
+        further states. Raises InputError if the device has no workspace, NotConverged as `solve`.
+        """
+        workspace_surface(self.device)
+        stages, field = Stages(self._progress), self._coil_field(solution.currents)
+        stages.next("flux form", 0.3)
+        residual = tolerance * _RESIDUAL_OF_COMPLEMENT
+        complement = self._complement.solve(self._material, field, solution.state.potential, residual)
+        stages.next("coarser mesh", 0.6)
+        coarser = self._coarser.solve(solution.currents, tolerance).state.iron
+        stages.done("error estimated")
+        return state_error(self.device, solution.currents, solution.state.iron, coarser, complement)
+
+    @cached_property
+    def _complement(self) -> Complement:
+        return Complement(self._iron)
+
+    @cached_property
+    def _coarser(self) -> "NonlinearSolver":
+        return NonlinearSolver(self.device, self._refinement / _COARSER, symmetry=self._symmetry)
+
     def _report(
         self, state: PotentialState, seconds: dict[str, float], shares: tuple[float, ...]
     ) -> SolverReport:
@@ -305,20 +335,28 @@ def solve(
     tolerance: float = 1e-3,
     progress: Progress | None = None,
     refinement: float = 1.0,
+    estimate: bool = False,
 ) -> NonlinearSolution:
     """Solve a device with nonlinear iron at currents (c,) in A.
 
     Second-order potential form, Newton's method with exact line search (docs/theory/iron.md). tolerance bounds the
-    algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. For many currents
-    make a `NonlinearSolver` once. Raises GeometryError if bodies, windings and workspace do not fit together,
-    InputError for bad arguments or a body without a B(H) law, NotConverged with the residual history.
+    algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. With `estimate`,
+    `report.error` tells how far the field in the workspace is from the truth, see `NonlinearSolver.estimate_error`;
+    that takes about as long again. For many currents make a `NonlinearSolver` once. Raises GeometryError if bodies,
+    windings and workspace do not fit together, InputError for bad arguments or a body without a B(H) law,
+    NotConverged with the residual history.
 
     >>> import fieldmap as fm
     >>> state = fm.solve(fm.read_device("loop_and_sphere"), currents=[1.0])
     >>> print(f"{1e3 * state.field([0.0, 0.0, -0.014])[2]:.2f} mT")
     1.01 mT
     """
-    return NonlinearSolver(device, refinement, progress).solve(currents, tolerance)
+    if estimate:
+        workspace_surface(device)
+    solver = NonlinearSolver(device, refinement, progress)
+    solution = solver.solve(currents, tolerance)
+    error = solver.estimate_error(solution, tolerance) if estimate else None
+    return replace(solution, report=replace(solution.report, error=error))
 
 
 def _require_soft_bodies(device: Device) -> None:

@@ -52,6 +52,11 @@ class LinearSolution:
         """Names in current order."""
         return tuple(coil.name for coil in self.coils)
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """What each column of `unit_fields` is the field of."""
+        return tuple(f"1 A in coil '{name}'" for name in self.coil_names)
+
     def unit_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Total field (c, n, 3) in T/A and gradient (c, n, 3, 3) in T/(m A) of 1 A in each coil, outside the iron.
 

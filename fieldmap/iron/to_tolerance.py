@@ -28,8 +28,8 @@ def solve_to_tolerance(
 
     tolerance: of the flux density, relative to its largest value in the workspace for each coil;
     gradient_tolerance: of the gradient, 3 x tolerance if None. Meshes grow by a factor of about two in faces; the
-    estimate compares the last two of them and both forms (`fieldmap.iron.error_estimate`). Raises NotConverged with
-    the estimates so far when the next mesh would not fit into memory, otherwise as `solve_linear`.
+    estimate compares the last two of them, and both forms on the last (`fieldmap.iron.error_estimate`). Raises
+    NotConverged with the estimates so far when the next mesh would not fit into memory, otherwise as `solve_linear`.
     """
     check_arguments(tolerance, 1.0, "auto")
     check_geometry(device)

@@ -22,7 +22,7 @@ from fieldmap.kernels.magnetisation_law import flux_density
 
 # Corners of the face opposite corner f, in the order of its three potentials.
 CORNERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-_MAX_STEPS = 100
+_MAX_STEPS = 200
 
 
 def _shape() -> np.ndarray:
@@ -90,8 +90,11 @@ def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
 
 @njit(cache=True)
 def _balance(r, d, scale, law, offset, knots, coefficients):
-    """The p that makes div B = 0: Newton's method, kept inside the shrinking bracket of the root."""
-    p, low, high = 0.0, -np.inf, np.inf
+    """The p that makes div B = 0: Newton's method inside the shrinking bracket of the root, bisection where it is slow.
+
+    At a knee of the B-H law Newton alone can jump from one side to the other and hardly gain.
+    """
+    p, low, high, last = 0.0, -np.inf, np.inf, np.inf
     for _ in range(_MAX_STEPS):
         total, slope, size = _net_flux(p, r, d, scale, law, offset, knots, coefficients)
         if abs(total) <= 1e-14 * size:
@@ -101,8 +104,10 @@ def _balance(r, d, scale, law, offset, knots, coefficients):
         else:
             low = p
         following = p - total / slope
-        if not low < following < high:
+        bracketed = high - low < np.inf
+        if bracketed and not (low < following < high and abs(following - p) < 0.5 * last):
             following = 0.5 * (low + high)
+        last = abs(following - p)
         if following == p:
             return p
         p = following

@@ -54,7 +54,7 @@ def shell() -> Iterator[Row]:
     mu, ratio = 1000.0, 0.8
     hollow = np.array([[0, 0, 0.0], [0.02, 0, 0], [0, 0.01, 0.02], [-0.01, 0.02, -0.01]])
     exact = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
-    for form, size in (("potential", 0.01), ("flux", 0.004)):
+    for form, size in (("potential", 0.01), ("flux", 0.01)):
         parts = (Part(Sphere(RADIUS)), Part(Sphere(ratio * RADIUS), operation="cut"))
         iron = _assembled(Body("shell", "iron", parts, size))
         state, wall, cpu = timed(lambda form=form, iron=iron: in_uniform_field(FORMS[form](iron), mu, 1e-9))

@@ -20,6 +20,7 @@ from fieldmap.kernels import linear_flux as kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,22 @@ class FluxElements:
     def coil_field(self, field: Callable[[Array], Array]) -> Array:
         """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
         return self.nodal.coil_field_at_points(self.nodal.coil_field(field))
+
+    def from_nodal(self, potential: Array) -> Array:
+        """Face potentials (n, c) closest to nodal potentials (k, c): of each face the linear part of the second-order
+        function on it, in the mean-square sense."""
+        values = potential[self.nodal.nodes]
+        out = np.zeros((self.count, potential.shape[1]))
+        for face, corners in enumerate(kernel.CORNERS):
+            at = values[:, corners]
+            for a, b, opposite in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
+                pair = (int(corners[a]), int(corners[b]))
+                bubble = values[:, 4 + _PAIRS.index(pair)] - 0.5 * (values[:, pair[0]] + values[:, pair[1]])
+                # 4 l_a l_b is closest to 0.6 (l_a + l_b) - 0.2 l_c.
+                for corner, share in ((a, 0.6), (b, 0.6), (opposite, -0.2)):
+                    at[:, corner] = at[:, corner] + share * bubble
+            out[self.unknowns[:, 3 * face : 3 * face + 3]] = at
+        return out
 
     def with_nothing(self, field: Array) -> Array:
         """The same sources and one more, which is zero."""
