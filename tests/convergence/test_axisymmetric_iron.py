@@ -69,3 +69,12 @@ def test_convergence_with_the_mesh():
     slope = -np.polyfit(np.log(faces), np.log(worst), 1)[0]
     assert slope > 0.9
     assert worst[-1] < 8e-4
+
+
+def test_both_forms_agree_on_the_inductance():
+    """Flux linkages come from the fields inside, thin elements at the edges included."""
+    one, other = (
+        solve_linear(device("disk"), form=form, refinement=0.6).inductance() for form in ("potential", "flux")
+    )
+    # They bracket the truth; on this coarse mesh they differ by 2e-3.
+    assert one == pytest.approx(other, rel=3e-3)
