@@ -34,7 +34,7 @@ def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[
     )
     if report.error is not None:
         yield "error", str(report.error)
-    yield "matrix", f"{report.matrix_bytes / 1e6:,.0f} MB"
+    yield "matrix", f"{report.matrix_bytes / 1e6:,.0f} MB, {report.storage or 'none'}"
     steps = ", ".join(f"{step} {seconds:.1f}" for step, seconds in report.seconds.items())
     yield "seconds", f"{report.total_seconds:.1f}: {steps}"
     if nonlinear:

@@ -92,6 +92,7 @@ def solved_in_form(
         iterations=state.iterations,
         residual=state.residuals[-1],
         matrix_bytes=iron.mutual.bytes,
+        storage=iron.mutual.storage,
         seconds=stages.seconds,
         assumptions=properties.assumptions + geometry_notes(device),
         symmetry=iron.symmetry,

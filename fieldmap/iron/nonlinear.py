@@ -319,6 +319,7 @@ class NonlinearSolver:
             iterations=state.iron.iterations,
             residual=state.iron.residuals[-1],
             matrix_bytes=self._iron.mutual.bytes,
+            storage=self._iron.mutual.storage,
             seconds=seconds,
             assumptions=_assumptions(self.device) + geometry_notes(self.device),
             symmetry=self._iron.symmetry,

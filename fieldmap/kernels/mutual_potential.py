@@ -34,9 +34,14 @@ def _far_row(i, x, y, z, sums):
 
 
 @njit(cache=True, fastmath=True)
-def _near_value(i, j, corners, normals, areas, near, near_weights):
-    """Pair of separate but close triangles: the outer rule belongs to the smaller one, over which the potential of
-    the other varies less."""
+def close_pair(i, j, apart, corners, normals, areas, near, near_weights, touch, touch_weights):
+    """Mean potential between close triangles, times 4 pi. `apart`: their circles do not overlap, and the outer rule
+    belongs to the smaller one, over which the potential of the other varies less."""
+    if not apart:
+        return 0.5 * (
+            _mean_potential(touch[i], touch_weights, corners[j], normals[j]) / areas[j]
+            + _mean_potential(touch[j], touch_weights, corners[i], normals[i]) / areas[i]
+        )
     if areas[i] < areas[j]:
         return _mean_potential(near[i], near_weights, corners[j], normals[j]) / areas[j]
     return _mean_potential(near[j], near_weights, corners[i], normals[i]) / areas[i]
@@ -57,13 +62,9 @@ def _fill_row(
         size = radii[i] + radii[j]
         if distance2 > (reach * size) ** 2:
             value = (sums[3 * j] + sums[3 * j + 1] + sums[3 * j + 2]) / 9.0
-        elif distance2 > size * size:
-            value = _near_value(i, j, corners, normals, areas, near, near_weights)
         else:
-            value = 0.5 * (
-                _mean_potential(touch[i], touch_weights, corners[j], normals[j]) / areas[j]
-                + _mean_potential(touch[j], touch_weights, corners[i], normals[i]) / areas[i]
-            )
+            apart = distance2 > size * size
+            value = close_pair(i, j, apart, corners, normals, areas, near, near_weights, touch, touch_weights)
         w[i, j] = value * _INVERSE_4PI
 
 

@@ -24,7 +24,8 @@ from fieldmap.iron.forms.magnetisation import Magnetisation
 from fieldmap.iron.forms.nodal_elements import NodalElements
 from fieldmap.iron.forms.state import ElementField, IronState
 from fieldmap.iron.operators.assembled import AssembledIron
-from fieldmap.iron.operators.exterior import Exterior, factored
+from fieldmap.iron.operators.exterior import Exterior
+from fieldmap.iron.operators.sparse_factor import SparseFactor
 
 Array = NDArray[np.float64]
 _MAX_LINEAR_STEPS = 80
@@ -118,10 +119,10 @@ class ConvexForm(Generic[E]):
         for _ in range(_MAX_NEWTON_STEPS):
             right = self._residual(phi, field, 0, material) - air
             stiffness = self._tangent(phi, field, 0, material)
-            factor = factored(stiffness + self._capacity)
+            factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
             first = factor.solve(right)
             # The energy norm of the residual, relative to that of the coils' drive.
-            norm = float(np.sqrt(max(right @ first, 0.0)))
+            norm = float(np.sqrt(max(float(right @ first), 0.0)))
             if scale == 0.0:
                 drive = self._residual(np.zeros_like(phi), field, 0, material)
                 scale = float(np.sqrt(drive @ factor.solve(drive))) or 1.0
@@ -139,7 +140,7 @@ class ConvexForm(Generic[E]):
         self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
     ) -> tuple[Array, list[Array]]:
         """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps."""
-        factor = factored(stiffness + self._capacity)
+        factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
 
         def operator(x: Array) -> Array:
             return factor.solve(stiffness @ x + self._exterior.apply(x))

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.forms.krylov import block_gmres
-from fieldmap.iron.operators.exterior import Exterior, factored
+from fieldmap.iron.operators.exterior import Exterior
+from fieldmap.iron.operators.sparse_factor import SparseFactor
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class SurfaceFluxSystem:
         # One unknown of each magnetic body is held at zero; its equation follows from the others.
         held = np.unique(body.unknowns, return_index=True)[1]
         self._free = np.setdiff1d(np.arange(len(body.unknowns)), held)
-        self._factor = factored(stiffness[self._free][:, self._free])
+        self._factor = SparseFactor(stiffness[self._free][:, self._free])
         self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
         self._sums = (body.surface[:, None] == np.arange(len(held))).astype(float)
         self._flux_of_constants = exterior.flux(self._sums)

@@ -1,36 +1,29 @@
 """The part of the iron problem that depends on the mesh alone; both forms start from it."""
 
+import math
 import os
 from dataclasses import dataclass
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.iron.meshing.topology import Faces, build_faces
+from fieldmap.iron.operators.compressed import CompressedMutualPotential, predicted_bytes
 from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.operators.symmetric_mutual import SymmetricMutualPotential
 
+STORAGES = ("auto", "dense", "compressed")
 # Double matrix, single factor, and one single copy while it is factored.
 _BYTES_PER_PAIR = 16
 # Part of the machine's memory that one solve may take.
 _MEMORY_SHARE = 0.8
-
-
-def _needed_bytes(mesh: IronMesh, faces: int) -> int:
-    operations = 1 if mesh.symmetry is None else mesh.symmetry.group.order
-    return _BYTES_PER_PAIR * faces**2 // operations
-
-
-def _memory_bytes() -> float | None:
-    try:
-        return _MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
+# Up to here the dense matrix takes less time from start to end than the compressed one (scripts/scaling.py).
+_DENSE_FACES = 9_000
 
 
 @dataclass(frozen=True, eq=False)
 class AssembledIron:
-    """Mesh, its faces, the surface faces as charged triangles, and their mutual potentials with factor."""
+    """Mesh, its faces, the surface faces as charged triangles, and their mutual potentials with inverse."""
 
     mesh: IronMesh
     topology: Faces
@@ -50,33 +43,81 @@ class AssembledIron:
 
 
 def fits_into_memory(mesh: IronMesh) -> bool:
-    """Whether the dense matrix and its factor fit. Where the machine does not tell its memory, they are let be."""
+    """Whether the mutual potentials and their inverse fit, dense or compressed. Where the machine does not tell its
+    memory, they are let be."""
     have = _memory_bytes()
-    return have is None or _needed_bytes(mesh, len(build_faces(mesh).surface)) < have
+    surface = _charged_faces(mesh, build_faces(mesh))
+    storage = chosen_storage(len(surface.areas), _operations(mesh))
+    return have is None or _needed_bytes(mesh, surface, storage) < have
 
 
-def assemble(mesh: IronMesh) -> AssembledIron:
-    """Costs 12 bytes times the square of the number of surface faces, and half a dense Cholesky factorisation.
+def chosen_storage(faces: int, operations: int) -> str:
+    """What "auto" stands for with this many surface faces and operations of the mesh's symmetry: "dense" while that is
+    quicker and fits into memory."""
+    have = _memory_bytes()
+    fits = have is None or _BYTES_PER_PAIR * faces**2 / operations < have
+    # The work of the blocks of a symmetry falls with the square of its order, that of the compression does not.
+    return "dense" if faces <= _DENSE_FACES * math.sqrt(operations) and fits else "compressed"
 
-    Where the mesh has a symmetry of g operations, the memory is divided by g and the factorisation by its square.
-    Raises InputError before it starts if the machine has too little memory for that.
+
+def assemble(mesh: IronMesh, storage: str = "auto") -> AssembledIron:
+    """Mutual potentials of the surface faces, dense or compressed.
+
+    Dense costs 12 bytes times the square of the number of faces, and half a dense Cholesky factorisation; where the
+    mesh has a symmetry of g operations, the memory is divided by g and the factorisation by its square. Compressed
+    (`fieldmap.iron.operators.compressed`) costs about 12 kB per face and uses no symmetry. storage: "auto", or one of
+    the two. Raises InputError for another word, and before it starts if the machine has too little memory.
     """
-    topology = build_faces(mesh)
-    count, have = len(topology.surface), _memory_bytes()
-    if have is not None and _needed_bytes(mesh, count) > have:
+    if storage not in STORAGES:
         raise InputError(
-            Problem(
-                "mesh of the iron",
-                f"its dense matrix must fit into {have / 1e9:.1f} GB of memory",
-                f"{count} surface faces, {_needed_bytes(mesh, count) / 1e9:.1f} GB",
-                "use a smaller refinement or larger mesh sizes",
-            )
+            Problem("assemble, storage", f"must be one of {', '.join(STORAGES)}", repr(storage), 'try "auto"')
         )
-    triangles = topology.nodes[topology.surface]
-    surface = ChargedFaces.from_nodes(mesh.points, triangles)
-    mutual: MutualPotential
-    if mesh.symmetry is None:
-        mutual = DenseMutualPotential(surface.mutual_potential())
-    else:
-        mutual = SymmetricMutualPotential(surface, mesh.symmetry, triangles)
-    return AssembledIron(mesh, topology, surface, mutual)
+    topology = build_faces(mesh)
+    surface = _charged_faces(mesh, topology)
+    if storage == "auto":
+        storage = chosen_storage(len(surface.areas), _operations(mesh))
+    _require_memory(mesh, surface, storage)
+    return AssembledIron(mesh, topology, surface, _mutual(mesh, topology, surface, storage))
+
+
+def _mutual(mesh: IronMesh, topology: Faces, surface: ChargedFaces, storage: str) -> MutualPotential:
+    if storage == "compressed":
+        return CompressedMutualPotential(surface)
+    if mesh.symmetry is not None:
+        return SymmetricMutualPotential(surface, mesh.symmetry, topology.nodes[topology.surface])
+    return DenseMutualPotential(surface.mutual_potential())
+
+
+def _operations(mesh: IronMesh) -> int:
+    return 1 if mesh.symmetry is None else mesh.symmetry.group.order
+
+
+def _charged_faces(mesh: IronMesh, topology: Faces) -> ChargedFaces:
+    return ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
+
+
+def _needed_bytes(mesh: IronMesh, surface: ChargedFaces, storage: str) -> int:
+    if storage == "compressed":
+        return predicted_bytes(surface)
+    return _BYTES_PER_PAIR * len(surface.areas) ** 2 // _operations(mesh)
+
+
+def _memory_bytes() -> float | None:
+    try:
+        return _MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def _require_memory(mesh: IronMesh, surface: ChargedFaces, storage: str) -> None:
+    have, needed = _memory_bytes(), _needed_bytes(mesh, surface, storage)
+    if have is None or needed < have:
+        return
+    raise InputError(
+        Problem(
+            "mesh of the iron",
+            f"its {storage} mutual potentials must fit into {have / 1e9:.1f} GB of memory",
+            f"{len(surface.areas)} surface faces, {needed / 1e9:.1f} GB",
+            "use a smaller refinement or larger mesh sizes",
+        )
+    )

@@ -11,56 +11,58 @@ where N^-1 m is the flux into the iron, were it air, of the smoothest second-ord
 nothing, and S = M^T (W^-1 - N^-1) M is positive up to the discretisation error: the whole functional stays convex
 however saturated the iron is. (With the plain Schur complement of K in place of N^-1, modes that W does not resolve
 would be negative, and Newton's method fails beyond 2.4 T.)
+
+N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory Appl. 4 (1969) 303): with a weight D,
+
+    (K + M^T D M) phi = M^T (D m + y),      y <- y + D (m - M phi),
+
+in two steps from zero. The matrix has the pattern of K and is positive definite; the saddle point of K and M, solved
+at once, took a factor of six times the memory and eighteen times the work at 73 000 faces.
 """
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, csr_matrix, identity
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import csr_matrix, diags
 
 from fieldmap.iron.operators.mutual import MutualPotential
+from fieldmap.iron.operators.sparse_factor import SparseFactor, elimination_order
 
 Array = NDArray[np.float64]
 
-
-# The air problem with given face means is a saddle point; this fraction of the smallest mean potential of a face on
-# itself makes it quasi-definite, so that it can be factored without pivoting (Vanderbei, SIAM J. Optim. 5 (1995)).
-_REGULARISATION = 1e-8
-
-
-def factored(matrix: csr_matrix) -> SuperLU:
-    """Sparse factor of a symmetric, definite or quasi-definite matrix."""
-    return splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+# The weight D times the mean potential of a face on itself. Each step gains three digits or more (measured: 5e-4 and
+# 4e-7 for random face means, 2e-5 and 8e-9 for smooth ones); rounding takes away five of the sixteen.
+_WEIGHT = 1e5
+_STEPS = 2
 
 
 class Exterior:
-    """S for one mesh. face_mean (s, n): M; vacuum (n, n): the iron's stiffness matrix at mu_r = 1."""
+    """S for one mesh. face_mean (s, n): M; vacuum (n, n): the iron's stiffness matrix at mu_r = 1. order (n,): how to
+    eliminate the unknowns of matrices with its pattern."""
 
     def __init__(self, face_mean: csr_matrix, mutual: MutualPotential, vacuum: csr_matrix) -> None:
         self._mean = face_mean
         self._mutual = mutual
-        self._count = face_mean.shape[1]
-        small = _REGULARISATION * mutual.diagonal.min()
-        self._vacuum = factored(
-            bmat([[vacuum, self._mean.T], [self._mean, -small * identity(self._mean.shape[0])]])
-        )
+        self._weight = (_WEIGHT / mutual.diagonal)[:, None]
+        self.order = elimination_order(vacuum)
+        held = face_mean.T @ diags(self._weight[:, 0]) @ face_mean
+        self._vacuum = SparseFactor(vacuum + held, self.order)
 
     def charge(self, potential: Array, refinements: int = 2) -> Array:
         """Charges (s, c) of the surface faces for nodal potentials (n, c)."""
         return self._mutual.solve(self._mean @ potential, refinements)
 
-    def apply(self, potential: Array, refinements: int = 2) -> Array:
+    def apply(self, potential: Array, refinements: int = 1) -> Array:
         """S phi (n, c) for phi (n, c); `refinements` of the inverse of W, see `MutualPotential.solve`."""
         return self._mean.T @ self.flux(self._mean @ potential, refinements)
 
     def flux(self, means: Array, refinements: int = 2) -> Array:
         """Flux (s, c) that leaves through the surface faces into the air for mean potentials (s, c)."""
-        right = np.zeros((self._count + len(means), means.shape[1]))
-        right[self._count :] = means
-        inward = -self._vacuum.solve(right)[self._count :]
-        return self._mutual.solve(means, refinements) - inward
+        return self._mutual.solve(means, refinements) - self._inward(means)
+
+    def _inward(self, means: Array) -> Array:
+        """N^-1 m (s, c) for m (s, c)."""
+        flux = np.zeros_like(means)
+        for _ in range(_STEPS):
+            potential = self._vacuum.solve(self._mean.T @ (self._weight * means + flux))
+            flux = flux + self._weight * (means - self._mean @ potential)
+        return flux

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
 _FAR_RADII = 8.0
 # Pairs of triangles closer than this many summed radii are integrated in closed form on one side.
-_NEAR_RADII = 3.0
+NEAR_RADII = 3.0
 _NEAR_DEGREE = 4
 _TOUCH_DEGREE = 8
 
@@ -48,21 +48,13 @@ class ChargedFaces:
     def mutual_potential(self) -> Array:
         """W (n, n), see `fieldmap.kernels.mutual_potential`."""
         far, _ = self.rule_points(2)
-        near, near_weights = self.rule_points(_NEAR_DEGREE)
-        touch, touch_weights = self.rule_points(_TOUCH_DEGREE)
-        return mutual_potential(
-            self.corners,
-            self.normals,
-            self.areas,
-            self.centres,
-            self.radii,
-            np.ascontiguousarray(far.reshape(-1, 3).T),
-            near,
-            near_weights,
-            touch,
-            touch_weights,
-            _NEAR_RADII,
-        )
+        points = np.ascontiguousarray(far.reshape(-1, 3).T)
+        geometry = self.corners, self.normals, self.areas, self.centres, self.radii
+        return mutual_potential(*geometry, points, *self.close_rules(), NEAR_RADII)
+
+    def close_rules(self) -> tuple[Array, Array, Array, Array]:
+        """Points and weights of the outer rules for close pairs: those apart, then those whose circles overlap."""
+        return *self.rule_points(_NEAR_DEGREE), *self.rule_points(_TOUCH_DEGREE)
 
     def part(self, chosen: NDArray[np.int64]) -> "ChargedFaces":
         """Some of the triangles, in this order."""
@@ -81,7 +73,7 @@ class ChargedFaces:
         """
         one, one_far = self._block_geometry()
         other, other_far = others._block_geometry()
-        return mutual_potential_block(one, one_far, other, other_far, _NEAR_RADII, symmetric)
+        return mutual_potential_block(one, one_far, other, other_far, NEAR_RADII, symmetric)
 
     def _block_geometry(self) -> tuple[tuple[Array, ...], Array]:
         """What the block kernel takes of one set of triangles."""

@@ -1,0 +1,221 @@
+"""W past the dense limit: near blocks of faces as they are, far blocks by low rank, its inverse by iteration.
+
+Memory and time grow like N log N instead of N^2 and N^3. See docs/theory/iron.md, "Many faces".
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import get_num_threads
+from numpy.typing import NDArray
+
+from fieldmap.iron.operators.approximate_inverse import inverse_factor
+from fieldmap.iron.operators.chebyshev import chebyshev, spectrum, steps_needed
+from fieldmap.iron.operators.clusters import BlockPartition, Clusters
+from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
+from fieldmap.kernels.block_product import add_far_product, add_near_product
+from fieldmap.kernels.cross_approximation import approximate_far_blocks, pack_factors
+from fieldmap.kernels.near_blocks import fill_near_blocks
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Coordinates = tuple[Array, Array, Array]
+# Relative error of every far block, in the Frobenius norm. All entries of W are positive, so that the error of W
+# is this fraction of its own norm; so is that of single precision, 6e-8.
+TOLERANCE = 1e-6
+_LEAF_SIZE = 64
+_SEPARATION = 0.7
+# Far blocks of higher rank are cut in four; none was met.
+_RANK_LIMIT = 64
+# Numbers of the scratch that is used while far blocks are made: 200 MB.
+_SCRATCH = 25_000_000
+# Entries in a row of the sparse inverse; error of `solve` without refinement, and of one refinement.
+_ROW_WIDTH = 96
+_SOLVE_TOLERANCE = 3e-4
+# Rank of a far block, averaged over its rows and columns: measured 9 to 13, for the prediction of memory.
+_EXPECTED_RANK = 14
+
+
+@dataclass(frozen=True, eq=False)
+class _FarBlocks:
+    """Low-rank blocks (b, 4), their ranks and factors, see `fieldmap.kernels.cross_approximation`."""
+
+    blocks: Index
+    ranks: Index
+    offset: Index
+    data: NDArray[np.float32]
+
+
+class CompressedMutualPotential:
+    """W of many faces by blocks. tolerance: of every far block."""
+
+    def __init__(self, faces: ChargedFaces, tolerance: float = TOLERANCE) -> None:
+        self._clusters = Clusters.of(faces, _LEAF_SIZE)
+        self._order = self._clusters.order
+        partition = BlockPartition.of(self._clusters, _SEPARATION, NEAR_RADII)
+        ordered = faces.part(self._order)
+        points = _rule_coordinates(ordered)
+        self._near = partition.near
+        self._near_offset, self._near_data = _near_blocks(ordered, self._order, partition.near, points)
+        self._far = _far_blocks(partition.far, points, tolerance)
+        self._diagonal = np.empty(len(self._order))
+        self._diagonal[self._order] = self._diagonal_of_leaves()
+        near = partition.near_leaves, self._near_offset, self._near_data
+        self._factor = inverse_factor(self._clusters, ordered.centres, _ROW_WIDTH, near, points)
+        self._transposed = self._factor.T.tocsr()
+        self._bounds = spectrum(
+            lambda x: self._factor @ self._product(self._transposed @ x), len(self._order)
+        )
+        self._steps = steps_needed(self._bounds, _SOLVE_TOLERANCE)
+
+    @property
+    def diagonal(self) -> Array:
+        """Mean potentials (s,) of the faces' own unit charges."""
+        return self._diagonal
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the blocks and of the sparse factor of the inverse."""
+        sparse = sum(m.data.nbytes + m.indices.nbytes for m in (self._factor, self._transposed))
+        return self._near_data.nbytes + sum(part.data.nbytes for part in self._far) + sparse
+
+    @property
+    def storage(self) -> str:
+        """How it is stored, in words."""
+        count = len(self._order)
+        dense = 4 * count * (count + 1) // 2
+        return (
+            f"compressed: {len(self._near)} dense blocks, {sum(len(part.ranks) for part in self._far)} of low rank "
+            f"(mean {self.mean_rank:.1f}), {100 * self.bytes / dense:.0f} % of one dense triangle"
+        )
+
+    @property
+    def mean_rank(self) -> float:
+        """Rank of the far blocks, averaged over their rows and columns."""
+        sides = [
+            part.blocks[:, 1] - part.blocks[:, 0] + part.blocks[:, 3] - part.blocks[:, 2]
+            for part in self._far
+        ]
+        total = sum(int(side.sum()) for side in sides)
+        return sum(int(side @ part.ranks) for side, part in zip(sides, self._far, strict=True)) / max(
+            total, 1
+        )
+
+    def __matmul__(self, charge: Array) -> Array:
+        """Mean potentials (s, c) of charges (s, c)."""
+        flat = charge.reshape(len(charge), -1)
+        out = np.empty(flat.shape)
+        out[self._order] = self._product(flat[self._order])
+        return out.reshape(charge.shape)
+
+    def solve(self, potential: Array, refinements: int = 0) -> Array:
+        """Charges (s, c) with these mean potentials (s, c); see `MutualPotential.solve`."""
+        right = potential[self._order]
+        charge = self._approximate(right)
+        for _ in range(refinements):
+            charge = charge + self._approximate(right - self._product(charge))
+        out = np.empty(charge.shape)
+        out[self._order] = charge
+        return out
+
+    def _approximate(self, right: Array) -> Array:
+        return chebyshev(self._product, self._precondition, right, self._bounds, self._steps)
+
+    def _precondition(self, right: Array) -> Array:
+        # The entries are single, the sums double: rounded sums would not be linear, and the flux form's projection
+        # onto zero net flux, which cancels large constants, would see it (measured: 5e-6 of B).
+        return self._transposed @ (self._factor @ right)
+
+    def _product(self, charge: Array) -> Array:
+        """In the clusters' order."""
+        count, columns = charge.shape
+        groups = -(-columns // 4)
+        padded = np.zeros((count, 4 * groups))
+        padded[:, :columns] = charge
+        x = np.ascontiguousarray(padded.reshape(count, groups, 4).swapaxes(0, 1))
+        y = np.zeros((get_num_threads(), *x.shape))
+        add_near_product(self._near, self._near_offset, self._near_data, x, y)
+        for part in self._far:
+            add_far_product(part.blocks, part.ranks, part.offset, part.data, x, y)
+        return y.sum(axis=0).swapaxes(0, 1).reshape(count, 4 * groups)[:, :columns]
+
+    def _diagonal_of_leaves(self) -> Array:
+        parts = []
+        own = np.flatnonzero(self._near[:, 0] == self._near[:, 2])
+        for k in own[np.argsort(self._near[own, 0])]:
+            size = self._near[k, 1] - self._near[k, 0]
+            start = self._near_offset[k]
+            parts.append(self._near_data[start : start + size * size : size + 1])
+        return np.concatenate(parts).astype(float)
+
+
+def predicted_bytes(faces: ChargedFaces) -> int:
+    """Memory that `CompressedMutualPotential` will need while it is made, from its blocks alone."""
+    partition = BlockPartition.of(Clusters.of(faces, _LEAF_SIZE), _SEPARATION, NEAR_RADII)
+    rows, columns = _sides(partition.near)
+    far_rows, far_columns = _sides(partition.far)
+    blocks = 4 * int(rows @ columns) + 4 * _EXPECTED_RANK * int((far_rows + far_columns).sum())
+    # Sparse factor and transposed: 8 bytes an entry each; as much again while they are made.
+    return blocks + 32 * _ROW_WIDTH * len(faces.areas) + 8 * _SCRATCH
+
+
+def _sides(blocks: Index) -> tuple[Index, Index]:
+    return blocks[:, 1] - blocks[:, 0], blocks[:, 3] - blocks[:, 2]
+
+
+def _rule_coordinates(faces: ChargedFaces) -> Coordinates:
+    """x, y and z (3, n) of the three points of the degree-2 rule."""
+    points, _ = faces.rule_points(2)
+    x, y, z = (np.ascontiguousarray(points[:, :, k].T) for k in range(3))
+    return x, y, z
+
+
+def _near_blocks(
+    faces: ChargedFaces, order: Index, blocks: Index, points: Coordinates
+) -> tuple[Index, NDArray[np.float32]]:
+    rows, columns = _sides(blocks)
+    offset = np.concatenate([[0], np.cumsum(rows * columns)])
+    data = np.empty(offset[-1], np.float32)
+    geometry = faces.corners, faces.normals, faces.areas, faces.centres, faces.radii
+    fill_near_blocks(blocks, offset, order, *geometry, *points, *faces.close_rules(), NEAR_RADII, data)
+    return offset, data
+
+
+def _far_blocks(blocks: Index, points: Coordinates, tolerance: float) -> list[_FarBlocks]:
+    """All far blocks, a scratch full at a time; blocks that need too high a rank are cut in four."""
+    parts: list[_FarBlocks] = []
+    while len(blocks):
+        rows, columns = _sides(blocks)
+        blocks = blocks[np.argsort(-(rows + columns), kind="stable")]
+        rows, columns = _sides(blocks)
+        size = _RANK_LIMIT * (rows + columns)
+        heap = np.cumsum(size) // max(_SCRATCH, int(size.max()))
+        failed = []
+        for chosen in np.split(blocks, np.flatnonzero(np.diff(heap)) + 1):
+            part, rest = _approximated(chosen, points, tolerance)
+            parts.append(part)
+            failed.append(rest)
+        blocks = _quarters(np.concatenate(failed))
+    return parts
+
+
+def _approximated(blocks: Index, points: Coordinates, tolerance: float) -> tuple[_FarBlocks, Index]:
+    rows, columns = _sides(blocks)
+    place = np.concatenate([[0], np.cumsum(_RANK_LIMIT * (rows + columns))])
+    scratch = np.empty(place[-1])
+    slots = 8 * get_num_threads()
+    ranks = approximate_far_blocks(blocks, place, _RANK_LIMIT, *points, tolerance, slots, scratch)
+    good = ranks >= 0
+    kept, place = blocks[good], place[:-1][good]
+    rows, columns = _sides(kept)
+    offset = np.concatenate([[0], np.cumsum(ranks[good] * (rows + columns))])
+    data = np.empty(offset[-1], np.float32)
+    pack_factors(kept, place, _RANK_LIMIT, ranks[good], offset, scratch, data)
+    return _FarBlocks(kept, ranks[good], offset, data), blocks[~good]
+
+
+def _quarters(blocks: Index) -> Index:
+    r0, r1, c0, c1 = blocks.T
+    rm, cm = (r0 + r1) // 2, (c0 + c1) // 2
+    parts = [(r0, rm, c0, cm), (r0, rm, cm, c1), (rm, r1, c0, cm), (rm, r1, cm, c1)]
+    return np.concatenate([np.column_stack(part) for part in parts])

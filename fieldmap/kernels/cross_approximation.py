@@ -1,0 +1,185 @@
+"""Adaptive cross approximation of far blocks of the matrix of mutual potentials.
+
+A block of faces that are far from each other is nearly of low rank: it is built from a few of its own rows and
+columns (Bebendorf, Numer. Math. 86 (2000) 565; partial pivoting after Bebendorf and Rjasanow, Computing 70 (2003) 1),
+and then cut down to the rank that the tolerance needs by a singular value decomposition of the small core.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+_INVERSE_36PI = 1.0 / (36.0 * math.pi)
+
+
+@njit(cache=True, fastmath=True)
+def far_values(i, first, last, x, y, z, out):
+    """out[j - first] = W_ij for faces j from `first` to `last`, all far from face i; x, y, z (3, n): points of the
+    degree-2 rule. Loops over contiguous arrays without branches, for the compiler to turn into vector code."""
+    out[:] = 0.0
+    for p in range(3):
+        px, py, pz = x[p, i], y[p, i], z[p, i]
+        for q in range(3):
+            for j in range(first, last):
+                dx, dy, dz = px - x[q, j], py - y[q, j], pz - z[q, j]
+                out[j - first] += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+    for j in range(out.size):
+        out[j] *= _INVERSE_36PI
+
+
+@njit(cache=True, fastmath=True)
+def _subtract(known, weights, rank, out):
+    """out -= sum of the first `rank` rows of known (r, m), each times its weight."""
+    for k in range(rank):
+        w = weights[k]
+        for i in range(out.size):
+            out[i] -= w * known[k, i]
+
+
+@njit(cache=True, fastmath=True)
+def _largest(values, used):
+    """Index of the largest magnitude among those not used; -1 if all are."""
+    best, place = -1.0, -1
+    for i in range(values.size):
+        if not used[i] and abs(values[i]) > best:
+            best, place = abs(values[i]), i
+    return place
+
+
+@njit(cache=True, fastmath=True)
+def _dot(a, b):
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True)
+def cross(block, x, y, z, tolerance, left, right):
+    """Fill left (cap, m) and right (cap, n) with factors: block = left^T right; returns the rank, or -1 if `cap`
+    terms do not reach the tolerance (of the Frobenius norm). block (4,): first and last + 1 of rows and columns."""
+    r0, r1, c0, c1 = block[0], block[1], block[2], block[3]
+    cap, m, n = left.shape[0], r1 - r0, c1 - c0
+    used_rows, used_columns = np.zeros(m, np.bool_), np.zeros(n, np.bool_)
+    norm2 = 0.0
+    row = 0
+    for rank in range(cap):
+        used_rows[row] = True
+        u, v = left[rank], right[rank]
+        far_values(r0 + row, c0, c1, x, y, z, v)
+        _subtract(right, left[:rank, row].copy(), rank, v)
+        column = _largest(v, used_columns)
+        pivot = v[column]
+        if pivot == 0.0:
+            return rank
+        used_columns[column] = True
+        far_values(c0 + column, r0, r1, x, y, z, u)
+        _subtract(left, right[:rank, column].copy(), rank, u)
+        for i in range(m):
+            u[i] /= pivot
+        size2 = _dot(u, u) * _dot(v, v)
+        overlap = 0.0
+        for k in range(rank):
+            overlap += _dot(left[k], u) * _dot(right[k], v)
+        norm2 += 2.0 * overlap + size2
+        if size2 <= tolerance * tolerance * norm2 or rank + 1 == min(m, n):
+            return rank + 1
+        row = _largest(u, used_rows)
+    return -1
+
+
+@njit(cache=True, fastmath=True)
+def _orthonormalise(rows, rank, triangle):
+    """Gram-Schmidt, twice: rows (r, m) become q, orthonormal, with rows_before = triangle (r, r) q."""
+    triangle[:rank, :rank] = 0.0
+    for k in range(rank):
+        before = math.sqrt(_dot(rows[k], rows[k]))
+        for _ in range(2):
+            for j in range(k):
+                w = _dot(rows[j], rows[k])
+                triangle[k, j] += w
+                for i in range(rows.shape[1]):
+                    rows[k, i] -= w * rows[j, i]
+        length = math.sqrt(_dot(rows[k], rows[k]))
+        # What is left of a dependent row is noise; it must not become a direction of its own.
+        if length <= 1e-13 * before:
+            rows[k] = 0.0
+            length = 0.0
+        triangle[k, k] = length
+        for i in range(rows.shape[1]):
+            rows[k, i] *= 1.0 / length if length > 0.0 else 0.0
+
+
+@njit(cache=True, fastmath=True)
+def _combine(rows, rank, mix, count):
+    """rows[a] = sum_k mix[k, a] rows[k] for a < count, in place."""
+    total = np.empty(count)
+    for i in range(rows.shape[1]):
+        for a in range(count):
+            total[a] = 0.0
+        for k in range(rank):
+            value = rows[k, i]
+            for a in range(count):
+                total[a] += mix[k, a] * value
+        for a in range(count):
+            rows[a, i] = total[a]
+
+
+@njit(cache=True)
+def recompress(left, right, rank, tolerance):
+    """Lower the rank of left^T right as far as the tolerance allows; returns the new one. Works in place."""
+    a, b = np.zeros((rank, rank)), np.zeros((rank, rank))
+    _orthonormalise(left, rank, a)
+    _orthonormalise(right, rank, b)
+    p, s, qt = np.linalg.svd(a.T @ b)
+    total = 0.0
+    for k in range(rank):
+        total += s[k] * s[k]
+    kept, tail = rank, 0.0
+    while kept > 1 and tail + s[kept - 1] * s[kept - 1] <= tolerance * tolerance * total:
+        tail += s[kept - 1] * s[kept - 1]
+        kept -= 1
+    for k in range(rank):
+        scale = math.sqrt(s[k])
+        for j in range(rank):
+            p[j, k] *= scale
+            qt[k, j] *= scale
+    _combine(left, rank, p, kept)
+    _combine(right, rank, qt.T.copy(), kept)
+    return kept
+
+
+@njit(cache=True, parallel=True)
+def approximate_far_blocks(blocks, place, cap, x, y, z, tolerance, slots, scratch):
+    """Ranks (b,) of far blocks (b, 4), -1 where more than `cap` terms are needed; factors of block k as two arrays
+    (rank, rows) and (rank, columns) from scratch[place[k]] on, cap (rows + columns) numbers apart.
+
+    Large blocks first: the threads take them in turn from `slots` heaps.
+    """
+    ranks = np.zeros(blocks.shape[0], np.int64)
+    for slot in prange(slots):
+        for k in range(slot, blocks.shape[0], slots):
+            m, n = blocks[k, 1] - blocks[k, 0], blocks[k, 3] - blocks[k, 2]
+            start = place[k]
+            left = scratch[start : start + cap * m].reshape(cap, m)
+            right = scratch[start + cap * m : start + cap * (m + n)].reshape(cap, n)
+            # A third of the error for the crosses, the rest for the recompression.
+            rank = cross(blocks[k], x, y, z, tolerance / 3.0, left, right)
+            if rank > 0:
+                rank = recompress(left, right, rank, tolerance * (2.0 / 3.0))
+            ranks[k] = rank
+    return ranks
+
+
+@njit(cache=True, parallel=True)
+def pack_factors(blocks, place, cap, ranks, offset, scratch, data):
+    """Copy the factors that `approximate_far_blocks` left in scratch to data (single precision), block k from
+    offset[k] on: left (rank, rows), then right (rank, columns)."""
+    for k in prange(blocks.shape[0]):
+        m, n = blocks[k, 1] - blocks[k, 0], blocks[k, 3] - blocks[k, 2]
+        rank = ranks[k]
+        for i in range(rank * m):
+            data[offset[k] + i] = scratch[place[k] + i]
+        for i in range(rank * n):
+            data[offset[k] + rank * m + i] = scratch[place[k] + cap * m + i]
