@@ -35,7 +35,7 @@ Form = Annotated[
     typer.Option(
         "--form",
         metavar="NAME",
-        help="potential (second order), flux (lowest order), or auto: potential where all mu_r >= 1.",
+        help="potential, flux (any mu_r), or auto: potential where all mu_r >= 1.",
         rich_help_panel=_IRON,
     ),
 ]

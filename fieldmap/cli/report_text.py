@@ -11,7 +11,7 @@ from fieldmap.device.model import Device
 
 FORM_WORDS = {
     "potential": "second-order potential form",
-    "flux": "lowest-order flux form",
+    "flux": "second-order flux form",
     "coils": "none: coils alone",
 }
 

@@ -42,7 +42,7 @@ def solve_linear(
     mu_r: relative permeability of all soft iron; None: the device file's own, for a B-H table its initial slope.
     tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
     the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
-    form: "potential" (second order; every mu_r >= 1), "flux" (lowest order; any mu_r, flux barriers too), or "auto":
+    form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
     potential where it may be used. The two err to opposite sides in closed magnetic circuits. symmetry: "auto" uses
     the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron.md. Raises GeometryError
     if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with the

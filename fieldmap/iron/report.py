@@ -9,7 +9,7 @@ from fieldmap.iron.error_estimate import ErrorEstimate
 class SolverReport:
     """Counts, times and residuals of one solve.
 
-    form: "potential" (second order) or "flux" (lowest order), see docs/theory/iron.md; tetrahedra, surface_faces,
+    form: "potential" or "flux", both of second order, see docs/theory/iron.md; tetrahedra, surface_faces,
     charged_faces, unknowns: size of the problem; magnetic_bodies: connected pieces of iron; iterations and residual:
     of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the matrix of mutual
     potentials and its inverse; storage: how that matrix is stored, in words;
