@@ -125,7 +125,7 @@ def test_the_thesis_column_is_for_the_drive_unit(machine):
 
         def __init__(self, inner):
             self.inner, self.coil_names = inner, tuple("123456")
-            self.lower, self.upper = inner.lower, inner.upper
+            self.lower, self.upper, self.info = inner.lower, inner.upper, inner.info
 
         def __getattr__(self, name):
             return lambda points, currents: getattr(self.inner, name)(points, [sum(currents)])

@@ -211,7 +211,7 @@ def test_the_summary_of_a_map_says_that_it_is_linear(capsys, ball, tmp_path):
     closing = out.strip().split("\n\n")[-1].splitlines()
     assert len(closing) <= 2
     assert closing[0].startswith("This map is linear")
-    assert "fieldmap solve DEVICE --nonlinear --currents" in " ".join(closing)
+    assert 'iron.model = "saturating"' in " ".join(closing)
 
 
 def test_form_and_refinement_reach_the_solver(capsys):
