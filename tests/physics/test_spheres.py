@@ -83,6 +83,15 @@ def test_sphere_inside_field(one_sphere, form, mu_r):
     assert spread < 0.04
 
 
+@pytest.mark.parametrize("mu_r", [0.1, 1e-4])
+def test_weak_sphere_outside_field(one_sphere, mu_r):
+    """As accurate as iron: the small flux inside is no difference of large terms."""
+    state = solved(one_sphere, "flux", [mu_r], tolerance=1e-7)
+    exact = dipole(OUTSIDE, (mu_r - 1) / (mu_r + 2) * RADIUS**3 * UP)
+    error = np.linalg.norm(state.faces.field(OUTSIDE, state.density)[0] - exact, axis=1)
+    assert (error / np.linalg.norm(exact + UP, axis=1)).max() < 5e-4
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_air_is_not_magnetised(one_sphere, form):
     assert np.abs(solved(one_sphere, form, [1.0]).density).max() < 1e-6
