@@ -14,7 +14,7 @@ def marrocco_end(eps: float, c: float, alpha: float, tau: float) -> float:
     """Flux density in T where mu0 dH/dB = 1; infinite where the formula never gets there, so never saturates.
 
     >>> round(marrocco_end(2e-4, 1.0, 5.5, 5e4), 3)
-    2.17
+    2.169
     """
     if c <= eps:
         return inf

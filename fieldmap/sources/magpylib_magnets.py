@@ -14,7 +14,7 @@ def magpylib_tetrahedra(corners: Array, polarisation: Array, label: str) -> magp
     >>> unit = np.vstack([np.zeros(3), np.eye(3)])
     >>> ball = magpylib_tetrahedra(unit[None], np.array([[0.0, 0.0, 1.0]]), "a corner")
     >>> print(ball.getB([5.0, 0.0, 0.0]).round(6))
-    [ 0.       0.      -0.000115]
+    [-1.80e-05  1.00e-06 -1.22e-04]
     """
     magnets = [
         magpylib.magnet.Tetrahedron(vertices=vertices, polarization=vector)
