@@ -17,7 +17,7 @@ N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory App
     (K + M^T D M) phi = M^T (D m + y),      y <- y + D (m - M phi),
 
 in two steps from zero. The matrix has the pattern of K and is positive definite; the saddle point of K and M, solved
-at once, took a factor of six times the memory and eighteen times the work at 73 000 faces.
+at once, took a factor of more than three times the memory and eighteen times the work at 73 000 faces.
 """
 
 import numpy as np
