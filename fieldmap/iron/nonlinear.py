@@ -1,45 +1,37 @@
 """The public door to saturating iron: one state of the device at given currents."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import (
-    Coil,
     Device,
-    FluxBarrier,
-    LinearMaterial,
     PermanentMagnet,
-    SaturatingMaterial,
-    Section,
 )
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.continuation import Sources, solve_with_continuation
 from fieldmap.iron.error_estimate import ErrorEstimate, workspace_surface
-from fieldmap.iron.forms.bh_law import law_tables, law_words
+from fieldmap.iron.forms.bh_law import law_tables
 from fieldmap.iron.forms.element_fields import PotentialField
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm, PotentialState
 from fieldmap.iron.galerkin import GalerkinModel, project
-from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
+from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.nonlinear_error import Complement, state_error
+from fieldmap.iron.nonlinear_solution import NonlinearSolution
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.quantities.air import checked_currents
 from fieldmap.iron.quantities.differential_inductance import iron_differential_inductance
-from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
-from fieldmap.iron.quantities.inside import containing_element
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
-from fieldmap.iron.quantities.magpylib_export import as_magpylib
-from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
+from fieldmap.iron.soft_bodies import material_assumptions, require_soft_bodies
 from fieldmap.iron.stages import Progress, Stages
-from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources import unit_flux_densities
 from fieldmap.sources.inductance import bare_inductance
 
 Array = NDArray[np.float64]
@@ -49,110 +41,6 @@ _RESIDUAL_PER_TOLERANCE = 1e-3
 _RESIDUAL_OF_COMPLEMENT = 1e-2
 # Ratio of the mesh sizes of a state and of the one that it is compared with.
 _COARSER = 1.4
-_LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
-
-
-@dataclass(frozen=True, eq=False)
-class NonlinearSolution:
-    """Coils and saturating iron at fixed currents. Fields in T, gradients in T/m, points (n, 3) or (3,) in m.
-
-    iron_linkage (c,) in Wb and iron_coenergy in J: what the iron adds to the coils' flux linkages and to the
-    co-energy of their field. Forces, linkages and energies: docs/theory/forces.md.
-    """
-
-    coils: tuple[Coil, ...]
-    currents: Array
-    mesh: IronMesh
-    state: PotentialState
-    report: SolverReport
-    iron_linkage: Array
-    iron_coenergy: float
-    sections: tuple[Section, ...] = ()
-
-    @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
-        return tuple(coil.name for coil in self.coils)
-
-    def field(self, points: ArrayLike) -> Array:
-        """Flux density (n, 3) or (3,); inside the iron the mean of the element. Raises InputError for bad points."""
-        x, single = checked_points(points)
-        b = self.state.iron.faces.field(x, self.state.iron.density)[0]
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            b += current * unit_flux_density(coil, x)
-        element = containing_element(self.mesh, x)
-        inside = element >= 0
-        b[inside] = self.state.iron.flux_density[0, element[inside]]
-        return b[0] if single else b
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), outside the iron. Raises InputError for points inside it."""
-        x, single = checked_points(points)
-        refuse_inside(self.mesh, x)
-        g = self.state.iron.faces.field_and_gradient(x, self.state.iron.density)[1][0]
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            g += current * unit_flux_density_and_gradient(coil, x)[1]
-        return g[0] if single else g
-
-    def flux_density(self, body: str) -> Array:
-        """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
-        return mean_over_body(self.mesh, body, self.state.iron.flux_density[0])
-
-    def section_flux(self, section: str | Section) -> SectionFlux:
-        """Flux, area and mean normal flux density of a section of the device file, or of any plane.
-
-        The field inside each element is integrated over what the plane cuts out of it. Raises InputError for an
-        unknown name, and for a plane that cuts no iron.
-        """
-        found = named_section(self.sections, section)
-        return section_flux(self.mesh, self.state.iron, found, np.ones(1))
-
-    def section_flux_density(self, section: str | Section) -> float:
-        """Mean flux density in T along the normal of a section; see `section_flux`."""
-        return self.section_flux(section).flux_density
-
-    def force_on(self, name: str | Sequence[str]) -> Array:
-        """Force (3,) in N on a body or coil, or on several together.
-
-        Bodies that touch have a force only together: name them all. Raises InputError otherwise and for unknown
-        names.
-        """
-        return force_and_torque(self._magnetised, name, np.zeros(3))[0]
-
-    def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
-        """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
-        return force_and_torque(self._magnetised, name, about)[1]
-
-    def flux_linkage(self) -> Array:
-        """Flux linkages (c,) of the coils in Wb, all turns."""
-        return self._air_inductance @ self.currents + self.iron_linkage
-
-    def coenergy(self) -> float:
-        """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement the force.
-
-        With permanent magnets it contains a constant, that of the magnets without currents.
-        """
-        return float(0.5 * self.currents @ self._air_inductance @ self.currents) + self.iron_coenergy
-
-    def energy(self) -> float:
-        """Field energy in J, iron included: sum of currents x linkages, less the co-energy."""
-        return float(self.currents @ self.flux_linkage()) - self.coenergy()
-
-    def as_magpylib(self) -> Any:
-        """The state as a magpylib Collection: iron as tetrahedra of constant polarisation, coils as current sheets.
-
-        Its getB in the air differs from `field` by the iron's discretisation.
-        """
-        return as_magpylib(self.coils, self.currents, self.mesh, self.state.iron, np.ones(1))
-
-    @cached_property
-    def _air_inductance(self) -> Array:
-        return bare_inductance(self.coils)
-
-    @property
-    def _magnetised(self) -> Magnetised:
-        iron = self.state.iron
-        return Magnetised(self.coils, self.currents, self.mesh, iron.faces, iron.density[0])
 
 
 class NonlinearSolver:
@@ -171,7 +59,7 @@ class NonlinearSolver:
     ) -> None:
         self.device = device
         self._progress, self._refinement, self._symmetry = progress, refinement, symmetry
-        _require_soft_bodies(device)
+        require_soft_bodies(device)
         stages = Stages(progress)
         stages.next("checking the geometry", 0.0)
         check_geometry(device)
@@ -321,7 +209,7 @@ class NonlinearSolver:
             matrix_bytes=self._iron.mutual.bytes,
             storage=self._iron.mutual.storage,
             seconds=seconds,
-            assumptions=_assumptions(self.device) + geometry_notes(self.device),
+            assumptions=material_assumptions(self.device) + geometry_notes(self.device),
             symmetry=self._iron.symmetry,
             largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
             beyond_table=int((largest > high).sum()),
@@ -358,44 +246,3 @@ def solve(
     solution = solver.solve(currents, tolerance)
     error = solver.estimate_error(solution, tolerance) if estimate else None
     return replace(solution, report=replace(solution.report, error=error))
-
-
-def _require_soft_bodies(device: Device) -> None:
-    if not device.bodies:
-        raise InputError(
-            Problem(
-                f"device '{device.name}'",
-                "there must be iron for a nonlinear solve",
-                "no bodies",
-                _LINEAR_INSTEAD,
-            )
-        )
-    problems = []
-    for body in device.bodies:
-        material = device.materials[body.material]
-        given = ""
-        if isinstance(material, FluxBarrier):
-            given = "an ideal flux barrier"
-        elif not isinstance(material, SaturatingMaterial) and material.mu_r < 1:
-            given = f"mu_r = {material.mu_r:g}"
-        if given:
-            where = f"device '{device.name}', body '{body.name}'"
-            problems.append(
-                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, _LINEAR_INSTEAD)
-            )
-    if problems:
-        raise InputError(*problems)
-
-
-def _assumptions(device: Device) -> tuple[str, ...]:
-    used = dict.fromkeys(body.material for body in device.bodies)
-    notes = []
-    for name in used:
-        material = device.materials[name]
-        if isinstance(material, SaturatingMaterial):
-            notes.append(f"iron '{name}': {law_words(material)}; no hysteresis")
-        elif isinstance(material, PermanentMagnet):
-            notes.append(f"magnet '{name}': constant mu_r = {material.mu_r:g}")
-        elif isinstance(material, LinearMaterial):
-            notes.append(f"iron '{name}': linear, mu_r = {material.mu_r:g}")
-    return tuple(notes)

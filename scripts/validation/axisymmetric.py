@@ -22,7 +22,7 @@ from validation.row import Array, Row, timed
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
 WORDS = {"disk": "disk", "diskcore": "disk, core", "spool": "disk, core, plate"}
-# The open circuits, and the one with two plates, whose gap the flux form resolves less well.
+# The open circuits, and the one with two plates and a gap between them.
 BOUNDS = {"disk": (1e-3, 2e-3), "diskcore": (1e-3, 2e-3), "spool": (2e-3, 3e-3)}
 LINEAR = (
     ("disk", 1000),

@@ -88,7 +88,7 @@ def unit_linear() -> Iterator[Row]:
 
 
 def unit_other_form() -> Iterator[Row]:
-    """The flux form, low by half a per cent in the closed circuit: the gap between the forms, for information."""
+    """The flux form beside the potential form: the gap between the two, for information."""
     device = with_centre_coil(fm.read_device("drive_unit_a3"))
     unit, wall, cpu = timed(lambda: fm.solve_linear(device, mu_r=MU_R, form="flux"))
     yield from _against_brackets(Solved(1.0, unit, wall, cpu), device, "unit, flux form", bounded=False)
