@@ -1,8 +1,5 @@
 """Which devices the nonlinear solver takes, and what it takes for granted about their materials."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fieldmap.device.model import (
     Device,
     FluxBarrier,
@@ -13,7 +10,6 @@ from fieldmap.device.model import (
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.forms.bh_law import law_words
 
-Array = NDArray[np.float64]
 _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
 
