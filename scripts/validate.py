@@ -4,7 +4,7 @@
 
 Errors are the largest over the points, relative to the largest value of the same quantity there, unless the row says
 otherwise. Rows without a bound are for information. Seconds mean something on two quiet cores only; processor seconds
-stand beside them. Exit code 1 if a bound is broken or a row could not be run. About half an hour.
+stand beside them. Exit code 1 if a bound is broken or a row could not be run.
 """
 
 import argparse

@@ -12,9 +12,9 @@ class Plan:
     solver.
     """
 
-    states: int = 64
-    modes: int = 48
-    points: int = 600
-    fields: int = 20
-    held_out: int = 12
-    tolerance: float = 1e-3
+    states: int
+    modes: int
+    points: int
+    fields: int
+    held_out: int
+    tolerance: float
