@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from time import monotonic
 
 import numpy as np
@@ -32,23 +33,34 @@ class SolvedStates:
     def solve_all(self, solver: NonlinearSolver, currents: Array, tolerance: float, say: Say) -> Array:
         """Nodal potentials (s, n) at currents (s, c); rows of NaN where the solver did not converge."""
         rows: list[Array] = []
-        foretell: Callable[[Array], Array] | None = None
+
+        @cache
+        def model(count: int) -> Callable[[Array], Array] | None:
+            return _foretelling(solver, currents[:count], np.array(rows[:count])) if count else None
+
         for number, values in enumerate(currents):
             say(f"state {number + 1} of {len(currents)}", 0.05 + 0.85 * number / len(currents))
-            if number in _RENEWED_AT:
-                foretell = _foretelling(solver, currents[:number], np.array(rows))
-            start = foretell(values) if foretell else _nearest(values, currents[:number], rows)
+
+            def start(number: int = number, values: Array = values) -> Array | None:
+                foretell = model(max((n for n in _RENEWED_AT if n <= number), default=0))
+                return foretell(values) if foretell else _nearest(values, currents[:number], rows)
+
             rows.append(self._one(solver, number, values, tolerance, start))
         return np.array(rows)
 
     def _one(
-        self, solver: NonlinearSolver, number: int, values: Array, tolerance: float, start: Array | None
+        self,
+        solver: NonlinearSolver,
+        number: int,
+        values: Array,
+        tolerance: float,
+        start: Callable[[], Array | None],
     ) -> Array:
         kept = self.archive.get(number, values)
         if kept is None:
             begin = monotonic()
             try:
-                kept = solver.solve(values, tolerance, start=start).state.potential[:, 0]
+                kept = solver.solve(values, tolerance, start=start()).state.potential[:, 0]
             except NotConverged as error:
                 kept = str(error)
             self.seconds += monotonic() - begin
