@@ -1,7 +1,7 @@
 """Controllers: as their samples run, and as the transfer functions and matrices they are designed with.
 
-Depends on: errors, arguments, kernels, scipy. Models are plain arrays, so that they go into scipy.signal and
-python-control as they are.
+Depends on: errors, arguments, kernels, device (payload, current division), levitation (forces of a map), scipy.
+Models are plain arrays, so that they go into scipy.signal and python-control as they are.
 """
 
 from fieldmap.control.compensator import compensated_reference
@@ -27,6 +27,7 @@ from fieldmap.control.linear_models import (
 )
 from fieldmap.control.loop import LoopInstruments, LoopRun, simulate_loop
 from fieldmap.control.pid import PID, RunningPID, pid_transfer_function, run_pid
+from fieldmap.control.plants_from_maps import MapPlant, plant_from_map
 from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
@@ -44,6 +45,7 @@ __all__ = [
     "LoopInstruments",
     "LoopRun",
     "LumpedMagnet",
+    "MapPlant",
     "Regulator",
     "RunningPID",
     "RunningRegulator",
@@ -63,6 +65,7 @@ __all__ = [
     "lqrd",
     "lumped_magnet_from_lift_currents",
     "pid_transfer_function",
+    "plant_from_map",
     "run_pid",
     "run_regulator",
     "sampled",

@@ -8,6 +8,7 @@ from typing import Any
 from fieldmap.errors import InputError, Problem
 
 PARTS = {
+    "S3": "fieldmap.thesis.magnets:sphere_and_microrobot",
     "S6": "fieldmap.thesis.lumped:lumped_model",
     "S7": "fieldmap.thesis.sensing:sensor_frames",
     "S8_converter": "fieldmap.thesis.sensing:converter",
@@ -18,8 +19,10 @@ PARTS = {
     "S16_recovery": "fieldmap.thesis.identification:recovery",
     "S16_root_locus": "fieldmap.thesis.identification:locus",
     "S16_times_in_minutes": "fieldmap.thesis.identification:minutes",
+    "S16_map_plant": "fieldmap.thesis.map_plants:vertical",
     "S17_arithmetic": "fieldmap.thesis.horizontal:arithmetic",
     "S17_recovery": "fieldmap.thesis.identification:horizontal_recovery",
+    "S17_map_plant": "fieldmap.thesis.map_plants:horizontal",
     "S20_models": "fieldmap.thesis.optimal:models",
     "S20_closed_loop": "fieldmap.thesis.optimal:closed_loop",
 }

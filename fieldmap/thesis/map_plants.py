@@ -1,0 +1,209 @@
+"""S16, S17: the plants that the unit's field gives at an operating point, beside the identified ones."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.control import MapPlant, continuous, division_slopes, plant_from_map
+from fieldmap.device import read_device
+from fieldmap.device.model import Device
+from fieldmap.iron import NonlinearSolver, solve_linear
+from fieldmap.levitation import (
+    DifferencedField,
+    LevitationField,
+    lift_current,
+    lift_current_nonlinear,
+    magnet_height,
+)
+from fieldmap.lookup import interpolate
+from fieldmap.store import Grid, MapData
+from fieldmap.thesis.registry import Ours
+
+Array = NDArray[np.float64]
+
+_REFINEMENT = 0.4
+_DEVICE = "drive_unit"
+_UNKNOWN = (
+    "the magnet's centre lies h below the point that the sensor reads; h is not known: 15 mm unless h is listed",
+    "the magnet is a point dipole that stays vertical, on the axis of the unit, coils in proportion to (6-3), n = 1.25",
+    "the field follows the currents without delay: no eddy currents, no amplifier, no damping",
+)
+_LINEAR = (
+    f"{_DEVICE}, linear iron (initial slope of the B-H table), mesh sizes of the device file over 0.4",
+)
+_SATURATING = (f"{_DEVICE}, iron saturating by its B-H table, mesh sizes of the device file over 0.4",)
+_DAMPING = "from K/m of the map and the pole s of the first order model: c/m = -(s + K/(m s))"
+_RATIO = (
+    "force over stiffness does not depend on the moment, so that a lift unlike the weight does not enter it"
+)
+
+
+class _StatesOnDemand:
+    """Saturating iron as a field that takes any currents: one state for each set of them, from the nearest last one."""
+
+    def __init__(self, device: Device) -> None:
+        self._solver = NonlinearSolver(device, refinement=_REFINEMENT)
+        self._states: dict[bytes, Any] = {}
+        self._last: Any = None
+        self.coil_names = device.coil_names
+
+    def field(self, points: Any, currents: Any) -> Array:
+        return self._at(currents).field(points)
+
+    def gradient(self, points: Any, currents: Any) -> Array:
+        return self._at(currents).gradient(points)
+
+    def _at(self, currents: Any) -> Any:
+        amperes = np.asarray(currents, dtype=float)
+        key = amperes.tobytes()
+        if key not in self._states:
+            self._last = self._states[key] = self._solver.solve(amperes, start=self._last)
+        return self._states[key]
+
+
+def _point(sensor_mm: float, offset_mm: float) -> Array:
+    """The magnet's centre (3,), m."""
+    return np.array([0.0, 0.0, magnet_height(sensor_mm, 1e-3 * offset_mm)])
+
+
+@cache
+def _linear_map(lower_z: float, upper_z: float) -> LevitationField:
+    """A small map of the unit with linear iron around the axis, 3 mm between its nodes."""
+    unit = solve_linear(read_device(_DEVICE), refinement=_REFINEMENT)
+    layers = int(np.ceil((upper_z - lower_z) / 3e-3)) + 1
+    spacing = np.array([3e-3, 3e-3, (upper_z - lower_z) / (layers - 1)])
+    grid = Grid(np.array([-6e-3, -6e-3, lower_z]), spacing, (5, 5, layers))
+    flux, slope = unit.unit_fields(grid.points())
+    shape = (len(unit.coil_names), *grid.shape)
+    return interpolate(
+        MapData(
+            grid,
+            unit.coil_names,
+            np.ones(len(unit.coil_names)),
+            flux_density=flux.reshape(*shape, 3),
+            gradient=slope.reshape(*shape, 3, 3),
+        ),
+        kind="harmonic",
+    )
+
+
+@cache
+def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
+    """At the lift current of linear iron; signals u (A), x_ctrl, y_ctrl."""
+    field = _linear_map(magnet_height(sensor_mm, 0.028), magnet_height(sensor_mm, 0.004))
+    payload = read_device(_DEVICE).payload
+    point = _point(sensor_mm, offset_mm)
+    lift = lift_current(field, payload, point)
+    return plant_from_map(field, payload, point, lift.currents, division_slopes(lift.current, 0.0, 0.0, n))
+
+
+@cache
+def _states(sensor_mm: float, offset_mm: float) -> LevitationField:
+    """The unit with saturating iron around one point, for any currents."""
+    point = _point(sensor_mm, offset_mm)
+    return DifferencedField(_StatesOnDemand(read_device(_DEVICE)), point - 5e-3, point + 5e-3)
+
+
+@cache
+def _lift_current(sensor_mm: float, offset_mm: float) -> float:
+    """Current in each coil at which saturating iron carries the payload, A."""
+    field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
+    shares = np.ones(len(field.coil_names))
+    at = _point(sensor_mm, offset_mm)
+    return lift_current_nonlinear(lambda currents: field, payload, at, shares, first=3.5).current
+
+
+@cache
+def _saturating_plant(
+    sensor_mm: float, offset_mm: float, n: float, current: float, x_step: float, y_step: float
+) -> MapPlant:
+    """At equal currents in all coils; signals u (A), x_ctrl, y_ctrl."""
+    field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
+    currents = np.full(len(field.coil_names), current)
+    signals = division_slopes(current, 0.0, 0.0, n)
+    at = _point(sensor_mm, offset_mm)
+    return plant_from_map(field, payload, at, currents, signals, signal_steps=[0.02, x_step, y_step])
+
+
+def vertical(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Product of the poles, sign of the gain and slope of the equilibrium voltage, beside (7-7) and (7-19)."""
+    sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
+    by_offset = [_linear_plant(sensor, each, n) for each in inputs["offsets_mm"]]
+    linear = _linear_plant(sensor, h, n)
+    saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *_small_steps(inputs))
+    gain, notes = inputs["amplifier_A_per_V"], _notes(saturating)
+    listed = (f"h = {', '.join(f'{each:g}' for each in inputs['offsets_mm'])} mm",)
+    return {
+        "product_of_poles": Ours([p.pole_products[2] for p in by_offset], (*_UNKNOWN, *_LINEAR, *listed)),
+        "product_of_poles_saturating": Ours(saturating.pole_products[2], notes),
+        "sign_of_gain": Ours([_sign_of_depth(linear), _sign_of_depth(saturating)], _UNKNOWN),
+        "slope": Ours(_volts_per_mm(linear, gain), (*_UNKNOWN, *_LINEAR)),
+        "slope_saturating": Ours(_volts_per_mm(saturating, gain), notes),
+    }
+
+
+def _small_steps(inputs: dict[str, Any]) -> tuple[float, float]:
+    """The signals of 6.4, over which the forces of saturating iron are differenced."""
+    return inputs["x_signal"], inputs["y_signal"]
+
+
+def _notes(plant: MapPlant) -> tuple[str, ...]:
+    lift = 1.0 + plant.imbalance[2]
+    return (
+        *_UNKNOWN,
+        *_SATURATING,
+        f"{plant.currents[0]:.3f} A in each coil, which lifts {lift:.2f} weights",
+    )
+
+
+def _sign_of_depth(plant: MapPlant) -> float:
+    """Sign of the depth's gain (downward) by the common current."""
+    return float(-np.sign(plant.axis("z").B[1, 0]))
+
+
+def _volts_per_mm(plant: MapPlant, amplifier: float) -> float:
+    """Change of the lift voltage per mm of depth: K_zz dz = f di with z upward."""
+    per_metre = -plant.stiffness[2, 2] / plant.force_per_signal[2, 0]
+    return 1e-3 * per_metre / amplifier
+
+
+def horizontal(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Products of the horizontal poles, positions at rest, and the damping that makes the identified slow poles."""
+    sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
+    steps = _small_steps(inputs)
+    linear = _linear_plant(sensor, h, n)
+    saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *steps)
+    measured = _saturating_plant(sensor, h, n, inputs["measured_current_A"], *steps)
+    of_linear = (*_UNKNOWN, *_LINEAR)
+    return {
+        "product_of_poles": Ours(linear.pole_products[:2], of_linear),
+        "product_of_poles_saturating": Ours(saturating.pole_products[:2], _notes(saturating)),
+        "implied_damping": Ours(_damping(linear, inputs), (*of_linear, _DAMPING)),
+        "implied_damping_saturating": Ours(_damping(saturating, inputs), (*_notes(saturating), _DAMPING)),
+        "position": Ours(_positions(linear, inputs), of_linear),
+        "position_saturating": Ours(_positions(saturating, inputs), _notes(saturating)),
+        "position_at_1_558_A": Ours(_positions(measured, inputs), (*_notes(measured), _RATIO)),
+    }
+
+
+def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
+    """Where the signals of 6.4 bring the magnet to rest, mm: force over stiffness."""
+    return [
+        1e3 * inputs[f"{axis}_signal"] * plant.force_per_signal[i, 1 + i] / plant.stiffness[i, i]
+        for i, axis in enumerate("xy")
+    ]
+
+
+def _damping(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
+    return [
+        plant.damping_for_pole("x", _slow_pole(inputs["x_first_order"], inputs["Ts_s"])),
+        plant.damping_for_pole("y", _slow_pole(inputs["y_first_order"], inputs["Ts_s"])),
+    ]
+
+
+def _slow_pole(model: Array, Ts: float) -> float:
+    """The pole, 1/s, of a first order model: numerator, then denominator."""
+    denominator = continuous((model[:1], model[1:]), Ts).denominator
+    return float(-denominator[1] / denominator[0])
