@@ -81,6 +81,11 @@ def simulate_loop(
     """
     model = _strictly_proper(plant)
     target = np.atleast_1d(check_signal("simulate_loop(reference)", reference)).astype(float)
+    if target.ndim != 1 or not target.size:
+        must = "must be a signal (samples,), one sample or more"
+        raise InputError(
+            Problem("simulate_loop(reference)", must, f"shape {target.shape}", "give one value per sample")
+        )
     check_count("simulate_loop", runs=runs)
     shape = (runs, target.size)
     noises = (position_noise, voltage_noise, current_noise, disturbance)

@@ -122,17 +122,28 @@ def _doubled(upper_left: Array, upper_right: Array, lower_right: Array, Ts: floa
 
 def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
     try:
-        return scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
+        P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise InputError(
-            Problem(
-                where,
-                "must have a stabilising solution of its Riccati equation",
-                f"none ({error})",
-                "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
-                "that the weights do not leave out a mode on the border of stability",
-            )
-        ) from None
+        raise _no_solution(where, f"none ({error})") from None
+    # The solver may return a solution that does not stabilise, where a mode is out of reach.
+    cross = 0.0 if S is None else S.T
+    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross)
+    slowest = float(np.abs(np.linalg.eigvals(A - B @ gain)).max())
+    if not slowest < 1.0:
+        raise _no_solution(where, f"one that leaves a pole at {slowest:.6g} from the origin")
+    return P
+
+
+def _no_solution(where: str, received: str) -> InputError:
+    return InputError(
+        Problem(
+            where,
+            "must have a stabilising solution of its Riccati equation",
+            received,
+            "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
+            "that the weights do not leave out a mode on the border of stability",
+        )
+    )
 
 
 def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False) -> Array:

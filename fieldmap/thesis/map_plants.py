@@ -136,8 +136,8 @@ def vertical(inputs: dict[str, Any]) -> dict[str, Any]:
     gain, notes = inputs["amplifier_A_per_V"], _notes(saturating)
     listed = (f"h = {', '.join(f'{each:g}' for each in inputs['offsets_mm'])} mm",)
     return {
-        "product_of_poles": Ours([p.pole_products[2] for p in by_offset], (*_UNKNOWN, *_LINEAR, *listed)),
-        "product_of_poles_saturating": Ours(saturating.pole_products[2], notes),
+        "product": Ours([p.pole_products[2] for p in by_offset], (*_UNKNOWN, *_LINEAR, *listed)),
+        "product_saturating": Ours(saturating.pole_products[2], notes),
         "sign_of_gain": Ours([_sign_of_depth(linear), _sign_of_depth(saturating)], _UNKNOWN),
         "slope": Ours(_volts_per_mm(linear, gain), (*_UNKNOWN, *_LINEAR)),
         "slope_saturating": Ours(_volts_per_mm(saturating, gain), notes),
@@ -178,13 +178,13 @@ def horizontal(inputs: dict[str, Any]) -> dict[str, Any]:
     measured = _saturating_plant(sensor, h, n, inputs["measured_current_A"], *steps)
     of_linear = (*_UNKNOWN, *_LINEAR)
     return {
-        "product_of_poles": Ours(linear.pole_products[:2], of_linear),
-        "product_of_poles_saturating": Ours(saturating.pole_products[:2], _notes(saturating)),
-        "implied_damping": Ours(_damping(linear, inputs), (*of_linear, _DAMPING)),
-        "implied_damping_saturating": Ours(_damping(saturating, inputs), (*_notes(saturating), _DAMPING)),
+        "product": Ours(linear.pole_products[:2], of_linear),
+        "product_saturating": Ours(saturating.pole_products[:2], _notes(saturating)),
+        "damping": Ours(_damping(linear, inputs), (*of_linear, _DAMPING)),
+        "damping_saturating": Ours(_damping(saturating, inputs), (*_notes(saturating), _DAMPING)),
         "position": Ours(_positions(linear, inputs), of_linear),
         "position_saturating": Ours(_positions(saturating, inputs), _notes(saturating)),
-        "position_at_1_558_A": Ours(_positions(measured, inputs), (*_notes(measured), _RATIO)),
+        "position_1_558_A": Ours(_positions(measured, inputs), (*_notes(measured), _RATIO)),
     }
 
 

@@ -94,6 +94,8 @@ def test_disturbance_is_integrated_away():
         (lambda: simulate_loop(([1.0, 0.0, 0.0], [1.0, -0.5]), pid(*SETTINGS[0]), np.ones(5)), "proper"),
         (lambda: simulate_loop((np.eye(2), np.eye(2), np.eye(2)), pid(*SETTINGS[0]), [0.0]), "3 parts"),
         (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), [0.0, np.nan]), "entry 1"),
+        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), []), "one sample or more"),
+        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones((2, 3))), "one sample or more"),
         (
             lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), position_noise=np.ones(4)),
             "position_noise",

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmap.arguments import check_positive, check_signal
 from fieldmap.control.identification.units import in_si, named_unit, split_heading
 from fieldmap.errors import InputError, Problem
 
@@ -134,14 +135,25 @@ def write_log(path: str | Path, log: Log, units: Mapping[str, str] | None = None
 def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, str]) -> Log:
     """A log of signals given in `units` (name -> unit, such as "mm"), from time 0.
 
+    Raises InputError for a sampling time that is not positive, signals that are not finite or of unequal lengths, and
+    units that are not known.
+
     >>> log = make_log(2e-3, {"position": [8.0, 8.1]}, {"position": "mm"})
     >>> log["position"].tolist(), log.units["position"]
     ([0.008, 0.0081], 'm')
     """
+    check_positive("make_log", Ts=Ts)
     converted, bases = {}, {}
     for name, values in signals.items():
         bases[name], factor = in_si(f"make_log(units[{name!r}])", units.get(name, ""))
-        converted[name] = np.asarray(values, dtype=float) * factor
+        converted[name] = check_signal(f"make_log(signals[{name!r}])", values) * factor
+    shapes = {values.shape for values in converted.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+        must = "must be signals (n,), all of one length"
+        given = ", ".join(f"{name} {values.shape}" for name, values in converted.items())
+        raise InputError(
+            Problem("make_log(signals)", must, given or "none", "give every signal one value per sample")
+        )
     return Log(Ts, 0.0, converted, bases)
 
 

@@ -90,3 +90,17 @@ def test_wrong_units_and_names(tmp_path):
     assert not (tmp_path / "a.csv").exists()
     with pytest.raises(InputError, match="must be one of x"):
         log["y"]
+
+
+@pytest.mark.parametrize(
+    ("Ts", "signals", "says"),
+    [
+        (0.0, {"x": [1.0, 2.0]}, "Ts"),
+        (1e-3, {"x": [1.0, float("nan")]}, "finite"),
+        (1e-3, {"x": [1.0, 2.0], "y": [1.0]}, "all of one length"),
+        (1e-3, {}, "all of one length"),
+    ],
+)
+def test_a_log_that_cannot_be(Ts, signals, says):
+    with pytest.raises(InputError, match=says):
+        make_log(Ts, signals, dict.fromkeys(signals, "m"))
