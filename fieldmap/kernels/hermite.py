@@ -221,22 +221,6 @@ def bends(coefficients, i, j, k, c, x, y, z):
 
 
 @njit(**OUTER)
-def field(coefficients, lower, spacing, points, values):
-    """values (n, n_channels) at points (n, 3); NaN rows outside and for NaN. Returns how many lie outside."""
-    outside = 0
-    for p in range(points.shape[0]):
-        i, j, k, tx, ty, tz = locate(points[p], lower, spacing, coefficients.shape)
-        if i < 0:
-            values[p] = np.nan
-            outside += i == -1
-            continue
-        wx, wy, wz = basis(tx), basis(ty), basis(tz)
-        for c in range(values.shape[1]):
-            values[p, c] = value(coefficients, i, j, k, c, wx, wy, wz)
-    return outside
-
-
-@njit(**OUTER)
 def field_and_gradient(coefficients, lower, spacing, points, values, gradient):
     """values (n, n_channels) and gradient (n, n_channels, 3): the interpolant and its exact derivative."""
     outside = 0
@@ -255,26 +239,4 @@ def field_and_gradient(coefficients, lower, spacing, points, values, gradient):
             gradient[p, c, 0] = fx
             gradient[p, c, 1] = fy
             gradient[p, c, 2] = fz
-    return outside
-
-
-@njit(**OUTER)
-def second_gradient(coefficients, lower, spacing, points, second):
-    """second (n, n_channels, 3, 3): second derivatives inside the cell; they jump from cell to cell."""
-    outside = 0
-    for p in range(points.shape[0]):
-        i, j, k, tx, ty, tz = locate(points[p], lower, spacing, coefficients.shape)
-        if i < 0:
-            second[p] = np.nan
-            outside += i == -1
-            continue
-        x = (basis(tx), basis_slope(tx, spacing[0]), basis_bend(tx, spacing[0]))
-        y = (basis(ty), basis_slope(ty, spacing[1]), basis_bend(ty, spacing[1]))
-        z = (basis(tz), basis_slope(tz, spacing[2]), basis_bend(tz, spacing[2]))
-        for c in range(second.shape[1]):
-            xx, yy, zz, xy, xz, yz = bends(coefficients, i, j, k, c, x, y, z)
-            second[p, c, 0, 0], second[p, c, 1, 1], second[p, c, 2, 2] = xx, yy, zz
-            second[p, c, 0, 1], second[p, c, 1, 0] = xy, xy
-            second[p, c, 0, 2], second[p, c, 2, 0] = xz, xz
-            second[p, c, 1, 2], second[p, c, 2, 1] = yz, yz
     return outside

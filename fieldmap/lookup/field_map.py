@@ -32,15 +32,15 @@ Array = NDArray[np.float64]
 
 _empty = np.empty
 
-FORMS = {"hermite": hermite_form, "harmonic": cell_form, "global": global_form}
+FORMS = {"harmonic": cell_form, "hermite": hermite_form, "global": global_form}
 
 
 class FieldMap:
     """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
 
-    kind: "hermite", tricubic through the stored values and gradients, once continuously differentiable;
-    "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to rounding,
-    with jumps between cells far below its error (`jump`); "global", one harmonic polynomial of degree 16 for the
+    kind: "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to
+    rounding, with jumps between cells of the size of its error (`jump`); "hermite", tricubic through the stored
+    values and gradients, once continuously differentiable; "global", one harmonic polynomial of degree 16 for the
     whole box, infinitely smooth. docs/lookup.md says which to take when. In every form `gradient` is the exact
     derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
     a small model of the iron once for every change of the currents (docs/theory/current_dependence.md), and what
@@ -66,7 +66,7 @@ class FieldMap:
         self,
         data: MapData,
         outside: str = "raise",
-        kind: str = "hermite",
+        kind: str = "harmonic",
         threads: int | None = None,
         outside_currents: str = "raise",
     ) -> None:

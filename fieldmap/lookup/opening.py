@@ -8,20 +8,20 @@ from fieldmap.store import MapData, read_map
 
 def open_map(
     path: str | PathLike[str],
-    kind: str = "hermite",
+    kind: str = "harmonic",
     outside: str = "raise",
     threads: int | None = None,
     outside_currents: str = "raise",
 ) -> FieldMap:
     """Read and check the map file at `path` and make it ready for lookups.
 
-    kind: "hermite", the tricubic Hermite interpolant; "harmonic", one harmonic polynomial per cell; "global", one
-    for the whole box (docs/lookup.md: which to take when). outside: what a point outside the map's box gives,
-    "raise" (OutsideMapError), "nan", or "clamp" (the nearest point of the box). threads: for large batches, by
-    default one per processor. outside_currents: what currents beyond the domain of a map of saturating iron give,
-    "raise" (OutsideMapError), "nan", or "evaluate", without a statement of the error there. Raises MapFileError if
-    the file is no complete, undamaged map and InputError for an unknown kind or outside rule, or if no single
-    polynomial holds the map ("global").
+    kind: "harmonic", one harmonic polynomial per cell; "hermite", the tricubic Hermite interpolant, continuous
+    from cell to cell; "global", one polynomial for the whole box (docs/lookup.md: which to take when). outside: what
+    a point outside the map's box gives, "raise" (OutsideMapError), "nan", or "clamp" (the nearest point of the box).
+    threads: for large batches, by default one per processor. outside_currents: what currents beyond the domain of a
+    map of saturating iron give, "raise" (OutsideMapError), "nan", or "evaluate", without a statement of the error
+    there. Raises MapFileError if the file is no complete, undamaged map and InputError for an unknown kind or
+    outside rule, or if no single polynomial holds the map ("global").
 
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
@@ -32,7 +32,7 @@ def open_map(
 
 def interpolate(
     data: MapData,
-    kind: str = "hermite",
+    kind: str = "harmonic",
     outside: str = "raise",
     threads: int | None = None,
     outside_currents: str = "raise",

@@ -23,12 +23,12 @@ PROGRAM = typer.main.get_command(application())
 IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
 IN_TEXT = re.compile(r"`(fieldmap (?!COMMAND)[^`\n]*)`")
 PLACEHOLDER = re.compile(r"[A-Z_]+")
-PYTHON = re.compile(r"^```python\n.*?^```$", re.DOTALL | re.MULTILINE)
+CODE = re.compile(r"^```(?:python|c)\n.*?^```$", re.DOTALL | re.MULTILINE)
 
 
 def command_lines(path: Path) -> list[tuple[str, bool]]:
     """Command lines of a page, and whether they are complete (a block) or a mention in the text."""
-    text = PYTHON.sub("", path.read_text())
+    text = CODE.sub("", path.read_text())
     return [(line, True) for line in IN_BLOCK.findall(text)] + [
         (line, False) for line in IN_TEXT.findall(text)
     ]

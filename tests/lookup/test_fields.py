@@ -55,7 +55,7 @@ def test_convergence_of_field_and_gradient(dipoles):
     sizes = np.array([14, 20, 28])
     errors = []
     for n in sizes:
-        opened = interpolate(dipoles.map(n))
+        opened = interpolate(dipoles.map(n), kind="hermite")
         # The same places in the cells nearest to and farthest from the dipoles, where the error peaks.
         places = np.stack(np.meshgrid(*[[0.2, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
         cells = np.array([[0, 0, 0], [n // 2, n // 2, n - 1], [n - 1, n - 1, n - 1]])

@@ -1,0 +1,37 @@
+"""`fieldmap export`: what it writes, and what it refuses."""
+
+import numpy as np
+import pytest
+
+from fieldmap.adapters import c_header, write_c_map
+from fieldmap.cli import main
+from fieldmap.lookup import open_map
+
+
+def test_writes_the_map_and_its_header(machine, tmp_path, capsys):
+    target = tmp_path / "loop.fmap"
+    assert main(["export", machine.map, "--to", "c", "-o", str(target)]) == 0
+    assert capsys.readouterr().out.split() == [str(target), str(tmp_path / "fieldmap.h")]
+    assert (tmp_path / "fieldmap.h").read_bytes() == c_header().read_bytes()
+    again = write_c_map(open_map(machine.map, outside="nan"), tmp_path / "again.fmap")
+    assert target.read_bytes() == again.read_bytes()
+
+
+def test_fixed_currents_scale_the_coefficients(machine, tmp_path):
+    paths = [tmp_path / f"{name}.fmap" for name in ("unit", "double")]
+    for path, current in zip(paths, ("1", "2"), strict=True):
+        arguments = ["--to", "c", "-o", str(path), "--kind", "global", "--currents", current]
+        assert main(["export", machine.map, *arguments]) == 0
+    unit, double = (np.frombuffer(path.read_bytes()[56 + 24 * 8 :]) for path in paths)
+    assert unit.size == 17**2
+    np.testing.assert_allclose(double, 2 * unit, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change", [["--to", "matlab"], ["--kind", "hermite"], ["--outside", "zero"], ["--currents", "1,2"]]
+)
+def test_refuses_what_it_cannot_write(machine, tmp_path, capsys, change):
+    arguments = ["export", machine.map, "--to", "c", "-o", str(tmp_path / "loop.fmap"), *change]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
