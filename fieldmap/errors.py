@@ -1,6 +1,8 @@
 """One exception family. Every message says where, what must hold, what was received, and the remedy."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -69,4 +71,20 @@ class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
 
 
 class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public interface
-    """No currents within the limits give what was asked for."""
+    """No currents within the limits give what was asked for.
+
+    Where known: reachable, what can be had in its place, in the order of the demand; share, which share of the demand
+    that is; binding, the coils whose limits rule the demand out, with these limits, A.
+    """
+
+    def __init__(
+        self,
+        *problems: Problem,
+        reachable: Any = None,
+        share: float | None = None,
+        binding: Mapping[str, float] | None = None,
+    ) -> None:
+        super().__init__(*problems)
+        self.reachable = reachable
+        self.share = share
+        self.binding = dict(binding or {})

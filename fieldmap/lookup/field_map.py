@@ -8,11 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels import lookup as kernels
+from fieldmap.lookup.actuation import Limits
 from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
 from fieldmap.lookup.cell_form import cell_form
 from fieldmap.lookup.checks import checked_currents, checked_vectors
 from fieldmap.lookup.compiled import closed_to_new_types
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
+from fieldmap.lookup.demand import demand_of
 from fieldmap.lookup.dipole_wrench import dipole_wrench
 from fieldmap.lookup.doors import (
     Box,
@@ -25,6 +27,8 @@ from fieldmap.lookup.doors import (
 from fieldmap.lookup.form import OUTSIDE_RULES, Form, contract, set_size
 from fieldmap.lookup.global_form import global_form
 from fieldmap.lookup.hermite_form import hermite_form
+from fieldmap.lookup.inverse_currents import checked_weight, currents_of_sum
+from fieldmap.lookup.inverse_saturating import currents_of_model
 from fieldmap.lookup.jumps import Jump, jump_between_cells
 from fieldmap.store import FieldError, MapData, MapInfo
 
@@ -265,6 +269,39 @@ class FieldMap:
         where, single = checked_vectors("positions", positions)
         result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
         return result[0] if single else result
+
+    def currents_for(
+        self,
+        position: ArrayLike,
+        force: ArrayLike | None = None,
+        moment: ArrayLike | None = None,
+        limits: Limits = None,
+        *,
+        torque: ArrayLike | None = None,
+        field: ArrayLike | None = None,
+        gradient: ArrayLike | None = None,
+        resistance: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+    ) -> Array:
+        """Currents (n_coils,), A, of least power that give what is asked for at a position (3,).
+
+        Any of force (3,), N, and torque (3,), N m, on a dipole of moment (3,), A m^2; field (3,), T; gradient (3, 3),
+        T/m (its five independent entries). limits: a number for both directions, (lower, upper), each a number or one
+        per coil, or None. resistance: of each coil if they differ; sum(resistance currents^2) is least. start:
+        currents from which the search begins in a map of saturating iron (docs/theory/actuation.md).
+
+        Raises Infeasible, which names the limits that bind and what can be had; OutsideMapError; InputError;
+        NotConverged.
+
+        >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
+        >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
+        """
+        demand = demand_of(force, moment, torque, field, gradient)
+        weight = checked_weight(resistance, len(self.coil_names))
+        if self._model is None:
+            return currents_of_sum(self._form.unit, self.coil_names, position, demand, limits, weight)
+        about = (self._form.unit, self.coil_names, self._model)
+        return currents_of_model(*about, position, demand, limits, weight, start)
 
     def unit_field(self, points: ArrayLike) -> Array:
         """B per ampere in each coil, (n, n_coils, 3), T/A: what an allocation of currents starts from."""

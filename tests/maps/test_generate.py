@@ -44,7 +44,9 @@ def test_field_on_the_axis_is_the_closed_form(path):
     flux, slope = opened.field_and_gradient(points, currents)
     scale = np.abs(exact(z)).max()
     np.testing.assert_allclose(flux[:, 2], exact(z), rtol=0, atol=2e-6 * scale)
-    np.testing.assert_allclose(flux[:, :2], 0, atol=1e-9 * scale)
+    # A cell's polynomial does not know that the axis is one: zero to the interpolation error only.
+    np.testing.assert_allclose(flux[:, :2], 0, atol=5e-7 * scale)
+    np.testing.assert_allclose(open_map(path, "hermite").field(points, currents)[:, :2], 0, atol=1e-9 * scale)
     derivative = (exact(z + 1e-6) - exact(z - 1e-6)) / 2e-6
     np.testing.assert_allclose(slope[:, 2, 2], derivative, rtol=0, atol=1e-4 * np.abs(derivative).max())
 
@@ -77,7 +79,7 @@ def test_refinement_reaches_the_mesher(rig, recipe_text):
 
 
 def test_recorded_interpolation_error_is_what_other_points_show(path, rig):
-    opened = open_map(path)
+    opened = open_map(path, "hermite")
     solution = solve_linear(read_device(rig / "pair.toml"))
     points = opened.lower + np.random.default_rng(99).random((2000, 3)) * (opened.upper - opened.lower)
     flux, slope = solution.unit_fields(points)

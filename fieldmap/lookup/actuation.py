@@ -1,0 +1,150 @@
+"""What a coil's ampere does at a pose: actuation matrices, and what limited currents can reach with them.
+
+docs/theory/actuation.md. Rows are components, columns coils; for maps whose field is the sum of their coils' fields.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.lookup.checks import checked_vectors
+
+Array = NDArray[np.float64]
+
+FIELD_ROWS = ("Bx", "By", "Bz")
+GRADIENT_ROWS = ("dBx/dx", "dBx/dy", "dBx/dz", "dBy/dy", "dBy/dz")
+FORCE_ROWS = ("Fx", "Fy", "Fz")
+TORQUE_ROWS = ("Tx", "Ty", "Tz")
+# A singular value below this share of the largest, rows scaled to length 1, counts as zero.
+RANK = 1e-10
+
+
+class UnitFields(Protocol):
+    """A map whose coils are known by themselves (`FieldMap`)."""
+
+    def unit_field(self, points: ArrayLike) -> Array:
+        """B per ampere (n_coils, 3) at a point (3,), (n, n_coils, 3) at points (n, 3), T/A."""
+
+    def unit_gradient(self, points: ArrayLike) -> Array:
+        """Gradient per ampere (n_coils, 3, 3) or (n, n_coils, 3, 3), T/(m A)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Actuation:
+    """A matrix (rows, n_coils): rows times currents in A give the named components in SI units."""
+
+    rows: tuple[str, ...]
+    matrix: Array
+
+    @cached_property
+    def singular_values(self) -> Array:
+        """Of the matrix as it stands, largest first; compare rows of one unit only."""
+        return np.asarray(np.linalg.svd(self.matrix, compute_uv=False))
+
+    @cached_property
+    def null_space(self) -> Array:
+        """Orthonormal currents (n_coils, k) that change none of the rows."""
+        length = np.linalg.norm(self.matrix, axis=1)
+        scaled = self.matrix / np.where(length > 0, length, 1.0)[:, None]
+        _, size, right = np.linalg.svd(scaled)
+        rank = int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300)))
+        return np.asarray(right[rank:].T)
+
+    @property
+    def rank(self) -> int:
+        """How many independent combinations of the rows the currents command."""
+        return self.matrix.shape[1] - self.null_space.shape[1]
+
+    def largest(self, directions: ArrayLike, limits: "Limits") -> Array:
+        """Largest component (k,) along directions (k, rows) that currents within the limits give.
+
+        The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix. Infinite limits give
+        infinity.
+
+        >>> pair = Actuation(("Fx",), np.array([[0.1, -0.3]]))
+        >>> pair.largest([[1.0], [-1.0]], 2.0)
+        array([0.8, 0.8])
+        """
+        along = np.atleast_2d(np.asarray(directions, dtype=np.float64)) @ self.matrix
+        return _supported(along, *checked_limits(limits, self.matrix.shape[1]))
+
+
+Limits = float | tuple[ArrayLike, ArrayLike] | None
+
+
+def field_actuation(field: UnitFields, position: ArrayLike) -> Actuation:
+    """The 3 x n matrix of the flux density at a position (3,), T/A."""
+    return Actuation(FIELD_ROWS, np.ascontiguousarray(field.unit_field(_one(position)).T))
+
+
+def gradient_actuation(field: UnitFields, position: ArrayLike) -> Actuation:
+    """The 8 x n matrix of the flux density, T/A, and the five independent entries of its gradient, T/(m A)."""
+    where = _one(position)
+    slope = field.unit_gradient(where)
+    five = np.stack([slope[:, 0, 0], slope[:, 0, 1], slope[:, 0, 2], slope[:, 1, 1], slope[:, 1, 2]])
+    return Actuation(FIELD_ROWS + GRADIENT_ROWS, np.concatenate([field.unit_field(where).T, five]))
+
+
+def wrench_actuation(field: UnitFields, position: ArrayLike, moment: ArrayLike) -> Actuation:
+    """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2."""
+    where, dipole = _one(position), _one(moment)
+    force = np.einsum("kij,i->jk", field.unit_gradient(where), dipole)
+    torque = np.cross(dipole, field.unit_field(where)).T
+    return Actuation(FORCE_ROWS + TORQUE_ROWS, np.concatenate([force, torque]))
+
+
+def capability(
+    field: UnitFields, positions: ArrayLike, moment: ArrayLike, directions: ArrayLike, limits: Limits
+) -> tuple[Array, Array]:
+    """Largest force and torque (n, k) on a dipole along directions (k, 3), at positions (n, 3), within the limits.
+
+    Of each by itself, the other components left free: see `Actuation.largest`; `currents_for` tells what can be had
+    at once.
+    """
+    where, _ = checked_vectors("positions", positions)
+    axes, _ = checked_vectors("directions", directions)
+    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
+    dipole = _one(moment)
+    flux, slope = field.unit_field(where), field.unit_gradient(where)
+    low, high = checked_limits(limits, flux.shape[1])
+    force = np.einsum("ncij,i,dj->ndc", slope, dipole, axes)
+    torque = np.einsum("ncj,dj->ndc", np.cross(dipole, flux), axes)
+    return _supported(force, low, high), _supported(torque, low, high)
+
+
+def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:
+    """Lower and upper limits (n_coils,), A, from a number (both ways), a pair, or None. Raises InputError."""
+    if limits is None:
+        return np.full(n_coils, -np.inf), np.full(n_coils, np.inf)
+    pair: Sequence[object] = (np.negative(limits), limits) if np.ndim(limits) == 0 else tuple(limits)  # type: ignore[arg-type]
+    try:
+        low, high = (np.ascontiguousarray(np.broadcast_to(np.asarray(v, float), n_coils)) for v in pair)
+        good = bool(np.all(low <= high))
+    except (TypeError, ValueError):
+        good = False
+    if not good:
+        wanted = (
+            f"a number, or a pair of lower and upper, each a number or {n_coils} of them, lower <= upper, A"
+        )
+        raise InputError(Problem("limits", wanted, repr(limits)[:80], "give for example 3.5 or (0.0, 3.5)"))
+    return low, high
+
+
+def _supported(along: Array, low: Array, high: Array) -> Array:
+    """Sum over the last axis of the larger of the two ends; a coil without effect adds nothing."""
+    with np.errstate(invalid="ignore"):
+        ends = np.maximum(along * low, along * high)
+    return np.asarray(np.where(along == 0.0, 0.0, ends).sum(axis=-1))
+
+
+def _one(vector: ArrayLike) -> Array:
+    checked, single = checked_vectors("position and moment", vector)
+    if not single:
+        received = f"shape {checked.shape}"
+        raise InputError(Problem("actuation", "one vector of three numbers", received, "ask pose by pose"))
+    return checked[0]

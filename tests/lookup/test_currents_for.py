@@ -1,0 +1,226 @@
+"""Actuation matrices and their inverse, judged by the map itself and by scipy's linear programs."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from fieldmap.errors import Infeasible, InputError, OutsideMapError
+from fieldmap.kernels import least_power as kernels
+from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.lookup import capability, field_actuation, gradient_actuation, interpolate, wrench_actuation
+from fieldmap.store import Grid, MapData
+
+MOMENT = np.array([0.1, -0.2, 0.8])
+LIMIT = 3.5
+
+
+@pytest.fixture(scope="module")
+def eight():
+    """A map of eight loops: six on a ring, one in its middle, one above."""
+    angles = np.arange(6) * np.pi / 3
+    ring = np.stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)], axis=1)
+    centres = np.concatenate([ring, [[0.0, 0.0, 0.026], [0.01, 0.02, 0.06]]])
+    grid = Grid([-0.02, -0.02, -0.08], [0.01, 0.01, 0.01], (5, 5, 5))
+    parts = [loop_flux_density_and_gradient(grid.points() - centre, 0.016) for centre in centres]
+    flux, slope = (1e3 * np.stack(part) for part in zip(*parts, strict=True))
+    shape = (8, *grid.shape, 3)
+    return interpolate(
+        MapData(
+            grid,
+            tuple("12345678"),
+            np.ones(8),
+            flux_density=flux.reshape(shape),
+            gradient=slope.reshape(*shape, 3),
+        )
+    )
+
+
+def places(m, n, seed=3):
+    return m.lower + np.random.default_rng(seed).random((n, 3)) * (m.upper - m.lower)
+
+
+def test_matrices_times_currents_are_what_the_map_gives(eight):
+    position, currents = places(eight, 1)[0], np.random.default_rng(0).normal(size=8)
+    flux, slope = eight.field_and_gradient(position, currents)
+    np.testing.assert_allclose(field_actuation(eight, position).matrix @ currents, flux, rtol=1e-12)
+    eight_rows = gradient_actuation(eight, position)
+    five = slope[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
+    assert eight_rows.matrix.shape == (8, 8)
+    np.testing.assert_allclose(eight_rows.matrix @ currents, [*flux, *five], rtol=1e-11)
+    wrench = wrench_actuation(eight, position, MOMENT)
+    np.testing.assert_allclose(wrench.matrix @ currents, eight.wrench(position, MOMENT, currents), rtol=1e-11)
+
+
+def test_null_space_changes_nothing_and_is_all_that_does_not(eight):
+    position = places(eight, 1)[0]
+    actuation = wrench_actuation(eight, position, MOMENT)
+    # Torque along the moment is always zero: five independent rows of six.
+    assert (actuation.rank, actuation.null_space.shape) == (5, (8, 3))
+    idle = actuation.null_space @ np.array([1.0, 2.0, -1.0])
+    assert np.linalg.norm(idle) == pytest.approx(np.sqrt(6))
+    busy = eight.wrench(position, MOMENT, np.ones(8))
+    np.testing.assert_allclose(
+        eight.wrench(position, MOMENT, 1 + idle), busy, rtol=0, atol=1e-11 * np.abs(busy).max()
+    )
+    np.testing.assert_allclose(
+        np.prod(field_actuation(eight, position).singular_values) ** 2,
+        np.linalg.det(field_actuation(eight, position).matrix @ field_actuation(eight, position).matrix.T),
+    )
+
+
+@pytest.mark.parametrize("limits", [LIMIT, (0.0, LIMIT), (np.linspace(-1, 0.5, 8), np.linspace(1, 3, 8))])
+def test_capability_is_what_a_linear_program_finds(eight, limits):
+    positions, directions = places(eight, 3), np.array([[0.0, 0.0, 2.0], [1.0, -1.0, 0.5]])
+    force, torque = capability(eight, positions, MOMENT, directions, limits)
+    low, high = (-LIMIT, LIMIT) if np.isscalar(limits) else limits
+    bounds = np.stack(np.broadcast_arrays(low, high, np.zeros(8))[:2], axis=1)
+    for p, position in enumerate(positions):
+        matrix = wrench_actuation(eight, position, MOMENT).matrix
+        for d, direction in enumerate(directions / np.linalg.norm(directions, axis=1)[:, None]):
+            for rows, found in ((matrix[:3], force), (matrix[3:], torque)):
+                best = linprog(-(direction @ rows), bounds=bounds)
+                assert found[p, d] == pytest.approx(-best.fun, rel=1e-9)
+
+
+def test_ten_thousand_feasible_demands_are_met(eight):
+    rng = np.random.default_rng(5)
+    positions, amperes = places(eight, 10_000), rng.uniform(-LIMIT, LIMIT, (10_000, 8))
+    amperes[::4] = np.where(rng.random((2500, 8)) < 0.6, np.sign(amperes[::4]) * LIMIT, amperes[::4])
+    moments = rng.normal(size=(10_000, 3))
+    wanted = np.concatenate(
+        [eight.wrench(p, m, i)[None] for p, m, i in zip(positions, moments, amperes, strict=True)]
+    )
+    found = np.array(
+        [
+            eight.currents_for(p, w[:3], m, LIMIT, torque=w[3:])
+            for p, w, m in zip(positions, wanted, moments, strict=True)
+        ]
+    )
+    assert np.abs(found).max() <= LIMIT
+    assert np.all(np.sum(found**2, axis=1) <= np.sum(amperes**2, axis=1) * (1 + 1e-9))
+    given = np.concatenate(
+        [eight.wrench(p, m, i)[None] for p, m, i in zip(positions, moments, found, strict=True)]
+    )
+    for part in (slice(0, 3), slice(3, 6)):
+        size = np.linalg.norm(wanted[:, part], axis=1)
+        assert (np.linalg.norm((given - wanted)[:, part], axis=1) / size).max() < 1e-9
+
+
+def random_case(rng):
+    """Matrix, limits, weights; some rows dependent, some limits one-sided or absent."""
+    n = int(rng.integers(1, 10))
+    matrix = rng.normal(size=(int(rng.integers(1, 7)), n))
+    if len(matrix) > 1 and rng.random() < 0.3:
+        matrix[-1] = matrix[0] - 2 * matrix[len(matrix) // 2]
+    low, high = -2 * rng.random(n), 2 * rng.random(n)
+    low[rng.random(n) < 0.2], high[rng.random(n) < 0.2] = 0.0, np.inf
+    return matrix, low, high, 0.2 + rng.random(n)
+
+
+def test_linear_programs_agree_on_what_is_feasible_and_what_is_least():
+    rng = np.random.default_rng(11)
+    counts = {True: 0, False: 0}
+    for _ in range(600):
+        matrix, low, high, weight = random_case(rng)
+        n = len(weight)
+        inner = low + rng.random(n) * (np.minimum(high, 2.0) - low)
+        demand = matrix @ inner * rng.choice([1.0, 1.5, 3.0])
+        currents, active = np.empty(n), np.empty(n, np.int64)
+        status = kernels.least_power(matrix, demand, low, high, weight, currents, active)
+        bounds = np.stack([low, high], axis=1)
+        judge = linprog(2 * weight * currents, A_eq=matrix, b_eq=demand, bounds=bounds)
+        possible = judge.status == 0 or judge.status == 3
+        assert (status == kernels.FOUND) == possible
+        counts[possible] += 1
+        if not possible:
+            continue
+        np.testing.assert_allclose(matrix @ currents, demand, rtol=0, atol=1e-10 * (1 + np.abs(demand).max()))
+        assert np.all((currents >= low) & (currents <= high))
+        # Convex: nothing feasible is less if the linear program with the power's own gradient finds nothing less.
+        here = 2 * weight @ currents**2
+        assert judge.status == 0
+        assert judge.fun == pytest.approx(here, rel=1e-7, abs=1e-9)
+    assert min(counts.values()) > 100
+
+
+def test_demands_on_the_edge_of_what_is_possible():
+    # The support function's own currents are the only ones: a hair inside is met, a hair outside refused.
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        matrix, n = rng.normal(size=(3, 6)), 6
+        corner = np.sign(rng.normal(size=3) @ matrix)
+        demand, currents, active = matrix @ corner, np.empty(n), np.empty(n, np.int64)
+        ones = np.ones(n)
+        inside = kernels.least_power(matrix, demand * (1 - 1e-8), -ones, ones, ones, currents, active)
+        assert inside == kernels.FOUND
+        np.testing.assert_allclose(matrix @ currents, demand * (1 - 1e-8), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(currents, corner, atol=1e-5)
+        outside = kernels.least_power(matrix, demand * (1 + 1e-8), -ones, ones, ones, currents, active)
+        assert outside == kernels.BEYOND_LIMITS
+
+
+def test_what_is_infeasible_says_which_limits_bind_and_what_can_be_had(eight):
+    position = np.array([0.0, 0.0, -0.06])
+    with pytest.raises(Infeasible) as caught:
+        eight.currents_for(position, [0.0, 0.0, 50.0], MOMENT, LIMIT)
+    found = caught.value
+    at_least = eight.currents_for(position, 0.999999 * found.reachable, MOMENT, LIMIT)
+    assert np.abs(at_least).max() > 0.999 * LIMIT
+    with pytest.raises(Infeasible):
+        eight.currents_for(position, 1.00001 * found.reachable, MOMENT, LIMIT)
+    np.testing.assert_allclose(found.reachable, [0, 0, 50 * found.share], atol=1e-12)
+    # The limits named are a proof: they alone, all others lifted, still rule the demand out.
+    assert 0 < len(found.binding) <= 6
+    low, high = np.full(8, -np.inf), np.full(8, np.inf)
+    for name, value in found.binding.items():
+        assert abs(value) == LIMIT
+        (low if value < 0 else high)[int(name) - 1] = value
+    with pytest.raises(Infeasible):
+        eight.currents_for(position, [0, 0, 50], MOMENT, (low, high))
+    low[int(name) - 1], high[int(name) - 1] = -np.inf, np.inf
+    assert np.isfinite(eight.currents_for(position, [0, 0, 50], MOMENT, (low, high))).all()
+    assert f"{found.share:.6g} of it can" in str(found)
+    assert "coil" in str(found)
+
+
+def test_no_currents_give_torque_along_the_moment(eight):
+    with pytest.raises(Infeasible, match=r"whatever their limits.*nearest") as caught:
+        eight.currents_for([0, 0, -0.06], moment=[0, 0, 0.8], torque=[1e-3, 0, 1e-3])
+    np.testing.assert_allclose(caught.value.reachable, [1e-3, 0, 0], atol=1e-12)
+
+
+def test_field_and_gradient_demands_and_unequal_resistances(eight):
+    position = np.array([0.005, 0.0, -0.055])
+    field, gradient = eight.field_and_gradient(position, np.linspace(-1, 1, 8))
+    currents = eight.currents_for(position, field=field, gradient=gradient)
+    np.testing.assert_allclose(currents, np.linspace(-1, 1, 8), atol=1e-7)  # eight rows, eight coils
+    even = eight.currents_for(position, field=field)
+    dear = eight.currents_for(position, field=field, resistance=[1, 1, 1, 1, 1, 1, 100.0, 1])
+    np.testing.assert_allclose(
+        even, np.linalg.pinv(field_actuation(eight, position).matrix) @ field, rtol=1e-9
+    )
+    assert abs(dear[6]) < 0.1 * abs(even[6])
+    np.testing.assert_allclose(eight.field(position, dear), field, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "force, torque, field or gradient"),
+        ({"force": [0, 0, 1]}, "moment"),
+        ({"force": [0, 1], "moment": MOMENT}, r"force.*shape \(3,\)"),
+        ({"field": [0, 0, np.nan]}, "finite"),
+        ({"field": [0, 0, 1], "limits": (1.0, -1.0)}, "lower <= upper"),
+        ({"field": [0, 0, 1], "limits": np.ones(3)}, "a pair"),
+        ({"field": [0, 0, 1], "resistance": 0.0}, "positive"),
+    ],
+)
+def test_arguments_that_cannot_be_used(eight, arguments, words):
+    with pytest.raises(InputError, match=words):
+        eight.currents_for([0, 0, -0.06], **arguments)
+
+
+def test_outside_the_map(eight):
+    for position in ([0, 0, 0.5], [np.nan, 0, 0]):
+        with pytest.raises(OutsideMapError, match="currents_for, position"):
+            eight.currents_for(position, field=[0, 0, 1e-3])
