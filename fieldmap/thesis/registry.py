@@ -9,6 +9,10 @@ from fieldmap.errors import InputError, Problem
 
 PARTS = {
     "S3": "fieldmap.thesis.magnets:sphere_and_microrobot",
+    "S5_current_ratio": "fieldmap.thesis.planar_unit:current_ratio",
+    "S5_depth": "fieldmap.thesis.planar_unit:depth",
+    "S5_gradients": "fieldmap.thesis.planar_unit:gradients",
+    "S5_zeros": "fieldmap.thesis.planar_unit:zeros",
     "S6": "fieldmap.thesis.lumped:lumped_model",
     "S7": "fieldmap.thesis.sensing:sensor_frames",
     "S8_converter": "fieldmap.thesis.sensing:converter",

@@ -11,7 +11,7 @@ from fieldmap.device.json_schema import FILES, schema_text
 from fieldmap.shipped import shipped_folder
 
 GEOMETRY = shipped_folder("geometry")
-DEVICES = sorted(GEOMETRY.glob("*.toml"))
+DEVICES = sorted(path for path in GEOMETRY.glob("*.toml") if not path.stem.startswith("planar"))
 MATERIALS = sorted((GEOMETRY / "materials").glob("*.toml"))
 MISTAKES = tomllib.loads((Path(__file__).parent / "mistakes.toml").read_text())["case"]
 # What ties one key to another is beyond JSON Schema; all other mistakes must be seen by an editor too.

@@ -18,7 +18,8 @@ Format = Annotated[
 ]
 
 
-def _require_known_format(value: int) -> int:
+def require_known_format(value: int) -> int:
+    """Raise unless this is the version that is read here."""
     if value != FORMAT:
         raise broken(
             f"format must be {FORMAT}",
@@ -46,7 +47,7 @@ class DeviceFile(Table):
         default={}, description='"key.path" = "where the number comes from"; * stands for any one step'
     )
 
-    _format = field_validator("format")(_require_known_format)
+    _format = field_validator("format")(require_known_format)
 
 
 class MaterialFile(CurveKeys):
@@ -57,4 +58,4 @@ class MaterialFile(CurveKeys):
     title: Text = Field(description="one line about the material")
     provenance: dict[str, Text] = Field(default={}, description='"key" = "where the numbers come from"')
 
-    _format = field_validator("format")(_require_known_format)
+    _format = field_validator("format")(require_known_format)

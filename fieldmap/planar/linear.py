@@ -1,0 +1,169 @@
+"""The public door: a planar device with iron of constant permeability, solved for one ampere in every coil."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from fieldmap.arguments import check_positive
+from fieldmap.device.model import FluxBarrier, LinearMaterial, Material, PermanentMagnet
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.forms.bh_law import initial_mu_r
+from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
+from fieldmap.planar.boundary_operator import BoundaryOperator, boundary_operator
+from fieldmap.planar.conductors import coil_derivatives, coil_vector_potential, complex_points
+from fieldmap.planar.geometry_checks import check_planar_geometry
+from fieldmap.planar.model import PlanarCoil, PlanarDevice
+from fieldmap.planar.outline import Outline, make_outline
+from fieldmap.planar.solution import PlanarReport, PlanarSolution, Region
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.int64]
+_POINTS = 8
+_BARRIER_MU_R = 1e-9
+"""Stands for mu -> 0; the field that it lets in is this small."""
+_PANELS_ACROSS = 60.0
+
+
+def solve_planar(
+    device: PlanarDevice, size: float | None = None, mu_r: float | None = None
+) -> PlanarSolution:
+    """Solve a planar device with linear iron, once per coil.
+
+    size: longest panel of iron and walls, m; None: a sixtieth of the device's extent. mu_r: relative permeability of
+    all soft iron in the place of the file's own; saturating materials otherwise have their initial one. Method:
+    docs/theory/planar.md. Raises GeometryError where bodies, wires and walls do not fit together, InputError for bad
+    arguments.
+
+    >>> from fieldmap.planar import read_planar_device, solve_planar
+    >>> unit = solve_planar(read_planar_device("planar_drive_unit"))
+    >>> gradient = unit.gradient([[0.0, -0.1]], [1000.0, 1000.0])
+    >>> print(f"{1e3 * abs(gradient[0, 1, 1]):.2f} mT/m")
+    2.06 mT/m
+    """
+    started = time.process_time()
+    check_planar_geometry(device)
+    permeability, words = permeabilities(device, mu_r)
+    outline = make_outline(device, panel_size(device, size))
+    bodies = [boundary_operator(outline.nodes, body, outline.extent, False) for body in outline.bodies]
+    air = air_operator(outline)
+    wall_values = _wall_values(device, outline)
+    values = _reaction(device, outline, bodies, air, permeability, wall_values)
+    report = PlanarReport(
+        iron_panels=sum(len(body) for body in outline.bodies),
+        wall_panels=len(outline.wall),
+        unknowns=len(outline.nodes),
+        seconds=time.process_time() - started,
+        assumptions=(*words, walls_in_words(device)),
+    )
+    regions = tuple(
+        Region(complex_points(body.corners), operator, values)
+        for body, operator in zip(device.bodies, bodies, strict=True)
+    )
+    return PlanarSolution(device, regions, Region(None, air, np.vstack([values, wall_values])), report)
+
+
+def panel_size(device: PlanarDevice, size: float | None) -> float:
+    """The size asked for, or the usual one, m."""
+    if size is not None:
+        check_positive("solve_planar", size=size)
+        return float(size)
+    corners = [body.corners for body in device.bodies] + ([] if device.walls is None else [device.walls])
+    return float(np.ptp(np.concatenate(corners), axis=0).max()) / _PANELS_ACROSS if corners else 1.0
+
+
+def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tuple[str, ...]]:
+    """Relative permeability of each body, and what is assumed about it in words."""
+    if mu_r is not None:
+        check_positive("solve_planar", mu_r=mu_r)
+    used = [_permeability(device.materials[body.material], mu_r) for body in device.bodies]
+    words = {
+        f"iron of {body.name}: constant relative permeability {value:g}"
+        if value > _BARRIER_MU_R
+        else f"{body.name}: no flux passes it"
+        for body, value in zip(device.bodies, used, strict=True)
+    }
+    return np.array(used), tuple(sorted(words))
+
+
+def _permeability(material: Material, mu_r: float | None) -> float:
+    if isinstance(material, PermanentMagnet):
+        raise InputError(
+            Problem(
+                f"solve_planar, material {material.name}",
+                "permanent magnets have no place in the planar model",
+                "a permanent magnet",
+                "use soft iron, or the three-dimensional model",
+            )
+        )
+    if isinstance(material, FluxBarrier):
+        return _BARRIER_MU_R
+    if mu_r is not None:
+        return float(mu_r)
+    return material.mu_r if isinstance(material, LinearMaterial) else initial_mu_r(material)
+
+
+def walls_in_words(device: PlanarDevice) -> str:
+    """The boundary, as an assumption."""
+    if device.walls is None:
+        return "open space"
+    low, high = 1e3 * device.walls.min(axis=0), 1e3 * device.walls.max(axis=0)
+    return f"no flux through walls that reach from ({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm in x, z"
+
+
+def air_operator(outline: Outline) -> BoundaryOperator:
+    """The operator of the air, whose nodes are those of the iron and then of the walls."""
+    ring = len(outline.nodes) + np.arange(len(outline.wall))
+    wall = np.column_stack([ring, np.roll(ring, -1)])
+    nodes = np.concatenate([outline.nodes, outline.wall])
+    panels = np.concatenate([outline.outside, wall]).astype(np.int64)
+    return boundary_operator(nodes, panels, outline.extent, unbounded=not len(outline.wall))
+
+
+def _wall_values(device: PlanarDevice, outline: Outline) -> Array:
+    """Reaction (k, coils) at the walls, per ampere: it cancels the vector potential of the coils."""
+    columns = [-coil_vector_potential(coil, outline.wall, outline.extent) for coil in device.coils]
+    return np.array(columns).reshape(len(device.coils), len(outline.wall)).T
+
+
+def _reaction(
+    device: PlanarDevice,
+    outline: Outline,
+    bodies: list[BoundaryOperator],
+    air: BoundaryOperator,
+    permeability: Array,
+    wall_values: Array,
+) -> Array:
+    """Vector potential (nodes, coils) that the iron adds at its nodes, per ampere: docs/theory/planar.md (22)."""
+    count = len(outline.nodes)
+    right = -air.energy[:count, count:] @ wall_values
+    matrix = air.energy[:count, :count].copy()
+    for operator, mu_r in zip(bodies, permeability, strict=True):
+        matrix += operator.energy / mu_r
+        for k, coil in enumerate(device.coils):
+            moments = normal_moments(outline.nodes, operator.panels, coil)
+            right[:, k] += (1 - 1 / mu_r) * moments
+    if not count:
+        return right
+    if not len(outline.wall):
+        # In open space the potential is known up to a constant: take the one whose mean is zero.
+        matrix += np.full_like(matrix, np.trace(matrix) / count**2)
+    return cho_solve(cho_factor(matrix), right)
+
+
+def normal_moments(nodes: Complex, panels: Indices, coil: PlanarCoil) -> Array:
+    """Integrals (n,) of dA/dn of a coil times each node's hat function, n to the right of the panels; Gauss points."""
+    start = gauss_start(_POINTS)
+    places = 0.5 * (1 + GAUSS_NODES[start : start + _POINTS])
+    weights = 0.5 * GAUSS_WEIGHTS[start : start + _POINTS]
+    first, last = nodes[panels[:, 0]], nodes[panels[:, 1]]
+    points = first[:, None] + places * (last - first)[:, None]
+    normal = (
+        coil_derivatives(coil, points.ravel())[0].reshape(points.shape) * (-1j * (last - first))[:, None]
+    ).real
+    moments = np.zeros(len(nodes))
+    np.add.at(moments, panels[:, 0], (normal * (1 - places)) @ weights)
+    np.add.at(moments, panels[:, 1], (normal * places) @ weights)
+    return moments

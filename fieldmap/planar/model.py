@@ -1,0 +1,82 @@
+"""A machine in the plane: everything extends to infinity across it. Frozen data, SI units.
+
+Coordinates (x, z): x to the right, z up, y into the page. Nothing here reads, checks, computes or draws.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.model import Material
+
+Array = NDArray[np.float64]
+_EMPTY: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class RoundWire:
+    """Section of a round conductor, radius in m; uniform current density."""
+
+    radius: float
+
+
+@dataclass(frozen=True)
+class RectangularWire:
+    """Section of a rectangular conductor, sides along x and z in m; uniform current density."""
+
+    width: float
+    height: float
+
+
+Wire = RoundWire | RectangularWire
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarCoil:
+    """Conductors in series: a current of 1 A is 1 A in each of them.
+
+    into_page (n, 2) and out_of_page (m, 2): centres (x, z) of the conductors, m, whose current flows along +y and
+    along -y when the coil's current is positive.
+    """
+
+    name: str
+    wire: Wire
+    into_page: Array
+    out_of_page: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarBody:
+    """A named polygon of one material: corners (n, 2) of (x, z) in m, counter-clockwise with z up."""
+
+    name: str
+    material: str
+    corners: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarDevice:
+    """A whole machine in the plane.
+
+    walls (n, 2): corners of a closed wall around everything that no flux passes, or None for open space. moment: the
+    levitated dipole's moment, A m^2, or None. provenance: key paths of the file -> where the number comes from.
+    """
+
+    name: str
+    title: str
+    coils: tuple[PlanarCoil, ...]
+    bodies: tuple[PlanarBody, ...] = ()
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    walls: Array | None = None
+    moment: float | None = None
+    provenance: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
+    source: Path | None = None
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return tuple(coil.name for coil in self.coils)

@@ -1,0 +1,63 @@
+"""Read a planar device file, check all of it, and make the frozen PlanarDevice in SI units."""
+
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from fieldmap.device.cross_checks import cross_findings
+from fieldmap.device.document import Document, find_device_file, load_document, schema_findings
+from fieldmap.device.explain import REQUIRED
+from fieldmap.device.key_paths import dotted
+from fieldmap.device.material_files import curves_that_cannot_saturate, material_files
+from fieldmap.device.schema.base import MILLI, read_only
+from fieldmap.device.schema.materials import Curves
+from fieldmap.errors import DeviceFileError
+from fieldmap.planar.geometry_checks import check_planar_geometry
+from fieldmap.planar.model import PlanarDevice
+from fieldmap.planar.schema import PlanarFile, WallKeys
+
+
+def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
+    """Read and check a planar device file.
+
+    path_or_name: path of a TOML file with `space = "plane"`, or the name of a shipped one. Lengths come out in m;
+    x to the right, z up, y into the page. Raises DeviceFileError with one Problem for every error of the file, and
+    GeometryError where iron, conductors and walls do not fit together.
+
+    >>> device = read_planar_device("planar_drive_unit")
+    >>> device.coil_names
+    ('left', 'right')
+    """
+    document = load_document(find_device_file(path_or_name))
+    curves, _, problems = material_files(document)
+    findings = schema_findings(PlanarFile, document.data)
+    missing = {dotted(document.data, found.location) for found in findings if found.must_hold == REQUIRED}
+    findings += cross_findings(document.data, document.path.parent, missing)
+    if not findings and not problems:
+        findings += curves_that_cannot_saturate(document.data, curves)
+    problems = [*document.problems(findings), *problems]
+    if problems:
+        raise DeviceFileError(*problems)
+    device = _build(PlanarFile.model_validate(document.data), document, curves)
+    check_planar_geometry(device)
+    return device
+
+
+def _build(contents: PlanarFile, document: Document, curves: Curves) -> PlanarDevice:
+    materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
+    return PlanarDevice(
+        name=contents.name,
+        title=contents.title,
+        coils=tuple(coil.to_model() for coil in contents.coil),
+        bodies=tuple(body.to_model() for body in contents.body),
+        materials=MappingProxyType(materials),
+        walls=None if contents.walls is None else _corners(contents.walls),
+        moment=None if contents.payload is None else contents.payload.moment_A_m2,
+        provenance=MappingProxyType(dict(contents.provenance)),
+        source=document.path,
+    )
+
+
+def _corners(walls: WallKeys) -> Any:
+    (x1, z1), (x2, z2) = walls.lower_mm, walls.upper_mm
+    return read_only([[x1, z1], [x2, z1], [x2, z2], [x1, z2]], MILLI)

@@ -1,0 +1,159 @@
+"""S5: the two-dimensional drive unit of section 2.4, in a box without flux and in open space."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from fieldmap.planar import (
+    PlanarSolution,
+    StationaryPoint,
+    read_planar_device,
+    solve_planar,
+    stationary_points,
+)
+from fieldmap.thesis.registry import Ours
+
+Array = NDArray[np.float64]
+WINDOW = 0.165
+"""Half the width in which zeros are looked for, m: the pole piece's is 0.17 m."""
+_DRAWN = (
+    "pole piece and cores one piece, cores flush with its ends, five wires a side: inferred from the text"
+)
+_FOLLOWED = (
+    "the equilibrium that is reached from x = 0 by moving as the force pushes; where no force acts there, x = 0, "
+    "which is stable in the box but not in open space"
+)
+
+
+@cache
+def unit(walls: bool = True, size: float | None = None) -> PlanarSolution:
+    """The solved drive unit of section 2.4; its box, or open space; longest panel in m."""
+    device = read_planar_device("planar_drive_unit")
+    return solve_planar(device if walls else replace(device, walls=None), size)
+
+
+def currents(ratio: float, nominal: float) -> Array:
+    """Currents (2,) of left and right with the ratio 1 : ratio and the sum of two nominal ones."""
+    return 2 * nominal * np.array([1.0, ratio]) / (1.0 + ratio)
+
+
+def reached_from_the_middle(solved: PlanarSolution, amperes: Array, z: float) -> float:
+    """Stable x, m, towards which the force pushes a lifted vertical dipole from x = 0; NaN if there is none.
+
+    Where the force at x = 0 vanishes, x = 0 itself, stable or not.
+    """
+    points = stationary_points(solved, amperes, z, -WINDOW, WINDOW)
+    force = _force_at_the_middle(solved, amperes, z)
+    if abs(force) < 1e-9:
+        return min(points, key=lambda point: abs(point.x)).x
+    ahead = [point for point in points if point.stable and point.x * force > 0]
+    return min(ahead, key=lambda point: abs(point.x)).x if ahead else float("nan")
+
+
+def _force_at_the_middle(solved: PlanarSolution, amperes: Array, z: float) -> float:
+    """dB_z/dx over |dB_z/dz| at x = 0, positive where a lifted dipole is pushed to the right."""
+    gradient = solved.gradient([[0.0, z]], amperes)[0]
+    return float(gradient[1, 0] / gradient[1, 1])
+
+
+def _assumptions(solved: PlanarSolution, *more: str) -> tuple[str, ...]:
+    return (*solved.report.assumptions, _DRAWN, *more)
+
+
+def _both(compute: Any) -> tuple[Ours, Ours]:
+    """The same with the box and in open space."""
+    answers = []
+    for solved in (unit(True), unit(False)):
+        answers.append(Ours(compute(solved), _assumptions(solved, _FOLLOWED)))
+    return answers[0], answers[1]
+
+
+def current_ratio(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 2-3."""
+    z, nominal = -1e-3 * inputs["depth_mm"], inputs["nominal_current_A"]
+
+    def positions(solved: PlanarSolution) -> list[float]:
+        return [
+            1e3 * reached_from_the_middle(solved, currents(ratio, nominal), z)
+            for ratio in inputs["exact_ratios"]
+        ]
+
+    box, free = _both(positions)
+    return {"equilibrium": box, "equilibrium_in_open_space": free}
+
+
+def depth(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 2-4."""
+    amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
+
+    def positions(solved: PlanarSolution) -> list[float]:
+        return [1e3 * reached_from_the_middle(solved, amperes, -1e-3 * mm) for mm in inputs["depths_mm"]]
+
+    box, free = _both(positions)
+    return {"equilibrium": box, "equilibrium_in_open_space": free}
+
+
+def gradients(inputs: dict[str, Any]) -> dict[str, Any]:
+    """The three gradients that the text of section 2.4 states; depth counts downwards."""
+    z, nominal = -1e-3 * inputs["depth_mm"], inputs["nominal_current_A"]
+    names = ("vertical", "horizontal_large_ratio", "horizontal_small_ratio")
+
+    def values(solved: PlanarSolution) -> list[float]:
+        at = [
+            solved.gradient([[0.0, z]], currents(ratio, nominal))[0]
+            for ratio in (1.0, *inputs["exact_ratios"])
+        ]
+        return [-at[0][1, 1], at[1][1, 0], at[2][1, 0]]
+
+    answers: dict[str, Any] = {}
+    for solved, suffix in ((unit(True), ""), (unit(False), "_in_open_space")):
+        for name, value in zip(names, values(solved), strict=True):
+            answers[name + suffix] = Ours(float(value), _assumptions(solved))
+    return answers
+
+
+def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
+    """How many points have no horizontal gradient, near the pole piece and farther away."""
+    solved = unit(True)
+    amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
+    above, below = (_points(solved, amperes, inputs[key]) for key in ("near_depth_mm", "far_depth_mm"))
+    words = _assumptions(
+        solved, f"depths {inputs['near_depth_mm']:g} and {inputs['far_depth_mm']:g} mm are ours"
+    )
+    return {
+        "near": Ours(len(above), words),
+        "near_unstable": Ours(sum(not point.stable for point in above), words),
+        "far": Ours(len(below), words),
+        "depth_of_the_change": Ours(
+            1e3 * fold_depth(solved, amperes, 1e-3 * inputs["near_depth_mm"], 1e-3 * inputs["far_depth_mm"]),
+            _assumptions(solved),
+        ),
+    }
+
+
+def _points(solved: PlanarSolution, amperes: Array, depth_mm: float) -> tuple[StationaryPoint, ...]:
+    return stationary_points(solved, amperes, -1e-3 * depth_mm, -WINDOW, WINDOW)
+
+
+def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) -> float:
+    """Depth, m, at which a stable and an unstable point meet on the weaker side and vanish.
+
+    There dB_z/dx has an extremum of value 0; `near` and `far` are depths with three points and with one.
+    """
+
+    def highest(depth: float) -> float:
+        x = np.linspace(-WINDOW, 0.0, 400)
+        second = solved.derivatives(np.column_stack([x, np.full(400, -depth)]), amperes)[2].imag
+        k = int(np.flatnonzero(second[:-1] * second[1:] < 0)[-1])
+
+        def bend(place: float) -> float:
+            return float(solved.derivatives([[place, -depth]], amperes)[2].imag[0])
+
+        top = float(brentq(bend, x[k], x[k + 1]))
+        return float(solved.derivatives([[top, -depth]], amperes)[1].imag[0])
+
+    return float(brentq(highest, near, far, xtol=1e-7))
