@@ -1,6 +1,6 @@
 """Least-power currents within limits that give a linear demand: a strictly convex quadratic program, solved exactly.
 
-    min sum_k w_k i_k^2    with    A i = b,   lower <= i <= upper                  docs/theory/actuation.md (4)
+    min sum_k w_k i_k^2    with    A i = b,   lower <= i <= upper                  docs/theory/actuation.md (5)
 
 In x_k = sqrt(w_k) i_k the currents that meet the demand are x0 + N y: x0 the shortest of them, N an orthonormal basis
 of what the demand does not feel (pivoted QR). What is left is the shortest y with G y >= h, which Lawson and Hanson
@@ -17,7 +17,10 @@ from fieldmap.kernels.map_block import OUTER
 
 FOUND, OUT_OF_RANGE, BEYOND_LIMITS, NO_END = 0, 1, 2, 3
 
-RANK = 1e-11  # rows of length 1 whose new part is below this share of the largest add nothing to the rank
+FAINT = (
+    1e-7  # rows are scaled to length 1, but those below this share of the longest only as far as that one is
+)
+RANK = 1e-9  # rows whose new part is below this share of the largest add nothing to the rank: rounding
 RANGE = 1e-9  # a demand off the range of A by this share of its length is out of it
 ROUNDING = 1e-11  # limits may be missed by this share of the longest, and are then met by clipping
 
@@ -142,8 +145,12 @@ def least_power(matrix, demand, lower, upper, weight, currents, active):
     m, n = matrix.shape
     root = np.sqrt(weight)
     scaled, rest = matrix / root, demand.copy()
+    lengths = np.empty(m)
     for r in range(m):
-        length = np.sqrt(np.sum(scaled[r] ** 2))
+        lengths[r] = np.sqrt(np.sum(scaled[r] ** 2))
+    longest = np.max(lengths)
+    for r in range(m):
+        length = max(lengths[r], FAINT * longest)
         if length > 0.0:
             scaled[r] /= length
             rest[r] /= length

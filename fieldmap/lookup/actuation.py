@@ -123,7 +123,8 @@ def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:
         return np.full(n_coils, -np.inf), np.full(n_coils, np.inf)
     pair: Sequence[object] = (np.negative(limits), limits) if np.ndim(limits) == 0 else tuple(limits)  # type: ignore[arg-type]
     try:
-        low, high = (np.ascontiguousarray(np.broadcast_to(np.asarray(v, float), n_coils)) for v in pair)
+        # Copies: an array that may not be written to is another type to a kernel, and would be compiled for.
+        low, high = (np.array(np.broadcast_to(np.asarray(v, float), n_coils)) for v in pair)
         good = bool(np.all(low <= high))
     except (TypeError, ValueError):
         good = False

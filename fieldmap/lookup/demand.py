@@ -39,13 +39,16 @@ def demand_of(
     field: ArrayLike | None,
     gradient: ArrayLike | None,
 ) -> Demand:
-    """Rows of all that is asked for at once. Raises InputError if nothing is, or a shape does not fit."""
+    """Rows of all that is asked for at once; NaN leaves a component free.
+
+    Raises InputError if nothing is asked for, or a shape does not fit.
+    """
     names: tuple[str, ...] = ()
     parts, values = [], []
     if force is not None or torque is not None:
         if moment is None:
             raise _wrong("moment", "of the dipole on which force and torque act", None)
-        mx, my, mz = _vector("moment", moment, (3,))
+        mx, my, mz = _moment(moment)
     if force is not None:
         names, rows = names + FORCE_ROWS, np.zeros((3, 12))
         for j in range(3):
@@ -67,9 +70,23 @@ def demand_of(
         values.append(_vector("gradient", gradient, (3, 3))[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]])
     if not parts:
         raise _wrong("demand", "force, torque, field or gradient", None)
-    if len(parts) == 1:
-        return Demand(names, parts[0], values[0])
-    return Demand(names, np.concatenate(parts), np.concatenate(values))
+    selection, wanted = (
+        (parts[0], values[0]) if len(parts) == 1 else (np.concatenate(parts), np.concatenate(values))
+    )
+    asked = wanted == wanted
+    if asked.all():
+        return Demand(names, selection, wanted)
+    if not asked.any():
+        raise _wrong("demand", "at least one component that is not NaN", None)
+    kept = tuple(name for name, is_asked in zip(names, asked, strict=True) if is_asked)
+    return Demand(kept, np.ascontiguousarray(selection[asked]), wanted[asked])
+
+
+def _moment(values: ArrayLike) -> Array:
+    moment = _vector("moment", values, (3,))
+    if np.isnan(moment).any():
+        raise _wrong("moment", "finite numbers of shape (3,)", values)
+    return moment
 
 
 def _vector(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -77,8 +94,8 @@ def _vector(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         array = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.empty(0)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise _wrong(name, f"finite numbers of shape {shape}", values)
+    if array.shape != shape or np.isinf(array).any():
+        raise _wrong(name, f"numbers of shape {shape}, none infinite", values)
     return array
 
 

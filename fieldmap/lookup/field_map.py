@@ -286,9 +286,9 @@ class FieldMap:
         """Currents (n_coils,), A, of least power that give what is asked for at a position (3,).
 
         Any of force (3,), N, and torque (3,), N m, on a dipole of moment (3,), A m^2; field (3,), T; gradient (3, 3),
-        T/m (its five independent entries). limits: a number for both directions, (lower, upper), each a number or one
-        per coil, or None. resistance: of each coil if they differ; sum(resistance currents^2) is least. start:
-        currents from which the search begins in a map of saturating iron (docs/theory/actuation.md).
+        T/m (its five independent entries); NaN leaves a component free. limits: a number for both directions, (lower,
+        upper), each a number or one per coil, or None. resistance: of each coil if they differ; sum(resistance
+        currents^2) is least. start: currents from which the search begins in a map of saturating iron.
 
         Raises Infeasible, which names the limits that bind and what can be had; OutsideMapError; InputError;
         NotConverged.

@@ -13,10 +13,11 @@ from fieldmap.lookup.inverse_currents import refusal, rows_at
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS = 60
+_MOST_STEPS = 100
 _TOLERANCE = 1e-9  # of the demand, row by row in units of what a typical current gives
 _DIFFERENCE = 1e-4  # of the range of the currents, for the derivative of the model's weights
 _NO_PROGRESS = 1e-4  # a share of the step below which the search gives up
+_NO_SAVING = 1e-12  # of the power
 
 
 def currents_of_model(
@@ -57,50 +58,58 @@ class _Search:
         self.model, self.names, self.at, self.demand = model, names, at, demand
         self.low, self.high, self.weight = low, high, weight
         self.step = _DIFFERENCE * np.maximum(np.ptp(model.model.known_currents, axis=0), 1e-12)
-        typical = np.abs(model.model.known_currents).max(axis=0)
-        self.size = np.maximum(np.abs(self._slope(0.0 * low) @ typical), 1e-300)
+        typical = np.maximum(np.abs(model.model.known_currents).max(axis=0), 1e-12)
+        self.size = np.maximum(np.abs(self._slope(np.clip(0.0, low, high))) @ typical, 1e-300)
+        # The merit of currents: their power, and this price for what they miss of the demand.
+        self.price = 10.0 * self._power(typical)
 
     def run(self, currents: Array) -> Array:
-        """Newton's steps until the demand is met."""
+        """Steps until the demand is met and no power can be saved along it; every step lowers the merit."""
         off = self._off(currents)
         for _ in range(_MOST_STEPS):
-            aim = self._aim(currents)
-            if self._length(off) <= _TOLERANCE and np.abs(aim - currents).max() <= 1e-8 * np.abs(aim).max():
-                return aim if self._length(self._off(aim)) <= _TOLERANCE else currents
+            aim, left = self._aim(currents, off)
+            promised = self._power(currents) - self._power(aim) + self.price * (off - left)
+            if off <= _TOLERANCE and promised <= _NO_SAVING * self._power(currents):
+                return currents
             share = 1.0
             while True:
                 trial = currents + share * (aim - currents)
                 off_trial = self._off(trial)
-                if self._length(off_trial) <= max((1.0 - 0.1 * share) * self._length(off), _TOLERANCE):
+                gained = self._power(currents) - self._power(trial) + self.price * (off - off_trial)
+                if gained >= 0.1 * share * promised > 0.0:
                     break
                 share *= 0.5
                 if share < _NO_PROGRESS:
+                    if off <= _TOLERANCE:
+                        return currents
                     raise self._stuck(currents)
             currents, off = trial, off_trial
-        raise NotConverged(
-            Problem(
-                "currents_for",
-                f"an end within {_MOST_STEPS} steps",
-                f"{self._length(off):.1e} left",
-                "move start",
-            )
-        )
+        if off <= _TOLERANCE:
+            return currents
+        must_hold = f"an end within {_MOST_STEPS} steps"
+        raise NotConverged(Problem("currents_for", must_hold, f"{off:.1e} of the demand left", "move start"))
 
-    def _aim(self, currents: Array) -> Array:
-        """Least-power currents of the demand made linear about `currents`, or of a share of it where limits bind."""
+    def _aim(self, currents: Array, off: float) -> tuple[Array, float]:
+        """Least-power currents of the demand made linear about `currents`, or of the half, quarter, ... of what is
+        missing of it where limits bind; and how much is left then."""
         slope = self._slope(currents)
-        rest = self.demand.values - self._given(currents) + slope @ currents
+        here = slope @ currents
+        missing = self.demand.values - self._given(currents)
         found, active = np.empty(len(currents)), np.empty(len(currents), np.int64)
-        arguments = (self.low, self.high, self.weight, found, active)
-        status = kernels.least_power(slope, rest, *arguments)
         share = 1.0
-        while status != kernels.FOUND:
+        while True:
+            part = here + share * missing
+            status = kernels.least_power(slope, part, self.low, self.high, self.weight, found, active)
+            if status == kernels.FOUND:
+                return found, (1.0 - share) * off
+            if status != kernels.BEYOND_LIMITS:
+                raise self._refused(status, slope, part, active)
             share *= 0.5
-            if share < _NO_PROGRESS or status == kernels.OUT_OF_RANGE:
-                raise self._stuck(currents) if share < 0.5 else self._refused(status, slope, rest, active)
-            part = slope @ currents + share * (rest - slope @ currents)
-            status = kernels.least_power(slope, part, *arguments)
-        return found
+            if share < _NO_PROGRESS:
+                raise self._stuck(currents)
+
+    def _power(self, currents: Array) -> float:
+        return float(self.weight @ currents**2)
 
     def _slope(self, currents: Array) -> Array:
         """Derivative (r, n_coils) of what is given by the currents: central differences of the model's weights."""
@@ -114,12 +123,9 @@ class _Search:
         iron = self.model.model.output @ self.model.amplitudes(currents)
         return np.asarray(self.at @ np.concatenate([currents, iron]))
 
-    def _off(self, currents: Array) -> Array:
-        return (self._given(currents) - self.demand.values) / self.size
-
-    @staticmethod
-    def _length(off: Array) -> float:
-        return float(np.abs(off).max())
+    def _off(self, currents: Array) -> float:
+        """How far the demand is missed."""
+        return float((np.abs(self._given(currents) - self.demand.values) / self.size).max())
 
     def _refused(self, status: int, slope: Array, rest: Array, active: NDArray[np.int64]) -> Exception:
         linear = Demand(self.demand.names, slope, rest)

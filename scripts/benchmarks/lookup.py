@@ -168,6 +168,27 @@ def threads_gain(data: MapData, count: int) -> tuple[float, float]:
     return best[0] / best[1], 2 * work[0] / work[1]
 
 
+def inverse_row(data: MapData, count: int) -> dict[str, float]:
+    """Time of one call of `currents_for`, from Python: the force on a dipole within limits, six coils; and the
+    largest relative error of the force that the currents found give."""
+    m = interpolate(data, threads=1)
+    rng = np.random.default_rng(4)
+    where, moment = places(count), np.array([0.0, 0.0, 1.0])
+    wanted = [
+        m.wrench(point, moment, row)[:3]
+        for point, row in zip(where, rng.uniform(-1, 1, (count, 6)), strict=True)
+    ]
+    m.currents_for(where[0], wanted[0], moment, 1.0)
+    spent, worst = [], 0.0
+    for point, force in zip(where, wanted, strict=True):
+        start = time.process_time_ns()
+        found = m.currents_for(point, force, moment, 1.0)
+        spent.append(time.process_time_ns() - start)
+        off = m.wrench(point, moment, found)[:3] - force
+        worst = max(worst, float(np.linalg.norm(off) / np.linalg.norm(force)))
+    return {"us": statistics.median(spent) / 1e3, "error": worst}
+
+
 def global_rows(count: int) -> list[dict[str, Any]]:
     """The global form of seven coils, sources at their place and close to the disk's lower face."""
     rows = []
@@ -199,6 +220,7 @@ def measure(quick: bool) -> dict[str, Any]:
         "missing": missing,
         "two_threads": gain,
         "global_of_seven": global_rows(20_000),
+        "currents_for": inverse_row(data, 200 if quick else 10_000),
     }
 
 
@@ -233,5 +255,10 @@ def show(result: dict[str, Any], console: Console) -> None:
             f"global form, workspace, seven loops at z = {row['height_mm']:.0f} mm: eB {row['eB']:.0e}, "
             f"eG {row['eG']:.0e}, {row['kilobytes']:.1f} kB"
         )
+    inverse = result["currents_for"]
+    console.print(
+        f"currents_for, force of a dipole from six coils within limits: {inverse['us']:.0f} us a call from Python, "
+        f"force met to {inverse['error']:.0e}"
+    )
     for name, reason in result["missing"].items():
         console.print(f"not in the table: {name} ({reason})")

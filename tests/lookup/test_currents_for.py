@@ -203,13 +203,34 @@ def test_field_and_gradient_demands_and_unequal_resistances(eight):
     np.testing.assert_allclose(eight.field(position, dear), field, rtol=1e-9)
 
 
+def test_nan_leaves_a_component_free(eight):
+    position, free = np.array([0.0, 0.0, -0.06]), np.nan
+    lift = eight.currents_for(position, [free, free, 0.1], MOMENT)
+    exact = eight.currents_for(position, [0.0, 0.0, 0.1], MOMENT)
+    assert eight.wrench(position, MOMENT, lift)[2] == pytest.approx(0.1, rel=1e-9)
+    row = wrench_actuation(eight, position, MOMENT).matrix[2]
+    np.testing.assert_allclose(lift, 0.1 * row / (row @ row), rtol=1e-9)
+    assert lift @ lift < exact @ exact
+
+
+def test_rows_of_rounding_do_not_command():
+    # On an axis of symmetry two rows are noise: asked to be zero, they must not cost anything.
+    matrix = np.array([[1e-18, -2e-18, 1e-18], [0.0, 1e-19, 1e-18], [0.3, 0.3, 0.4]])
+    currents, active, limit = np.empty(3), np.empty(3, np.int64), np.full(3, 9.0)
+    demand = np.array([0.0, 0.0, 1.0])
+    assert kernels.least_power(matrix, demand, -limit, limit, np.ones(3), currents, active) == kernels.FOUND
+    np.testing.assert_allclose(currents, matrix[2] / (matrix[2] @ matrix[2]), rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ({}, "force, torque, field or gradient"),
         ({"force": [0, 0, 1]}, "moment"),
         ({"force": [0, 1], "moment": MOMENT}, r"force.*shape \(3,\)"),
-        ({"field": [0, 0, np.nan]}, "finite"),
+        ({"field": [0, 0, np.inf]}, "none infinite"),
+        ({"field": [np.nan] * 3}, "not NaN"),
+        ({"force": [0, 0, 1], "moment": [0, 0, np.nan]}, "moment.*finite"),
         ({"field": [0, 0, 1], "limits": (1.0, -1.0)}, "lower <= upper"),
         ({"field": [0, 0, 1], "limits": np.ones(3)}, "a pair"),
         ({"field": [0, 0, 1], "resistance": 0.0}, "positive"),

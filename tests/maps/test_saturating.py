@@ -285,3 +285,15 @@ def test_recipes_that_make_no_sense_are_refused(folder, tmp_path, old, new, text
     with pytest.raises(RecipeError, match=text):
         fm.generate(tmp_path / "recipe.toml", tmp_path / "map.h5")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["recipe.toml", "two_cores.toml"]
+
+
+def test_currents_that_give_a_field_through_saturated_iron(data, folder):
+    opened, point, currents = (
+        fm.open_map(folder / "map.h5"),
+        np.array([0.004, 0.0, -0.011]),
+        np.array([1.7, -0.4]),
+    )
+    wanted = opened.field(point, currents)
+    wanted[1] = np.nan
+    found = opened.currents_for(point, field=wanted, limits=2.0)
+    np.testing.assert_allclose(opened.field(point, found)[[0, 2]], wanted[[0, 2]], rtol=0, atol=1e-8)
