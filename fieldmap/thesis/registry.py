@@ -9,6 +9,8 @@ from fieldmap.errors import InputError, Problem
 
 PARTS = {
     "S3": "fieldmap.thesis.magnets:sphere_and_microrobot",
+    "S4_windings": "fieldmap.thesis.single_electromagnet:windings",
+    "S4_levitation": "fieldmap.thesis.single_electromagnet:levitation",
     "S5_current_ratio": "fieldmap.thesis.planar_unit:current_ratio",
     "S5_depth": "fieldmap.thesis.planar_unit:depth",
     "S5_gradients": "fieldmap.thesis.planar_unit:gradients",

@@ -1,0 +1,57 @@
+"""S4: bands of the levitated sphere, its convergence, and the difference between the two windings."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.sources import unit_flux_densities
+from fieldmap.thesis import compare
+from fieldmap.thesis.single_electromagnet import CURRENTS, EXACT, SIMPLIFIED, axis_curves, levitation_depth
+
+NUMBERS = {n.name: n for n in compare(["S4"])}
+
+
+def test_the_sphere_levitates_44_to_45_mm_below_the_core():
+    for name in ("depth_exact", "depth_simplified"):
+        assert 44.0 < NUMBERS[name].ours < 45.0
+        assert any("open space" in text for text in NUMBERS[name].assumptions)
+
+
+def test_the_simplified_winding_levitates_it_within_a_third_of_a_millimetre():
+    assert abs(NUMBERS["depth_exact"].ours - NUMBERS["depth_simplified"].ours) < 0.3
+    assert NUMBERS["difference_of_the_windings"].ours < 1.0
+
+
+def test_converged_to_a_tenth_of_a_millimetre():
+    depths = [levitation_depth(EXACT, refinement) for refinement in (1.0, 1.5)]
+    assert abs(depths[1] - depths[0]) < 1e-4 / 4
+
+
+def test_force_is_the_gradient_of_the_field_and_balances_the_weight():
+    depth = levitation_depth(EXACT) + 1e-4 * np.array([-1.0, 0.0, 1.0])
+    curves = axis_curves(EXACT, depth)
+    slope = (curves.flux_density[0] - curves.flux_density[2]) / 2e-4
+    assert curves.gradient[1] == pytest.approx(slope, rel=1e-4)
+    # Volume 5.24e-10 m^3 of 7400 kg/m^3, Table 2-2.
+    assert curves.force[1] == pytest.approx(np.pi / 6 * 1e-9 * 7400 * 9.80665, rel=2e-3)
+
+
+def test_square_wires_stand_for_round_ones():
+    """Against loops spread over the round section, on the core's axis and face, half a millimetre from a wire."""
+    coils = read_device(SIMPLIFIED).coils
+    points = np.array([[0.0, 0.0, -0.02], [0.0, 0.0, 0.045], [0.0199, 0.0, 0.009], [0.0199, 0.0, 0.018]])
+    squares = np.tensordot(CURRENTS[SIMPLIFIED], unit_flux_densities(coils, points), axes=1)
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    rounds = np.zeros((4, 3))
+    for middle in 0.009 + 0.018 * np.arange(5):
+        for node, weight in zip(nodes, weights, strict=True):
+            radius = 0.0045 * (1 + node)
+            for angle in 2 * np.pi * (np.arange(48) + 0.5) / 48:
+                share = 100 * weight * 0.0045 * radius * 2 * np.pi / 48 / (np.pi * 0.009**2)
+                a, z = 0.0295 + radius * np.cos(angle), middle + radius * np.sin(angle)
+                rounds += share * loop_flux_density_and_gradient(points - [0, 0, z], a)[0]
+    scale = np.linalg.norm(rounds, axis=1)
+    error = np.linalg.norm(squares - rounds, axis=1) / scale
+    assert error[:2].max() < 2e-4
+    assert error.max() < 0.1
