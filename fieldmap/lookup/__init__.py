@@ -9,18 +9,24 @@ from fieldmap.lookup.actuation import (
 )
 from fieldmap.lookup.at_currents import FieldAtCurrents
 from fieldmap.lookup.field_map import FieldMap
+from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.jumps import Jump
 from fieldmap.lookup.opening import interpolate, open_map
+from fieldmap.lookup.soft_sphere import soft_sphere_force
 
 __all__ = [
     "Actuation",
     "FieldAtCurrents",
     "FieldMap",
+    "FiniteMagnet",
     "Jump",
     "capability",
     "field_actuation",
+    "finite_magnet",
     "gradient_actuation",
     "interpolate",
     "open_map",
+    "soft_sphere_force",
+    "volume_rule",
     "wrench_actuation",
 ]

@@ -62,8 +62,8 @@ class FieldMap:
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
     >>> flux, slope = np.tile([0, 0, 1e-3], (1, 3, 3, 3, 1)), np.zeros((1, 3, 3, 3, 3, 3))
     >>> uniform = MapData(grid, ("coil",), [1.0], flux_density=flux, gradient=slope)
-    >>> FieldMap(uniform).field([0.005, 0.01, 0.02], [2.0])
-    array([0.   , 0.   , 0.002])
+    >>> print(f"{FieldMap(uniform).field([0.005, 0.01, 0.02], [2.0])[2]:.6f} T")
+    0.002000 T
     """
 
     def __init__(

@@ -1,0 +1,215 @@
+"""Force and torque on magnets that are too large to be a point: a volume rule over the magnet.
+
+    F = integral (grad B)^T M dV      T = integral M x B + r x (grad B)^T M dV          docs/theory/wrench.md (1), (2)
+
+about the magnet's centre. A uniformly magnetised sphere is a point dipole exactly, since means of harmonic functions
+over balls are their values at the centre; cylinders and blocks take products of Gauss rules, as fine as the field asks.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
+from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.lookup.checks import checked_vectors
+
+Array = NDArray[np.float64]
+Shape = MagnetCylinder | MagnetSphere | MagnetBlock
+
+MU0 = 4e-7 * np.pi
+FINEST = 8
+_PLACES = 40
+
+
+class Field(Protocol):
+    """What a magnet asks of a field (`FieldMap`)."""
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower corner of the box, m."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper corner of the box, m."""
+
+    def field_and_gradient(self, points: ArrayLike, currents: ArrayLike) -> tuple[Array, Array]:
+        """B (n, 3) and G (n, 3, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteMagnet:
+    """A rigid magnet as dipoles: points (q, 3) m and moments (q, 3) A m^2 in its own frame, magnetised along its z.
+
+    error: largest difference of force and torque from the next finer rule that was found in the field the rule was
+    chosen for, relative to the largest force and torque there; None for a rule that was not chosen so. Assumes a
+    rigid, uniform magnetisation (recoil permeability 1).
+    """
+
+    points: Array
+    moments: Array
+    error: float | None = None
+
+    @property
+    def moment(self) -> float:
+        """Magnitude of the whole moment, A m^2."""
+        return float(np.linalg.norm(self.moments.sum(axis=0)))
+
+    def wrench(
+        self, field: Field, positions: ArrayLike, currents: ArrayLike, orientations: ArrayLike | None = None
+    ) -> Array:
+        """Force (N) and torque (N m) about the centre, (n, 6), with the centre at positions (n, 3).
+
+        currents (n_coils,) or (n, n_coils), A. orientations (3, 3) or (n, 3, 3): columns are the magnet's axes; upright
+        without. A position (3,) gives (6,). Raises what the field raises where a part of the magnet is outside it.
+        """
+        arms, dipoles, flux, slope, single = self._asked(field, positions, currents, orientations)
+        force = np.einsum("nqij,nqi->nqj", slope, dipoles)
+        torque = np.cross(dipoles, flux) + np.cross(arms, force)
+        result = np.concatenate([force.sum(axis=1), torque.sum(axis=1)], axis=1)
+        return result[0] if single else result
+
+    def energy(
+        self, field: Field, positions: ArrayLike, currents: ArrayLike, orientations: ArrayLike | None = None
+    ) -> Array:
+        """Interaction energy -m . B over the magnet, (n,), J: `wrench` is minus its gradient, by place and turn."""
+        _, dipoles, flux, _, single = self._asked(field, positions, currents, orientations)
+        values = -np.einsum("nqi,nqi->n", dipoles, flux)
+        return values[0] if single else values
+
+    def _asked(
+        self, field: Field, positions: ArrayLike, currents: ArrayLike, orientations: ArrayLike | None
+    ) -> tuple[Array, Array, Array, Array, bool]:
+        where, single = checked_vectors("positions", positions)
+        n, q = len(where), len(self.points)
+        turn = _turns(orientations, n)
+        arms = np.einsum("nij,qj->nqi", turn, self.points)
+        dipoles = np.einsum("nij,qj->nqi", turn, self.moments)
+        amperes = np.asarray(currents, dtype=np.float64)
+        if amperes.ndim == 2 and len(amperes) == n:
+            amperes = np.repeat(amperes, q, axis=0)
+        flux, slope = field.field_and_gradient((where[:, None] + arms).reshape(-1, 3), amperes)
+        return arms, dipoles, flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3), single
+
+
+def finite_magnet(shape: Shape, field: Field, tolerance: float = 1e-6) -> FiniteMagnet:
+    """The coarsest rule that holds a magnet of `shape` in `field` to a tolerance.
+
+    Each rule, exact for fields of degree 1, 3, 5, ..., is set against the next at random places and orientations all
+    over the part of the box where the magnet fits, one coil at a time, until they agree to `tolerance` of the largest
+    force and torque found: the size of the magnet is judged against the scale of the field by the field itself. The
+    result states the difference. Raises InputError if the magnet does not fit into the box, NotConverged if the finest
+    rule (8) is not enough.
+    """
+    rules = _rules(shape)
+    magnet = next(rules)
+    if isinstance(shape, MagnetSphere):
+        return FiniteMagnet(magnet.points, magnet.moments, 0.0)
+    ask = _trial(shape, field)
+    here, error = ask(magnet), np.inf
+    for finer in rules:
+        there = ask(finer)
+        scale = [np.linalg.norm(part, axis=1).max() or 1.0 for part in (there[:, :3], there[:, 3:])]
+        off = [np.linalg.norm(part, axis=1).max() for part in np.hsplit(here - there, 2)]
+        error = max(off[0] / scale[0], off[1] / scale[1])
+        if error <= tolerance:
+            return FiniteMagnet(magnet.points, magnet.moments, float(error))
+        magnet, here = finer, there
+    received = f"{error:.1e} with {len(magnet.points)} points"
+    remedy = "ask for less, or use a finer map: the field changes too much over the magnet"
+    raise NotConverged(Problem("finite_magnet", f"two rules must agree to {tolerance:g}", received, remedy))
+
+
+def volume_rule(shape: Shape, level: int) -> FiniteMagnet:
+    """The rule that is exact where B is a polynomial of degree 2 level - 1, level >= 1; a sphere's is exact always.
+
+    >>> volume_rule(MagnetCylinder(diameter=0.01, height=0.01, remanence=1.3), 3).points.shape
+    (36, 3)
+    """
+    if isinstance(shape, MagnetSphere) or level == 1:
+        points, shares = np.zeros((1, 3)), np.ones(1)
+    elif isinstance(shape, MagnetCylinder):
+        points, shares = _cylinder(shape, level)
+    else:
+        points, shares = _block(shape, level)
+    moment = shape.remanence / MU0 * _volume(shape)
+    return FiniteMagnet(points, np.outer(shares, [0.0, 0.0, moment]))
+
+
+def _rules(shape: Shape) -> Iterator[FiniteMagnet]:
+    return (volume_rule(shape, level) for level in range(1, FINEST + 1))
+
+
+def _trial(shape: Shape, field: Field) -> Callable[[FiniteMagnet], Array]:
+    """What a rule gives at the same random places, orientations and coils as every other."""
+    reach = _reach(shape)
+    low, high = field.lower + reach, field.upper - reach
+    if np.any(low > high):
+        size = ", ".join(f"{1e3 * x:g}" for x in field.upper - field.lower)
+        must_hold = f"a magnet that fits into the map's box, {size} mm, however it is turned"
+        received = f"one that reaches {1e3 * reach:g} mm from its centre"
+        raise InputError(Problem("finite_magnet, shape", must_hold, received, "make a larger map"))
+    rng = np.random.default_rng(20250101)
+    places = low + rng.random((_PLACES, 3)) * (high - low)
+    turns = np.linalg.qr(rng.normal(size=(_PLACES, 3, 3)))[0]
+    count = len(field.coil_names)
+    currents = np.eye(count)[np.arange(_PLACES * count) % count]
+    where, turned = np.repeat(places, count, axis=0), np.repeat(turns, count, axis=0)
+    return lambda magnet: magnet.wrench(field, where, currents, turned)
+
+
+def _gauss(level: int, length: float) -> tuple[Array, Array]:
+    nodes, weights = np.polynomial.legendre.leggauss(level)
+    return length / 2 * nodes, weights / 2
+
+
+def _cylinder(shape: MagnetCylinder, level: int) -> tuple[Array, Array]:
+    """Gauss along the axis, Gauss in the square of the radius, evenly spaced angles."""
+    z, of_z = _gauss(level, shape.height)
+    square, of_r = _gauss((level + 1) // 2, 1.0)
+    r = shape.diameter / 2 * np.sqrt(square + 0.5)
+    angle = 2 * np.pi * np.arange(2 * level) / (2 * level)
+    z, r, angle = (part.ravel() for part in np.meshgrid(z, r, angle, indexing="ij"))
+    shares = np.einsum("i,j,k->ijk", of_z, of_r, np.full(2 * level, 0.5 / level)).ravel()
+    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1), shares
+
+
+def _block(shape: MagnetBlock, level: int) -> tuple[Array, Array]:
+    axes = [_gauss(level, side) for side in shape.size]
+    points = np.stack(np.meshgrid(*[axis[0] for axis in axes], indexing="ij"), axis=-1).reshape(-1, 3)
+    return points, np.einsum("i,j,k->ijk", *[axis[1] for axis in axes]).ravel()
+
+
+def _volume(shape: Shape) -> float:
+    if isinstance(shape, MagnetSphere):
+        return np.pi / 6 * shape.diameter**3
+    if isinstance(shape, MagnetCylinder):
+        return np.pi / 4 * shape.diameter**2 * shape.height
+    return float(np.prod(shape.size))
+
+
+def _reach(shape: Shape) -> float:
+    if isinstance(shape, MagnetSphere):
+        return shape.diameter / 2
+    if isinstance(shape, MagnetCylinder):
+        return float(np.hypot(shape.diameter, shape.height)) / 2
+    return float(np.linalg.norm(shape.size)) / 2
+
+
+def _turns(orientations: ArrayLike | None, n: int) -> Array:
+    turn = np.eye(3) if orientations is None else np.asarray(orientations, dtype=np.float64)
+    good = turn.shape in ((3, 3), (n, 3, 3))
+    if not good or not np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6):
+        received = f"shape {turn.shape}" + (" but columns not orthonormal" if good else "")
+        must_hold = f"rotation matrices of shape (3, 3) or ({n}, 3, 3)"
+        raise InputError(
+            Problem("wrench, orientations", must_hold, received, "columns are the magnet's axes")
+        )
+    return np.broadcast_to(turn, (n, 3, 3))

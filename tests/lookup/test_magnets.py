@@ -1,0 +1,248 @@
+"""Finite magnets and soft spheres against fine sums over closed forms, magpylib, energies and series."""
+
+import magpylib
+import numpy as np
+import pytest
+
+from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
+from fieldmap.errors import InputError, NotConverged, OutsideMapError
+from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.lookup import finite_magnet, interpolate, soft_sphere_force, volume_rule
+from fieldmap.store import Grid, MapData
+
+MU0 = 4e-7 * np.pi
+CYLINDER = MagnetCylinder(diameter=0.010, height=0.008, remanence=1.3)
+BLOCK = MagnetBlock(size=(0.008, 0.006, 0.010), remanence=1.2)
+SPHERE = MagnetSphere(diameter=0.012, remanence=1.3)
+LOOPS = [(0.016, [0.02, 0.0, 0.03]), (0.025, [-0.02, 0.01, 0.035])]
+GRID = Grid([-0.015, -0.015, -0.02], [0.00125, 0.00125, 0.00125], (25, 25, 25))
+
+
+def loops(points):
+    """B (2, n, 3) and G per 1000 A."""
+    parts = [loop_flux_density_and_gradient(points - np.array(c), r) for r, c in LOOPS]
+    return tuple(1e3 * np.stack(part) for part in zip(*parts, strict=True))
+
+
+class Exact:
+    """The loops themselves in the place of a map."""
+
+    coil_names = ("a", "b")
+    lower, upper = GRID.lower, GRID.upper
+
+    def field_and_gradient(self, points, currents):
+        flux, slope = loops(np.asarray(points))
+        amperes = np.broadcast_to(currents, (len(points), 2))
+        return np.einsum("cni,nc->ni", flux, amperes), np.einsum("cnij,nc->nij", slope, amperes)
+
+
+@pytest.fixture(scope="module")
+def field():
+    flux, slope = loops(GRID.points())
+    shape = (2, *GRID.shape, 3)
+    data = MapData(
+        GRID, ("a", "b"), [1.0, 1.0], flux_density=flux.reshape(shape), gradient=slope.reshape(*shape, 3)
+    )
+    return interpolate(data)
+
+
+def turned(axis_angle):
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    angle = np.linalg.norm(axis_angle)
+    x, y, z = axis_angle / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+TURN = turned(np.array([0.4, -0.7, 0.3]))
+
+
+def fine_sum(shape, position, turn, currents):
+    """Midpoint sum over 40 x 40 x 40 cells of the magnet's own bounding box (cylinder: rings)."""
+    if isinstance(shape, MagnetBlock):
+        axes = [(np.arange(40) + 0.5) / 40 * side - side / 2 for side in shape.size]
+        local = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        share = np.full(len(local), 1 / len(local))
+        volume = np.prod(shape.size)
+    else:
+        edges = np.linspace(0, shape.diameter / 2, 41)
+        r = np.sqrt((edges[1:] ** 2 + edges[:-1] ** 2) / 2)
+        z = (np.arange(40) + 0.5) / 40 * shape.height - shape.height / 2
+        angle = 2 * np.pi * np.arange(40) / 40
+        r, ring, z = (part.ravel() for part in np.meshgrid(r, angle, z, indexing="ij"))
+        weight = np.repeat(edges[1:] ** 2 - edges[:-1] ** 2, 1600)
+        local, share = np.stack([r * np.cos(ring), r * np.sin(ring), z], axis=1), weight / weight.sum()
+        volume = np.pi / 4 * shape.diameter**2 * shape.height
+    dipole = shape.remanence / MU0 * volume * turn[:, 2]
+    arms = local @ turn.T
+    flux, slope = Exact().field_and_gradient(position + arms, currents)
+    force = np.einsum("nij,i,n->nj", slope, dipole, share)
+    torque = np.cross(dipole, flux) * share[:, None] + np.cross(arms, force)
+    return force.sum(axis=0), torque.sum(axis=0)
+
+
+@pytest.mark.parametrize("shape", [CYLINDER, BLOCK])
+def test_chosen_rule_agrees_with_a_fine_sum_over_the_closed_form(field, shape):
+    magnet = finite_magnet(shape, field, 1e-5)
+    assert magnet.error < 1e-5
+    point = volume_rule(shape, 1)
+    for position in np.array([[0.002, -0.003, 0.001], [0.004, 0.0, -0.008]]):
+        currents = np.array([2.0, -1.0])
+        force, torque = fine_sum(shape, position, TURN, currents)
+        wrench = magnet.wrench(field, position, currents, TURN)
+        # The sum's own error is (1/40)^2 of the second-order part, which is what a point dipole misses.
+        missed = point.wrench(field, position, currents, TURN) - np.concatenate([force, torque])
+        for part, exact in ((slice(0, 3), force), (slice(3, 6), torque)):
+            size = np.linalg.norm(exact)
+            assert 1e-3 * size < np.linalg.norm(missed[part])
+            assert np.linalg.norm(wrench[part] - exact) < 5e-5 * size
+
+
+def test_magpylib_finds_the_same_force_and_torque(field):
+    position, currents = np.array([0.003, 0.002, -0.004]), np.array([1.0, 1.5])
+    sources = [
+        magpylib.current.Circle(current=1e3 * i, diameter=2 * r, position=c)
+        for i, (r, c) in zip(currents, LOOPS, strict=True)
+    ]
+    target = magpylib.magnet.Cylinder(
+        polarization=(0, 0, CYLINDER.remanence),
+        dimension=(CYLINDER.diameter, CYLINDER.height),
+        position=position,
+    )
+    force, torque = np.sum(magpylib.getFT(sources, target, pivot=position, meshing=4000), axis=1)
+    wrench = finite_magnet(CYLINDER, field).wrench(field, position, currents)
+    np.testing.assert_allclose(wrench[:3], force, rtol=0, atol=1e-3 * np.linalg.norm(force))
+    np.testing.assert_allclose(wrench[3:], torque, rtol=0, atol=1e-3 * np.linalg.norm(torque))
+
+
+def test_a_sphere_is_a_point_dipole(field):
+    # Against a rule of its own: Gauss in the radius and in cos(theta), even angles; exact to degree 11.
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    r, of_r = (nodes + 1) / 2, weights / 2 * 3 * ((nodes + 1) / 2) ** 2
+    angle = 2 * np.pi * np.arange(12) / 12
+    r, cosine, ring = (part.ravel() for part in np.meshgrid(r, nodes, angle, indexing="ij"))
+    share = np.einsum("i,j,k->ijk", of_r, weights / 2, np.full(12, 1 / 12)).ravel()
+    sine = np.sqrt(1 - cosine**2)
+    local = SPHERE.diameter / 2 * (r * np.stack([sine * np.cos(ring), sine * np.sin(ring), cosine])).T
+    moment = SPHERE.remanence / MU0 * np.pi / 6 * SPHERE.diameter**3
+    position, currents = np.array([0.004, -0.002, 0.003]), np.array([1.0, -2.0])
+    flux, slope = Exact().field_and_gradient(position + local, currents)
+    force = moment * np.einsum("nj,n->nj", slope[:, 2], share)
+    torque = np.cross([0, 0, moment], flux) * share[:, None] + np.cross(local, force)
+    magnet = finite_magnet(SPHERE, field)
+    assert (len(magnet.points), magnet.error) == (1, 0.0)
+    wrench = magnet.wrench(Exact(), position[None], currents)[0]
+    np.testing.assert_allclose(wrench[:3], force.sum(axis=0), rtol=0, atol=1e-6 * np.linalg.norm(wrench[:3]))
+    np.testing.assert_allclose(wrench[3:], torque.sum(axis=0), rtol=0, atol=1e-6 * np.linalg.norm(wrench[3:]))
+
+
+def test_wrench_is_the_slope_of_the_energy_by_place_and_by_turn(field):
+    magnet, currents = finite_magnet(CYLINDER, field, 1e-4), np.array([1.0, 0.5])
+    position = GRID.lower + np.array([12.5, 11.5, 14.5]) * 0.00125
+    wrench = magnet.wrench(field, position, currents, TURN)
+    for j in range(3):
+        step = 1e-5 * np.eye(3)[j]
+        moved = [magnet.energy(field, position + s * step, currents, TURN) for s in (1, -1)]
+        assert (moved[1] - moved[0]) / 2e-5 == pytest.approx(
+            wrench[j], rel=1e-4, abs=1e-5 * np.abs(wrench[:3]).max()
+        )
+        spun = [
+            magnet.energy(field, position, currents, turned(s * 1e-3 * np.eye(3)[j]) @ TURN) for s in (1, -1)
+        ]
+        slope = (spun[1] - spun[0]) / 2e-3
+        assert slope == pytest.approx(wrench[3 + j], rel=1e-4, abs=1e-5 * np.abs(wrench[3:]).max())
+
+
+def test_a_batch_is_its_rows(field):
+    rng, magnet = np.random.default_rng(3), volume_rule(BLOCK, 2)
+    positions, currents = rng.uniform(-0.004, 0.004, (5, 3)), rng.normal(size=(5, 2))
+    turns = np.array([turned(v) for v in rng.normal(size=(5, 3))])
+    together = magnet.wrench(field, positions, currents, turns)
+    apart = [magnet.wrench(field, p, i, t) for p, i, t in zip(positions, currents, turns, strict=True)]
+    np.testing.assert_allclose(together, apart, rtol=1e-10, atol=1e-14)
+    assert magnet.moment == pytest.approx(1.2 / MU0 * 480e-9)
+
+
+def test_rules_are_exact_to_their_degree():
+    # Mean of x^a y^b z^c over the body: closed forms for block and cylinder.
+    for level in (1, 2, 3, 4):
+        for shape in (BLOCK, CYLINDER):
+            rule = volume_rule(shape, level)
+            share = rule.moments[:, 2] / rule.moments[:, 2].sum()
+            for a, b, c in [(2, 0, 0), (0, 0, 2), (2, 0, 2), (4, 0, 0), (2, 2, 2), (0, 0, 6)]:
+                mean = share @ (rule.points ** [a, b, c]).prod(axis=1)
+                exact = mean_power(shape, a, b, c)
+                if a + b + c <= 2 * level - 1:
+                    assert mean == pytest.approx(exact, rel=1e-12)
+                elif level == 1:
+                    assert mean == 0.0
+
+
+def mean_power(shape, a, b, c):
+    if isinstance(shape, MagnetBlock):
+        return np.prod([(side / 2) ** n / (n + 1) for side, n in zip(shape.size, (a, b, c), strict=True)])
+    angles = {(0, 0): 1.0, (2, 0): 1 / 2, (4, 0): 3 / 8, (2, 2): 1 / 8}
+    radial = (shape.diameter / 2) ** (a + b) * 2 / (a + b + 2)
+    return angles[a, b] * radial * (shape.height / 2) ** c / (c + 1)
+
+
+def test_refusals(field):
+    with pytest.raises(InputError, match="fits into the map's box"):
+        finite_magnet(MagnetBlock((0.02, 0.02, 0.02), 1.0), field)
+    with pytest.raises(NotConverged, match="must agree to 1e-15"):
+        finite_magnet(CYLINDER, field, 1e-15)
+    with pytest.raises(OutsideMapError):
+        volume_rule(CYLINDER, 2).wrench(field, GRID.lower, [1.0, 1.0])
+    for wrong in (np.ones((3, 3)), np.eye(2), np.zeros((2, 3, 3))):
+        with pytest.raises(InputError, match="orientations"):
+            volume_rule(CYLINDER, 2).wrench(field, [0, 0, 0], [1.0, 1.0], wrong)
+    for wrong in ({"diameter": -1.0}, {"diameter": 0.01, "mu_r": 0.5}):
+        with pytest.raises(InputError, match="diameter > 0"):
+            soft_sphere_force(field, [0, 0, 0], [1.0, 1.0], **wrong)
+
+
+class Pole:
+    """A magnetic charge of 1 A m at a distance along z: a source for which a sphere's answer is a known series."""
+
+    def __init__(self, distance):
+        self.source = np.array([0.0, 0.0, distance])
+
+    def field_and_gradient(self, point, _):
+        r = np.asarray(point) - self.source
+        d = np.linalg.norm(r)
+        return MU0 / (4 * np.pi) * r / d**3, MU0 / (4 * np.pi) * (
+            np.eye(3) - 3 * np.outer(r, r) / d**2
+        ) / d**3
+
+    def second_gradient(self, point, _):
+        r = np.asarray(point) - self.source
+        d, unit = np.linalg.norm(r), np.eye(3)
+        mixed = sum(np.einsum(f"{ij},{k}->ijk", unit, r) for ij, k in (("ij", "k"), ("ik", "j"), ("jk", "i")))
+        return MU0 / (4 * np.pi) * (15 * np.einsum("i,j,k->ijk", r, r, r) / d**7 - 3 * mixed / d**5)
+
+
+@pytest.mark.parametrize("mu_r", [2.0, 1000.0, np.inf])
+def test_soft_sphere_beside_a_pole(mu_r):
+    # Charge and sphere of another permittivity: Stratton, Electromagnetic Theory (1941), section 3.23.
+    distance, errors, sizes = 0.05, [], np.array([0.004, 0.008, 0.016])
+    for diameter in sizes:
+        a = diameter / 2
+        answer = [l * (1 - 1 / mu_r) / (l + (l + 1) / mu_r) for l in range(1, 40)]
+        series = sum((l + 1) * b * (a / distance) ** (2 * l + 1) for l, b in enumerate(answer, 1))
+        exact = MU0 / (4 * np.pi * distance**2) * series
+        force = soft_sphere_force(Pole(distance), np.zeros(3), None, diameter, mu_r)
+        np.testing.assert_allclose(force[:2], 0, atol=1e-12 * exact)
+        errors.append(abs(force[2] - exact) / exact)
+    assert errors[-1] < 2e-3
+    assert np.polyfit(np.log(sizes), np.log(errors), 1)[0] == pytest.approx(4.0, abs=0.1)
+
+
+def test_soft_sphere_in_a_map(field):
+    # Small: the slope of its energy in the field, (4 pi a^3 / 2 mu0) |B|^2.
+    position, currents, step = np.array([0.0031, 0.0027, 0.0019]), np.array([1.0, 2.0]), 1e-5
+    force = soft_sphere_force(field, position, currents, 1e-4)
+    for j in range(3):
+        ahead, behind = (field.field(position + s * step * np.eye(3)[j], currents) for s in (1, -1))
+        slope = (ahead @ ahead - behind @ behind) / (2 * step)
+        assert force[j] == pytest.approx(2 * np.pi * 0.5e-4**3 / MU0 * slope, rel=1e-4)
+    assert soft_sphere_force(field, position[None], currents, 1e-4).shape == (1, 3)
