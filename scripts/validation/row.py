@@ -17,8 +17,7 @@ class Row:
     """A measured number beside its bound (None: printed for information) and the source of what it is held against.
 
     faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: of the solve behind the number, wall
-    clock and processor time of all threads. value is NaN for what was not measured: skipped if that was foreseen, an
-    error otherwise; `note` says why.
+    clock and processor time of all threads. value is NaN for what could not be measured; `note` says why.
     """
 
     case: str
@@ -32,13 +31,10 @@ class Row:
     cpu_seconds: float = 0.0
     note: str = ""
     study: str = ""
-    skipped: bool = False
 
     @property
     def verdict(self) -> str:
-        """ "pass", "FAIL", "skipped", "NOT RUN", or "-" where there is no bound."""
-        if self.skipped:
-            return "skipped"
+        """ "pass", "FAIL", "NOT RUN", or "-" where there is no bound."""
         if not np.isfinite(self.value):
             return "NOT RUN"
         return "-" if self.bound is None else ("pass" if abs(self.value) <= self.bound else "FAIL")
