@@ -35,7 +35,7 @@ def solve_linear(
     progress: Progress | None = None,
     refinement: float = 1.0,
     form: str = "auto",
-    symmetry: str = "none",
+    symmetry: str = "auto",
 ) -> LinearSolution:
     """Solve a device with iron of constant permeability, once per coil (and once for its magnets' remanence).
 

@@ -55,7 +55,7 @@ class NonlinearSolver:
         device: Device,
         refinement: float = 1.0,
         progress: Progress | None = None,
-        symmetry: str = "none",
+        symmetry: str = "auto",
     ) -> None:
         self.device = device
         self._progress, self._refinement, self._symmetry = progress, refinement, symmetry
@@ -225,11 +225,13 @@ def solve(
     progress: Progress | None = None,
     refinement: float = 1.0,
     estimate: bool = False,
+    symmetry: str = "auto",
 ) -> NonlinearSolution:
     """Solve a device with nonlinear iron at currents (c,) in A.
 
     Second-order potential form, Newton's method with exact line search (docs/theory/iron.md). tolerance bounds the
-    algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. With `estimate`,
+    algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. symmetry: "auto"
+    uses the mirror planes of the iron, "none" does not look for them. With `estimate`,
     `report.error` tells how far the field in the workspace is from the truth, see `NonlinearSolver.estimate_error`;
     that takes about as long again. For many currents make a `NonlinearSolver` once. Raises GeometryError if bodies,
     windings and workspace do not fit together, InputError for bad arguments or a body without a B(H) law,
@@ -242,7 +244,7 @@ def solve(
     """
     if estimate:
         workspace_surface(device)
-    solver = NonlinearSolver(device, refinement, progress)
+    solver = NonlinearSolver(device, refinement, progress, symmetry)
     solution = solver.solve(currents, tolerance)
     error = solver.estimate_error(solution, tolerance) if estimate else None
     return replace(solution, report=replace(solution.report, error=error))
