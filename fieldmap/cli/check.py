@@ -1,4 +1,4 @@
-"""`fieldmap check`: is this device file sound, and what is in it?"""
+"""`fieldmap check`: is this device file or map sound, and what is in it?"""
 
 from __future__ import annotations
 
@@ -11,14 +11,29 @@ if TYPE_CHECKING:
 
 
 def check(
-    device: Annotated[str, typer.Argument(help="Device file, or the name of a shipped device.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DEVICE_OR_MAP", help="Device file, the name of a shipped device, or a map file."
+        ),
+    ],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Read a device file, check its geometry, and list its bodies, coils and assumptions."""
-    from fieldmap.cli.opening import open_device
+    """Read a device file, check its geometry, and list its bodies, coils and assumptions.
+
+    Of a map file verify everything: its seal, every data set, units, provenance, and that its numbers are a magnetic
+    field.
+    """
+    from fieldmap.cli.opening import is_map, open_device
+
+    if is_map(source):
+        from fieldmap.cli.check_map import print_check
+
+        print_check(source, json)
+        return
     from fieldmap.iron import check_geometry
 
-    machine = open_device(device)
+    machine = open_device(source)
     check_geometry(machine)
     contents = _contents(machine)
     if json:

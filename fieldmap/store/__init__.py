@@ -8,22 +8,27 @@ from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
 from fieldmap.store.partial import Chunk, partial_path
 from fieldmap.store.reader import read_info, read_map
 from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.store.seal import seal_map
 from fieldmap.store.states import StateArchive
+from fieldmap.store.verification import MapCheck, check_map
 from fieldmap.store.writer import MapWriter, open_writer, write_map
 
 __all__ = [
     "Chunk",
     "FieldError",
     "Grid",
+    "MapCheck",
     "MapData",
     "MapInfo",
     "MapWriter",
     "Provenance",
     "ReducedModel",
     "StateArchive",
+    "check_map",
     "open_writer",
     "partial_path",
     "read_info",
     "read_map",
+    "seal_map",
     "write_map",
 ]

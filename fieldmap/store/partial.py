@@ -21,6 +21,7 @@ from fieldmap.store.reduced_model_file import write_reduced_model
 
 # Nodes per chunk: few enough that a killed run loses little, enough that a solver works on many at once.
 NODES_PER_CHUNK = 1000
+PARTIAL_SUFFIX = ".partial"
 # What h5py raises on a file that is not as it should be.
 UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError)
 # Keys of the header in which two runs may differ and still make the same numbers.
@@ -52,7 +53,7 @@ def chunks_of(grid: Grid) -> tuple[Chunk, ...]:
 
 def partial_path(target: Path) -> Path:
     """Where a map is kept while it is being made."""
-    return target.with_name(target.name + ".partial")
+    return target.with_name(target.name + PARTIAL_SUFFIX)
 
 
 def begin(partial: Path, info: MapInfo) -> h5py.File:

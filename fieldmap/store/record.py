@@ -83,21 +83,21 @@ def info_from(
     device: str,
     reduced_model: ReducedModel | None,
 ) -> MapInfo:
-    """The map's description from its header, report and source texts; KeyError or TypeError if ill-formed."""
+    """The map's description from header, report and source texts; KeyError, TypeError or ValueError if ill-formed."""
     provenance = Provenance(
-        title=header["title"],
-        device_name=header["device_name"],
+        title=_text(header, "title"),
+        device_name=_text(header, "device_name"),
         recipe_text=recipe,
         device_text=device,
-        fingerprint=header["fingerprint"],
-        versions=dict(header["versions"]),
+        fingerprint=_text(header, "fingerprint"),
+        versions={name: _text(header["versions"], name) for name in dict(header["versions"])},
         solver_report=dict(report["solver_report"]),
-        assumptions=tuple(report["assumptions"]),
-        created=header["created"],
+        assumptions=_texts(report, "assumptions"),
+        created=_text(header, "created"),
     )
     return MapInfo(
         grid=Grid(header["lower_m"], header["spacing_m"], tuple(header["shape"])),
-        coil_names=tuple(header["coil_names"]),
+        coil_names=_texts(header, "coil_names"),
         reference_current=np.array(header["reference_current_A"]),
         provenance=provenance,
         interpolation_error=_error_from(report["interpolation_error"]),
@@ -105,6 +105,18 @@ def info_from(
         reduced_model=reduced_model,
         current_error=_error_from(report.get("current_error")),
     )
+
+
+def _text(keys: Mapping[str, Any], name: str) -> str:
+    if not isinstance(keys[name], str):
+        raise TypeError(f"{name}: {type(keys[name]).__name__} in the place of a text")
+    return keys[name]
+
+
+def _texts(keys: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    if not isinstance(keys[name], list) or not all(isinstance(text, str) for text in keys[name]):
+        raise TypeError(f"{name}: not a list of texts")
+    return tuple(keys[name])
 
 
 def to_json(values: Mapping[str, Any]) -> str:
@@ -119,4 +131,9 @@ def _error_keys(error: FieldError | None) -> dict[str, float] | None:
 
 
 def _error_from(keys: Mapping[str, float] | None) -> FieldError | None:
-    return None if keys is None else FieldError(keys["flux_density_T"], keys["gradient_T_per_m"])
+    if keys is None:
+        return None
+    numbers = (float(keys["flux_density_T"]), float(keys["gradient_T_per_m"]))
+    if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
+        raise ValueError(f"a stated error of {numbers}")
+    return FieldError(*numbers)

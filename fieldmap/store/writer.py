@@ -31,6 +31,7 @@ from fieldmap.store.partial import (
     to_disk,
 )
 from fieldmap.store.record import read_text, report_of, to_json, write_text
+from fieldmap.store.seal import seal_map
 
 
 class MapWriter:
@@ -153,6 +154,7 @@ class MapWriter:
             self._file[f"{OWN}/completion"].attrs["complete"] = np.uint8(1)
             to_disk(self._file)
             self._file.close()
+            seal_map(partial_path(self._target))
             os.replace(partial_path(self._target), self._target)
             sync_folder(self._target.parent)
         return self._target

@@ -1,0 +1,95 @@
+"""The seal of a finished map file: its length and SHA-256 behind its last byte, checked before HDF5 sees the file.
+
+HDF5 checks the numbers of a file, not its structure, and a structure with a wrong byte in it can lead a reader
+anywhere. So nothing is opened that is not, byte for byte, what was written. Other programs do not see the seal: what
+stands behind the end of an HDF5 file is not read. One that changes the file cuts the seal off.
+"""
+
+import hashlib
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+from fieldmap.errors import MapFileError, Problem
+
+_MARK = b"\n# sealed by fieldmap: "
+_DIGITS = 16  # of the length, hexadecimal
+SEAL_LENGTH = len(_MARK) + _DIGITS + 1 + 64 + 1
+REMAKE = "make the map again: fieldmap map RECIPE"
+
+
+def seal_map(path: str | os.PathLike[str]) -> None:
+    """Seal the file at `path` as it is now; an earlier seal is replaced.
+
+    For a map that was changed on purpose with another program: from now on these are its bytes. Raises OSError if the
+    file cannot be written.
+    """
+    with Path(path).open("r+b") as stream:
+        length = _length(stream)
+        if _read_seal(stream, length) is not None:
+            length -= SEAL_LENGTH
+        digest = _digest(stream, length)
+        stream.truncate(length)
+        stream.seek(length)
+        stream.write(_MARK + f"{length:0{_DIGITS}x} {digest}\n".encode())
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def check_seal(path: str | os.PathLike[str]) -> None:
+    """Raise MapFileError if the file is not what was sealed: changed, cut off, or never finished.
+
+    Raises OSError if it cannot be read.
+    """
+    with Path(path).open("rb") as stream:
+        length = _length(stream)
+        seal = _read_seal(stream, length)
+        if seal is None:
+            received = (
+                "a file without seal at its end: cut off, damaged, foreign, or changed by another program"
+            )
+            raise _refused(path, "an undamaged map file", received)
+        sealed_length, sealed_digest = seal
+        if sealed_length != length - SEAL_LENGTH:
+            received = f"{length - SEAL_LENGTH} bytes, where {sealed_length} were sealed: a damaged file"
+            raise _refused(path, "an undamaged map file", received)
+        if _digest(stream, sealed_length) != sealed_digest:
+            raise _refused(
+                path, "an undamaged map file", "a damaged file: its SHA-256 is not that of its seal"
+            )
+
+
+def _length(stream: BinaryIO) -> int:
+    return stream.seek(0, os.SEEK_END)
+
+
+def _read_seal(stream: BinaryIO, length: int) -> tuple[int, str] | None:
+    """Length and digest that a seal at the end of the file states, or None."""
+    if length < SEAL_LENGTH:
+        return None
+    stream.seek(length - SEAL_LENGTH)
+    text = stream.read(SEAL_LENGTH)
+    digits, space, digest = text[len(_MARK) : -1].partition(b" ")
+    if not text.startswith(_MARK) or not text.endswith(b"\n") or not space or len(digits) != _DIGITS:
+        return None
+    try:
+        return int(digits, 16), digest.decode("ascii")
+    except ValueError:
+        return None
+
+
+def _digest(stream: BinaryIO, length: int) -> str:
+    """SHA-256 of the first `length` bytes."""
+    stream.seek(0)
+    total, left = hashlib.sha256(), length
+    while left:
+        block = stream.read(min(left, 1 << 20))
+        if not block:
+            break
+        total.update(block)
+        left -= len(block)
+    return total.hexdigest()
+
+
+def _refused(path: str | os.PathLike[str], must_hold: str, received: str) -> MapFileError:
+    return MapFileError(Problem(str(path), must_hold, received, f"copy it again, or {REMAKE}"))

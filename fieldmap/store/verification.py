@@ -1,0 +1,217 @@
+"""Everything that can be verified about a map file without what made it; all problems at once."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fieldmap.errors import MapFileError, Problem
+from fieldmap.store.grid import Array, Grid
+from fieldmap.store.map_data import MapInfo
+from fieldmap.store.names import MESHES, OWN, TENSOR, VECTOR
+from fieldmap.store.openpmd import TESLA, TESLA_PER_METRE
+from fieldmap.store.partial import UNREADABLE, chunks_of
+from fieldmap.store.reader import check_record, opened_map, read_header, read_numbers
+from fieldmap.store.seal import REMAKE
+from fieldmap.store.trust import Refused, hard, stored
+
+DIVERGENCE_AND_CURL = 1e-4
+"""Largest divergence, and largest curl, of a stored gradient at a node, of the largest gradient of that field."""
+VALUES_AND_GRADIENTS = 0.05
+"""Largest difference between steps of B from node to node and Simpson's integral of the gradients along them, of the
+largest such integral: a swapped component or a wrong unit is of order 1, what the rule lacks O(spacing^4)."""
+TOTAL = 1e-9
+"""Largest difference between the stored total and the sum of the fields, of the largest total."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapCheck:
+    """What was verified: the description, how many data sets and bytes, and what the numbers say of themselves.
+
+    divergence, curl: largest over fields and nodes, of the field's largest gradient; values_and_gradients: largest
+    disagreement of B's steps with the gradients (None where an axis has fewer than three nodes); total: largest
+    difference between the stored total and the sum of the fields. notes: what is allowed, but worth knowing.
+    """
+
+    info: MapInfo
+    bytes: int
+    data_sets: int
+    divergence: float
+    curl: float
+    values_and_gradients: float | None
+    total: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass
+class _Findings:
+    """Problems so far, and the figures of the fields."""
+
+    where: str
+    problems: list[Problem] = field(default_factory=list)
+    data_sets: int = 0
+    figures: dict[str, list[float]] = field(default_factory=dict)
+
+    def add(self, must_hold: str, received: str, remedy: str = REMAKE) -> None:
+        self.problems.append(Problem(self.where, must_hold, received, remedy))
+
+    def attempt(self, step: Callable[..., Any], *arguments: Any) -> Any:
+        """What the step returns, or None and a problem more."""
+        try:
+            return step(*arguments)
+        except Refused as refusal:
+            self.add(*refusal.args)
+        except (*UNREADABLE, MemoryError) as error:
+            name = next((a for a in arguments if isinstance(a, str)), "the file")
+            self.add(
+                f"{name}: undamaged", f"what cannot be read ({type(error).__name__}: {error})".split("\n")[0]
+            )
+        return None
+
+    def figure(self, name: str, value: float, limit: float, of: str) -> None:
+        """Note a figure of a field, and a problem where it is beyond its limit."""
+        self.figures.setdefault(name, []).append(value)
+        if not value <= limit:
+            self.add(f"{of}: {name.replace('_', ' ')} up to {limit:g} of the largest", f"{value:.3g}")
+
+
+def check_map(path: str | os.PathLike[str]) -> MapCheck:
+    """Verify a map file: seal (length and SHA-256 of the whole file), format version, completeness, every data set
+    (its checksum, shape, type, unit, grid, finite values), recipe and device texts with their hashes, provenance, the
+    reduced model of saturating iron, the links that other programs follow, and that the numbers are a magnetic field:
+    stored gradients without divergence and curl, steps of B that agree with them, a total that is the sum.
+
+    Raises MapFileError with every problem found; where the file cannot be opened safely, with that one alone. The
+    limits are constants of this module. Needs the memory of one field.
+    """
+    with opened_map(path) as file:
+        info, records = read_header(file)
+        findings = _Findings(str(path))
+        findings.attempt(_check_completion, file, info)
+        total = None if info.grid.size * 24 > file.id.get_filesize() else np.zeros((*info.grid.shape, 3))
+        for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):
+            for path in (f"{MESHES}/B_{record}", f"{MESHES}/gradB_{record}"):
+                findings.attempt(check_record, file, path, info.grid, name, info.field_scale[number])
+            values = _check_field(file, record, f"field of {name!r}", info.grid, findings)
+            findings.attempt(_check_link, file, f"/ExternalFieldPath/{number + 1}", f"{MESHES}/B_{record}")
+            total = (
+                None if values is None or total is None else total + info.reference_weights[number] * values
+            )
+        _check_total(file, total, info.grid, findings)
+        size = int(file.id.get_filesize())
+    if findings.problems:
+        raise MapFileError(*findings.problems)
+    return _result(info, size, findings)
+
+
+def _result(info: MapInfo, size: int, findings: _Findings) -> MapCheck:
+    largest = {name: max(values) for name, values in findings.figures.items()}
+    return MapCheck(
+        info=info,
+        bytes=size,
+        data_sets=findings.data_sets,
+        divergence=largest["divergence"],
+        curl=largest["curl"],
+        values_and_gradients=largest.get("values_against_gradients"),
+        total=largest["total_against_sum"],
+        notes=_notes(info),
+    )
+
+
+def _notes(info: MapInfo) -> tuple[str, ...]:
+    source = info.provenance
+    missing = {
+        "no fingerprint: what decided its numbers is not recorded": not source.fingerprint,
+        "no versions of the libraries that made it": not source.versions,
+        "no recipe": not source.recipe_text,
+        "no device file: payload and driver are not known": not source.device_text,
+        "no error stated: how far its interpolant is from the solver is not known": (
+            info.interpolation_error is None and info.error_bound is None
+        ),
+    }
+    return tuple(text for text, is_missing in missing.items() if is_missing)
+
+
+def _check_completion(file: h5py.File, info: MapInfo) -> None:
+    flags = stored(file, f"{OWN}/completion/chunks", "u")[()]
+    if flags.shape != (len(chunks_of(info.grid)),) or not (flags == 1).all():
+        raise Refused(
+            "every part flagged as written", f"{int(np.count_nonzero(flags))} of {flags.size}", REMAKE
+        )
+
+
+def _check_field(file: h5py.File, record: str, of: str, grid: Grid, findings: _Findings) -> Array | None:
+    """One field: its data sets, and whether they are a magnetic field; B (nx, ny, nz, 3) as stored, or None."""
+    flux = _components(file, f"{MESHES}/B_{record}", VECTOR, TESLA, grid, findings)
+    slope = _components(file, f"{MESHES}/gradB_{record}", TENSOR, TESLA_PER_METRE, grid, findings)
+    if slope is not None:
+        gradient = slope.reshape(*grid.shape, 3, 3)
+        scale = float(np.abs(gradient).max()) or 1.0
+        trace = np.abs(np.trace(gradient, axis1=-2, axis2=-1)).max() / scale
+        curl = np.abs(gradient - np.swapaxes(gradient, -2, -1)).max() / scale
+        findings.figure("divergence", float(trace), DIVERGENCE_AND_CURL, of)
+        findings.figure("curl", float(curl), DIVERGENCE_AND_CURL, of)
+        if flux is not None:
+            _check_steps(flux, gradient, of, grid, findings)
+    return flux
+
+
+def _check_steps(flux: Array, gradient: Array, of: str, grid: Grid, findings: _Findings) -> None:
+    mismatch = [_mismatch(flux, gradient, grid, axis) for axis in range(3) if grid.shape[axis] >= 3]
+    if mismatch:
+        worst = max(step for step, _ in mismatch) / (max(size for _, size in mismatch) or 1.0)
+        findings.figure("values_against_gradients", worst, VALUES_AND_GRADIENTS, of)
+
+
+def _mismatch(flux: Array, gradient: Array, grid: Grid, axis: int) -> tuple[float, float]:
+    """Largest difference between B over two steps along an axis and Simpson's integral of dB/dx; largest integral."""
+    values, slopes = np.moveaxis(flux, axis, 0), np.moveaxis(gradient[..., axis], axis, 0)
+    integral = grid.spacing[axis] / 3.0 * (slopes[:-2] + 4.0 * slopes[1:-1] + slopes[2:])
+    return float(np.abs(values[2:] - values[:-2] - integral).max()), float(np.abs(integral).max())
+
+
+def _components(
+    file: h5py.File, record: str, components: tuple[str, ...], unit: Array, grid: Grid, findings: _Findings
+) -> Array | None:
+    """Every component of a record, (nx, ny, nz, n); None if one of them cannot be had."""
+    findings.attempt(_check_attributes, file, record, unit, components)
+    values = [findings.attempt(read_numbers, file, f"{record}/{name}", grid) for name in components]
+    findings.data_sets += len(values)
+    return None if any(v is None for v in values) else np.stack(values, axis=-1)
+
+
+def _check_attributes(file: h5py.File, record: str, unit: Array, components: tuple[str, ...]) -> None:
+    """Units, axes and order, as other programs read them."""
+    at = hard(file, record).attrs
+    wanted = {"dataOrder": b"C", "geometry": b"cartesian", "gridUnitSI": 1.0}
+    for name, value in wanted.items():
+        if at[name] != value:
+            raise Refused(f"{record}, {name}: {value!r}", repr(at[name]), REMAKE)
+    if [bytes(label) for label in at["axisLabels"]] != [b"x", b"y", b"z"]:
+        raise Refused(f"{record}, axisLabels: x, y, z", repr(at["axisLabels"]), REMAKE)
+    for path in (record, *(f"{record}/{name}" for name in components)):
+        here = hard(file, path).attrs
+        if not np.array_equal(here["unitDimension"], unit):
+            raise Refused(f"{path}, unitDimension: {unit.tolist()}", repr(here["unitDimension"]), REMAKE)
+        if path != record and here["unitSI"] != 1.0:
+            raise Refused(f"{path}, unitSI: 1", repr(here["unitSI"]), REMAKE)
+
+
+def _check_link(file: h5py.File, path: str, target: str) -> None:
+    """The soft link that openPMD-beamphysics follows leads to the record."""
+    link = hard(file, path).get("magneticField", getlink=True)
+    if not isinstance(link, h5py.SoftLink) or link.path != target:
+        raise Refused(f"{path}/magneticField: a soft link to {target}", f"{type(link).__name__}", REMAKE)
+
+
+def _check_total(file: h5py.File, total: Array | None, grid: Grid, findings: _Findings) -> None:
+    findings.attempt(check_record, file, f"{MESHES}/B", grid)
+    there = _components(file, f"{MESHES}/B", VECTOR, TESLA, grid, findings)
+    if there is None or total is None:
+        return
+    scale = float(np.abs(total).max()) or 1.0
+    difference = float(np.abs(there - total).max()) / scale
+    findings.figure("total_against_sum", difference, TOTAL, "total field")
