@@ -35,7 +35,6 @@ MAP_WORDS = ["--at", "0", "0", "-0.09", "--currents", "1"]
         ["check", "."],
         ["check", "{broken}/bad.toml"],
         ["check", "{broken}/syntax.toml"],
-        ["check", "{map}"],
         ["solve", "{device}", "--currents", "1", "2"],
         ["solve", "{device}", "--mu-r", "-5"],
         ["solve", "{device}", "--at", "0", "0"],
