@@ -27,8 +27,21 @@ def test_fixed_currents_scale_the_coefficients(machine, tmp_path):
     np.testing.assert_allclose(double, 2 * unit, rtol=1e-12)
 
 
+def test_for_mag_manip(machine, tmp_path):
+    target = tmp_path / "loop.yaml"
+    assert main(["export", machine.map, "--to", "mag-manip", "-o", str(target)]) == 0
+    assert target.read_text().startswith("# coils in current order: loop\n")
+
+
 @pytest.mark.parametrize(
-    "change", [["--to", "matlab"], ["--kind", "hermite"], ["--outside", "zero"], ["--currents", "1,2"]]
+    "change",
+    [
+        ["--to", "matlab"],
+        ["--to", "mag-manip", "--currents", "1"],
+        ["--kind", "hermite"],
+        ["--outside", "zero"],
+        ["--currents", "1,2"],
+    ],
 )
 def test_refuses_what_it_cannot_write(machine, tmp_path, capsys, change):
     arguments = ["export", machine.map, "--to", "c", "-o", str(tmp_path / "loop.fmap"), *change]
