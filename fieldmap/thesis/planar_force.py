@@ -1,0 +1,161 @@
+"""S9: the force formulas of chapter 4 against the planar drive unit with the pole piece 8 mm thick."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from fieldmap.levitation import Fit, HorizontalForce, VerticalForce, fit_horizontal_force, fit_vertical_force
+from fieldmap.planar import PlanarSolution, read_planar_device, solve_planar, stationary_points
+from fieldmap.thesis.registry import Ours
+
+Array = NDArray[np.float64]
+HALF_WIDTH = 0.15
+"""Half the width of what is fitted, m; the pole piece's is 0.17 m."""
+MIDDLE = 0.05
+"""Half the width of the middle of the pole piece, m, where the forces of two electromagnets cancel."""
+DEPTHS = (0.10, 0.11, 0.12, 0.13, 0.14, 0.15)
+"""The vertical operating window of 4.2, m."""
+_X0, _CURRENT = -0.17, 1e6
+_FITTED = f"fitted over |x| <= {1e3 * HALF_WIDTH:g} mm to the left electromagnet's force, the right one's core in place"
+_IRON = "at 10^6 A the linear iron carries above 200 T: real iron would be saturated a hundred times over"
+
+
+@dataclass(frozen=True)
+class SuperpositionError:
+    """Formulas of single electromagnets, added, against the computed force of all.
+
+    currents: in units of the nominal one; rms: root mean square error, N; whole and middle: that over the root mean
+    square of the computed force, on |x| <= 150 mm and on |x| <= 50 mm.
+    """
+
+    currents: tuple[float, ...]
+    rms: float
+    whole: float
+    middle: float
+
+
+@cache
+def unit() -> PlanarSolution:
+    """The solved unit of chapter 4, in its box."""
+    return solve_planar(read_planar_device("planar_drive_unit_8mm"))
+
+
+def force(currents: tuple[float, float], x: Array, z: Array) -> Array:
+    """(F_x, F_z) (n, 2) in N on the vertical dipole of Table 4-1 at depths z; currents in units of 1e6 A."""
+    solved = unit()
+    assert solved.device.moment is not None
+    gradient = solved.gradient(np.column_stack([x, -z]), _CURRENT * np.array(currents))
+    return solved.device.moment * gradient[:, 1, :]
+
+
+def grid(depths: tuple[float, ...] = DEPTHS) -> tuple[Array, Array]:
+    """Places x and depths z (n,), m."""
+    x, z = np.meshgrid(np.linspace(-HALF_WIDTH, HALF_WIDTH, 61), depths)
+    return x.ravel(), z.ravel()
+
+
+@cache
+def horizontal_fit(depths: tuple[float, ...], a: float | None) -> Fit[HorizontalForce]:
+    """(4-7) fitted to the left electromagnet's computed force."""
+    x, z = grid(depths)
+    return fit_horizontal_force(x, z, force((1.0, 0.0), x, z)[:, 0], _CURRENT, _X0, a=a)
+
+
+@cache
+def vertical_fit() -> Fit[VerticalForce]:
+    """(4-6) fitted to the left electromagnet's computed force in the operating window."""
+    x, z = grid()
+    return fit_vertical_force(x, z, force((1.0, 0.0), x, z)[:, 1], _CURRENT, _X0)
+
+
+def added(formula: Any, currents: tuple[float, float], x: Array, z: Array) -> Array:
+    """The formula of the left electromagnet and its mirror image, added; force (n,) in N."""
+    left, right = (_CURRENT * current for current in currents)
+    return np.asarray(formula(x, z, left) + formula.mirrored()(x, z, right))
+
+
+def superposition_error(
+    formula: HorizontalForce | VerticalForce, currents: tuple[float, float], depths: tuple[float, ...]
+) -> SuperpositionError:
+    """How far the added formulas are from the computed force of both electromagnets."""
+    x, z = grid(depths)
+    computed = force(currents, x, z)[:, 0 if isinstance(formula, HorizontalForce) else 1]
+    error = added(formula, currents, x, z) - computed
+    middle = np.abs(x) <= MIDDLE
+    return SuperpositionError(
+        tuple(current for current in currents if current),
+        _rms(error),
+        _rms(error) / _rms(computed),
+        _rms(error[middle]) / _rms(computed[middle]),
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def constants(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 4-2: constants of (4-5) along the line of Fig. 4-5."""
+    depth = (1e-3 * inputs["depth_mm"],)
+    fit = horizontal_fit(depth, inputs["a_m"])
+    printed = HorizontalForce(
+        inputs["L0_H"], inputs["a_m"], inputs["b_m"], inputs["c_N"], _X0, inputs["nominal_current_A"]
+    )
+    x, z = grid(depth)
+    theirs = _rms(printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0])
+    words = (
+        *unit().report.assumptions,
+        _IRON,
+        _FITTED,
+        f"depth {inputs['depth_mm']:g} mm, where only two of L0, a, b are determined: a is held at Table 4-2's",
+        f"root mean square error on that line: {fit.rms:.3f} N with our constants, {theirs:.3f} N with Table 4-2's",
+    )
+    formula = fit.formula
+    return {"L0": Ours(formula.inductance, words), "b": Ours(formula.b, words), "c": Ours(formula.c, words)}
+
+
+def superposition(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Two electromagnets at 3:1 (Fig. 4-7): where (4-7) + (4-8) vanish, and where the computed force does."""
+    depth = 1e-3 * inputs["depth_mm"]
+    currents = (0.5 * inputs["ratio"], 0.5)
+    points = stationary_points(unit(), _CURRENT * np.array(currents), -depth, -HALF_WIDTH, HALF_WIDTH)
+    if len(points) != 1:
+        raise LookupError(f"{len(points)} points without horizontal force where one is expected")
+    words = (*unit().report.assumptions, _IRON, *growth_in_words((depth,), inputs["a_m"], currents))
+    ours = Ours(1e3 * points[0].x, words)
+    return {
+        "equilibrium": ours,
+        "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), words),
+    }
+
+
+def _zero(depth: float, a: float, currents: tuple[float, float]) -> float:
+    """Where the refitted (4-7) + (4-8) vanish, m."""
+    formula = horizontal_fit((depth,), a).formula
+
+    def total(x: float) -> float:
+        return float(added(formula, currents, np.array([x]), np.array([depth]))[0])
+
+    return float(brentq(total, -0.12, 0.12))
+
+
+def growth_in_words(
+    depths: tuple[float, ...], a: float | None, unequal: tuple[float, float]
+) -> tuple[str, ...]:
+    """Errors of one and of two electromagnets, one line each."""
+    lines = []
+    for name, fit, where in (
+        ("horizontal (4-7)", horizontal_fit(depths, a), depths),
+        ("vertical (4-6)", vertical_fit(), DEPTHS),
+    ):
+        for pair, words in (((1.0, 0.0), "one magnet"), ((1.0, 1.0), "two, 1:1"), (unequal, "two, 3:1")):
+            error = superposition_error(fit.formula, pair, where)
+            lines.append(
+                f"{name} fitted, {words}: error {error.rms:.3f} N rms, {100 * error.whole:.0f} % of the force, "
+                f"{100 * error.middle:.0f} % of it on |x| <= 50 mm"
+            )
+    return tuple(lines)

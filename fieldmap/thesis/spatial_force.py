@@ -1,0 +1,153 @@
+"""S10: the force formula (4-9) against the drive unit of Appendix A-3 in three dimensions."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device import read_device
+from fieldmap.iron import solve_linear
+from fieldmap.iron.solution import LinearSolution
+from fieldmap.levitation import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
+from fieldmap.thesis.registry import Ours
+
+Array = NDArray[np.float64]
+_DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
+# Electromagnets of Fig. 4-8 on the x axis, and the sides on which their formulas have their poles.
+ONE, FOUR = "2", "5"
+_SIDES = {ONE: 1, FOUR: -1}
+_A = 2.2e-2
+"""What a is held at where constants of all six magnets are fitted, m; it does not change the curve at one depth."""
+_START = (0.2, 0.01, 0.05)
+_ASSUMED = (
+    f"iron of {_DEVICE} linear, mu_r = {_MU_R:g}, 1350 turns, mesh sizes of the device file over {_REFINEMENT:g}; "
+    "the thesis's B-H curve would saturate, so that its forces would not superpose",
+    "electromagnet 1 at x < 0 beside the yoke's leg, 4 opposite, from the pole of the printed formula; vertical dipole",
+    "one depth: only two of L0, a, b are determined, a is held at Table 4-3's; F_x is taken without offset x0",
+)
+
+
+@dataclass(frozen=True)
+class AddedError:
+    """Formulas of `magnets` electromagnets, added, against the computed force of all at 1 A each, on y = 0.
+
+    rms: root mean square error, N; share: that over the root mean square of the computed force; middle: the same for
+    |x| <= 10 mm, where forces cancel.
+    """
+
+    magnets: int
+    rms: float
+    share: float
+    middle: float
+
+
+@cache
+def unit() -> LinearSolution:
+    """The solved unit of Appendix A-3 with linear iron."""
+    return solve_linear(read_device(_DEVICE), mu_r=_MU_R, refinement=_REFINEMENT)
+
+
+def places(half_width: float) -> Array:
+    """x (n,) in m, 2 mm apart or a little less."""
+    return np.linspace(-half_width, half_width, 2 * int(np.ceil(half_width / 2e-3)) + 1)
+
+
+@cache
+def unit_forces(depth: float, half_width: float, y: float) -> Array:
+    """F_x (coils, n) in N on the unit's magnet at 1 A in each coil alone, along a line of constant y."""
+    payload = read_device(_DEVICE).payload
+    assert payload is not None
+    x = places(half_width)
+    points = np.column_stack([x, np.full_like(x, y), np.full_like(x, -depth)])
+    return np.asarray(payload.moment * unit().unit_fields(points)[1][:, :, 2, 0])
+
+
+def _index(coil: str) -> int:
+    return unit().coil_names.index(coil)
+
+
+def line_fit(coil: str, depth: float, half_width: float, a: float, side: int) -> Fit[HorizontalForce]:
+    """(4-9) on y = 0 for one coil."""
+    x = places(half_width)
+    force = unit_forces(depth, half_width, 0.0)[_index(coil)]
+    return fit_horizontal_force(x, np.full_like(x, depth), force, 1.0, side=side, a=a, start=_START)
+
+
+def plane_fit(coil: str, depth: float, half_width: float, a: float, y: Array) -> Fit[HorizontalForce]:
+    """(4-9) with its term in |y| for one coil."""
+    x = np.tile(places(half_width), len(y))
+    force = np.concatenate([unit_forces(depth, half_width, float(line))[_index(coil)] for line in y])
+    beside = np.repeat(y, len(x) // len(y))
+    return fit_horizontal_force(
+        x, np.full_like(x, depth), force, 1.0, y=beside, side=_SIDES[coil], a=a, start=_START
+    )
+
+
+def best_line_fit(coil: str, depth: float, half_width: float) -> Fit[HorizontalForce]:
+    """(4-9) on y = 0 for one coil, with its pole on the side that fits better."""
+    return min((line_fit(coil, depth, half_width, _A, side) for side in (1, -1)), key=lambda fit: fit.rms)
+
+
+def added_errors(depth: float, half_width: float, quadratic: bool = False) -> tuple[AddedError, ...]:
+    """One magnet (1), two (1 and 4), and all six; (4-9), or (4-10) in its place."""
+    x, force = places(half_width), unit_forces(depth, half_width, 0.0)
+    names = unit().coil_names
+    formulas = np.array(
+        [
+            fit_quadratic_force(x, force[k]).formula(x, 1.0)
+            if quadratic
+            else best_line_fit(name, depth, half_width).formula(x, depth, 1.0)
+            for k, name in enumerate(names)
+        ]
+    )
+    middle = np.abs(x) <= 0.0101
+    errors = []
+    for chosen in ((ONE,), (ONE, FOUR), names):
+        rows = [_index(name) for name in chosen]
+        total = force[rows].sum(axis=0)
+        error = formulas[rows].sum(axis=0) - total
+        errors.append(
+            AddedError(
+                len(rows), _rms(error), _rms(error) / _rms(total), _rms(error[middle]) / _rms(total[middle])
+            )
+        )
+    return tuple(errors)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def constants(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 4-3, and the errors of the added formulas."""
+    depth, half_width = 1e-3 * inputs["depth_mm"], 1e-3 * inputs["half_width_mm"]
+    fits = [
+        line_fit(coil, depth, half_width, float(a), _SIDES[coil])
+        for coil, a in zip((ONE, FOUR), inputs["a_m"], strict=True)
+    ]
+    plane = plane_fit(ONE, depth, half_width, float(inputs["a_m"][0]), 1e-3 * inputs["y_mm"])
+    words = (
+        *_ASSUMED,
+        f"{inputs['current_A']:g} A in one coil, |x| <= {inputs['half_width_mm']:g} mm",
+        f"root mean square errors on y = 0: {1e3 * fits[0].rms:.2f} and {1e3 * fits[1].rms:.2f} mN; with the term in "
+        f"|y|, |y| <= 30 mm: {1e3 * plane.rms:.2f} mN; d = 100 m says that the term is of no use",
+        *errors_in_words(depth, half_width),
+    )
+    return {
+        "L0": Ours([fit.formula.inductance for fit in fits], words),
+        "b": Ours([fit.formula.b for fit in fits], words),
+        "c": Ours([fit.formula.c for fit in fits], words),
+        "d": Ours(plane.formula.d, words),
+    }
+
+
+def errors_in_words(depth: float, half_width: float) -> tuple[str, ...]:
+    """One line for each number of magnets and formula."""
+    return tuple(
+        f"{formula}, {error.magnets} at 1 A: error {1e3 * error.rms:.2f} mN rms, {100 * error.share:.0f} % of the "
+        f"force, {100 * error.middle:.0f} % of it on |x| <= 10 mm"
+        for formula, quadratic in (("(4-9)", False), ("quadratic (4-10)", True))
+        for error in added_errors(depth, half_width, quadratic)
+    )
