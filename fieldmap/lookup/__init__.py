@@ -1,5 +1,6 @@
 """Opened maps: field, gradient and wrench at any point, for any currents."""
 
+from fieldmap.interpolants import Jump
 from fieldmap.lookup.actuation import (
     Actuation,
     capability,
@@ -10,7 +11,6 @@ from fieldmap.lookup.actuation import (
 from fieldmap.lookup.at_currents import FieldAtCurrents
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
-from fieldmap.lookup.jumps import Jump
 from fieldmap.lookup.opening import interpolate, open_map
 from fieldmap.lookup.soft_sphere import soft_sphere_force
 

@@ -7,10 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.interpolants import (
+    OUTSIDE_RULES,
+    Form,
+    Jump,
+    cell_form,
+    contract,
+    global_form,
+    hermite_form,
+    jump_between_cells,
+    set_size,
+)
 from fieldmap.kernels import lookup as kernels
 from fieldmap.lookup.actuation import Limits
 from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
-from fieldmap.lookup.cell_form import cell_form
 from fieldmap.lookup.checks import checked_currents, checked_vectors
 from fieldmap.lookup.compiled import closed_to_new_types
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
@@ -24,12 +34,8 @@ from fieldmap.lookup.doors import (
     result_array,
     with_currents,
 )
-from fieldmap.lookup.form import OUTSIDE_RULES, Form, contract, set_size
-from fieldmap.lookup.global_form import global_form
-from fieldmap.lookup.hermite_form import hermite_form
 from fieldmap.lookup.inverse_currents import checked_weight, currents_of_sum
 from fieldmap.lookup.inverse_saturating import currents_of_model
-from fieldmap.lookup.jumps import Jump, jump_between_cells
 from fieldmap.store import FieldError, MapData, MapInfo
 
 Array = NDArray[np.float64]

@@ -9,12 +9,12 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.interpolants.form import Form, header
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
+from fieldmap.interpolants.node_potential import node_potential
 from fieldmap.kernels import map_block
 from fieldmap.kernels.cell_harmonics import DEGREE, SIZE
 from fieldmap.kernels.solid_harmonics import regular_table
-from fieldmap.lookup.form import Form, header
-from fieldmap.lookup.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.lookup.node_potential import node_potential
 from fieldmap.store import FieldError, MapData
 
 Array = NDArray[np.float64]

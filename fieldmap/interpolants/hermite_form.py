@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.interpolants.form import Form, header
+from fieldmap.interpolants.node_potential import node_potential
 from fieldmap.kernels import hermite, map_block
-from fieldmap.lookup.form import Form, header
-from fieldmap.lookup.node_potential import node_potential
 from fieldmap.store import MapData
 
 Array = NDArray[np.float64]

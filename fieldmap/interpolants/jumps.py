@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.interpolants.form import Form
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.kernels import map_block
 from fieldmap.kernels.cell_harmonics import DEGREE, SIZE
-from fieldmap.lookup.form import Form
-from fieldmap.lookup.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.store import MapInfo
 
 Array = NDArray[np.float64]

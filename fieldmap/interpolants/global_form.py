@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.interpolants.form import Form, contract, header, set_size
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.kernels import lookup as kernels
 from fieldmap.kernels import map_block
-from fieldmap.lookup.form import Form, contract, header, set_size
-from fieldmap.lookup.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.store import FieldError, Grid, MapData
 
 Array = NDArray[np.float64]
