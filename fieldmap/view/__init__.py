@@ -1,6 +1,6 @@
-"""Pictures of devices and maps.
+"""Pictures of devices and maps, figures of the thesis.
 
-Depends on: device, iron (meshes of bodies that are no simple shape); pyvista, of which this
+Depends on: device, iron (meshes of bodies that are no simple shape), thesis; pyvista and matplotlib, of which this
 room is the only door. Nothing else imports it.
 """
 
