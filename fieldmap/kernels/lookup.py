@@ -30,6 +30,7 @@ from fieldmap.kernels.map_block import (
     node_number,
     superpose,
 )
+from fieldmap.kernels.scratch import cell_scratch
 from fieldmap.kernels.solid_harmonics import potential_sum, third_derivatives
 
 NAN = np.nan
@@ -126,7 +127,9 @@ def superposed_at(block, currents, x, y, z):
     if status != INSIDE:
         return status, (NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
     if block[KIND] == CELL_HARMONIC:
-        return status, _of_cell(block, _polynomial(block, i, j, k, currents), tx, ty, tz)
+        c = cell_scratch()
+        superpose(block, cell_number(block, i, j, k), cell_harmonics.SIZE, currents, c)
+        return status, _of_cell(block, c, tx, ty, tz)
     if block[KIND] == GLOBAL_HARMONIC:
         degree = int(block[DEGREE])
         table = np.empty(global_harmonics.ROWS * degree * degree)
@@ -168,7 +171,8 @@ def evaluate_with(block, currents, points, flux, slope):
     return outside
 
 
-@njit(**OUTER)
+# To release the interpreter's lock and take it back costs more than others could do in the meantime.
+@njit(**{**OUTER, "nogil": False})
 def evaluate_one(block, point, flux, slope):
     """Field and gradient at one point (3,); the status."""
     if point.shape[0] != 3 or flux.shape[0] != 3 or slope.shape != (3, 3):
@@ -178,7 +182,7 @@ def evaluate_one(block, point, flux, slope):
     return status
 
 
-@njit(**OUTER)
+@njit(**{**OUTER, "nogil": False})
 def evaluate_one_with(block, currents, point, flux, slope):
     """Field and gradient at one point (3,) and currents (n_coils,); the status."""
     if point.shape[0] != 3 or flux.shape[0] != 3 or slope.shape != (3, 3):
