@@ -3,8 +3,9 @@
     python scripts/benchmark.py [--only SECTION ...] [--quick] [--json]
 
 Sections: kernels (nanoseconds per point, beside magpylib), iron (error against seconds and unknowns for an iron disk,
-beside magpylib-material-response: the extra `bench`), controllers (steps per second) and lookup (a field from a map,
-beside five interpolation libraries of the same extra). Prints figures, not verdicts:
+beside magpylib-material-response: the extra `bench`), controllers (steps per second), lookup (a field from a map,
+beside five interpolation libraries of the same extra) and generation (points times coils per second, beside magpylib).
+Prints figures, not verdicts:
 the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
 
 A section is a module with `measure(quick) -> dict` (JSON-ready) and `show(result, console)`.
@@ -29,6 +30,7 @@ SECTIONS = {
     "iron": "benchmarks.iron_disk",
     "controllers": "benchmarks.controllers",
     "lookup": "benchmarks.lookup",
+    "generation": "benchmarks.generation",
 }
 
 

@@ -17,7 +17,7 @@ from dataclasses import asdict, replace
 
 from rich.console import Console
 from rich.table import Table
-from validation import axisymmetric, closed_forms, drive_units
+from validation import axisymmetric, closed_forms, drive_units, map_files
 from validation.row import Row
 
 from fieldmap.errors import FieldmapError
@@ -34,6 +34,8 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "unit_linear": (drive_units.unit_linear, 600),
     "unit_other_form": (drive_units.unit_other_form, 30),
     "unit_saturated": (drive_units.unit_saturated, 220),
+    "spoiled_maps": (map_files.spoiled_maps, 100),
+    "killed_runs": (map_files.killed_runs, 90),
 }
 
 
@@ -71,10 +73,7 @@ def show(rows: list[Row], console: Console) -> None:
         cost = (f"{row.faces}", f"{row.steps}", f"{row.seconds:.0f} ({row.cpu_seconds:.0f})")
         table.add_row(row.case, row.quantity, *numbers, *cost, row.note or row.source)
     console.print(table)
-    count = {
-        verdict: sum(row.verdict == verdict for row in rows)
-        for verdict in ("pass", "FAIL", "NOT RUN")
-    }
+    count = {verdict: sum(row.verdict == verdict for row in rows) for verdict in ("pass", "FAIL", "NOT RUN")}
     console.print(", ".join(f"{number} {verdict}" for verdict, number in count.items()), highlight=False)
 
 

@@ -70,3 +70,15 @@ def test_extrapolation_is_called_one(disk):
     theirs = [row(disk, t, 10 / t**0.5) for t in (1e4, 4e4, 9e4)]
     assert disk.comparison(ours, theirs)[-1].startswith("EXTRAPOLATED")
     assert "about 100000 times less" in disk.comparison(ours, theirs)[-1]
+
+
+def test_generation_is_held_against_magpylib_on_the_same_coils():
+    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "generation", "--quick", "--json"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    rows = json.loads(done.stdout)["generation"]["rows"]
+    assert all(row["rate"] > 0 for row in rows)
+    differences = [row["difference"] for row in rows if row["difference"] is not None]
+    # More shells, the same field: what magpylib computes is what we compute.
+    assert differences[0] > 10 * differences[1]
+    assert differences[-1] < 1e-6
+    assert sum("map of" in row["what"] for row in rows) == 1

@@ -1,0 +1,49 @@
+"""xarray with h5netcdf opens a finished, sealed map. FieldMesh and the openPMD validator: test_openpmd."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from fieldmap.store import write_map
+
+
+@pytest.fixture
+def xarray():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its own imports
+        import xarray
+    return xarray
+
+
+def test_xarray_reads_a_record_with_its_coordinates(xarray, make_map, tmp_path):
+    """As docs/map_file.md shows it."""
+    data = make_map(reference_current=2.0)
+    path = write_map(tmp_path / "map.h5", data)
+    for record, values in (("B_1", data.flux_density[0]), ("B_upper_left", data.flux_density[1])):
+        with xarray.open_dataset(
+            path, engine="h5netcdf", group=f"/data/0/meshes/{record}", phony_dims="sort"
+        ) as opened:
+            at = opened.attrs
+            assert list(opened) == ["x", "y", "z"]
+            for c, name in enumerate("xyz"):
+                np.testing.assert_allclose(opened[name].values, 2.0 * values[..., c], rtol=1e-15)
+                assert opened[name].attrs["unitSI"] == 1.0
+            axes = [
+                start + step * np.arange(count)
+                for start, step, count in zip(
+                    at["gridGlobalOffset"], at["gridSpacing"], opened["x"].shape, strict=True
+                )
+            ]
+            for ours, theirs in zip(data.grid.axes, axes, strict=True):
+                np.testing.assert_allclose(ours, theirs, atol=1e-15)
+
+
+def test_the_nine_components_of_a_gradient(xarray, make_map, tmp_path):
+    data = make_map()
+    path = write_map(tmp_path / "map.h5", data)
+    with xarray.open_dataset(
+        path, engine="h5netcdf", group="/data/0/meshes/gradB_1", phony_dims="sort"
+    ) as opened:
+        assert sorted(opened) == sorted(i + j for i in "xyz" for j in "xyz")
+        np.testing.assert_array_equal(opened["zx"].values, data.gradient[0, ..., 2, 0])
