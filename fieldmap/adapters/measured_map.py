@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.adapters.measurements import Measurements
 from fieldmap.errors import InputError, Problem
-from fieldmap.lookup.harmonic_matrix import field_matrix, gradient_matrix
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.store import FieldError, Grid, MapData, Provenance
 
 Array = NDArray[np.float64]
