@@ -13,7 +13,7 @@ from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapInfo
 from fieldmap.store.names import MESHES, OWN, TENSOR, VECTOR
 from fieldmap.store.openpmd import TESLA, TESLA_PER_METRE
-from fieldmap.store.partial import UNREADABLE, chunks_of
+from fieldmap.store.partial import UNREADABLE, planes_per_chunk
 from fieldmap.store.reader import check_record, opened_map, read_header, read_numbers
 from fieldmap.store.seal import REMAKE
 from fieldmap.store.trust import Refused, hard, stored
@@ -137,7 +137,8 @@ def _notes(info: MapInfo) -> tuple[str, ...]:
 
 def _check_completion(file: h5py.File, info: MapInfo) -> None:
     flags = stored(file, f"{OWN}/completion/chunks", "u")[()]
-    if flags.shape != (len(chunks_of(info.grid)),) or not (flags == 1).all():
+    parts = -(-info.grid.shape[0] // planes_per_chunk(info.grid))
+    if flags.shape != (parts,) or not (flags == 1).all():
         raise Refused(
             "every part flagged as written", f"{int(np.count_nonzero(flags))} of {flags.size}", REMAKE
         )

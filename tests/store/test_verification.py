@@ -155,3 +155,15 @@ def test_the_command_on_a_damaged_map(path, capsys):
     assert "SHA-256" in capsys.readouterr().err
     assert main(["check", str(path.with_name("none.h5"))]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+def test_a_header_that_claims_a_giant_grid_costs_nothing(path):
+    from fieldmap.store.record import write_text
+
+    def change(file):
+        header = json.loads(file["/fieldmap/header"][()])
+        write_text(file, "header", json.dumps(header | {"shape": [10**12, 2, 2]}))
+
+    found = " | ".join(spoiled(path, change))
+    assert "every part flagged" in found
+    assert "B_lower/z: float64 numbers of shape" in found
