@@ -34,6 +34,9 @@ def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[
     )
     if report.error is not None:
         yield "error", str(report.error)
+    if report.refinement:
+        meshes = (f"{100 * error:.2g} % at {faces:,}" for faces, error in report.refinement)
+        yield "refinement", f"estimates of B: {', '.join(meshes)} surface faces"
     yield "matrix", f"{report.matrix_bytes / 1e6:,.0f} MB, {report.storage or 'none'}"
     steps = ", ".join(f"{step} {seconds:.1f}" for step, seconds in report.seconds.items())
     yield "seconds", f"{report.total_seconds:.1f}: {steps}"

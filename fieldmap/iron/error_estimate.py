@@ -4,7 +4,9 @@ The potential form errs to one side in the energy, the flux form to the other: w
 resolve lies between the two on one mesh, and similar meshes that agree with each other cannot hide it. In the energy
 norm the mean of the two is half their distance from the truth (Prager and Synge, Quart. Appl. Math. 5 (1947) 241);
 half the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
-constant on each, shows between two meshes. The estimate is the larger of the two.
+constant on each, shows between two meshes, of which the estimate is for the coarser; where the shares of all faces in
+the error are known (`fieldmap.iron.refinement.indicators`), their sum is an estimate for the finer one. The smaller of
+these two counts. The estimate is the larger of that and the gap.
 """
 
 from dataclasses import dataclass
@@ -45,9 +47,9 @@ class Bracket:
 class ErrorEstimate:
     """Relative to the largest |B| and |grad B| in the workspace, for the worst coil.
 
-    flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one;
-    gap: (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of
-    the workspace, or None if only one form can be used.
+    flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
+    (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
+    workspace, or None if only one form can be used; shares: sum of the shares of all faces in the error of B, or None.
     """
 
     flux_density: float
@@ -55,11 +57,14 @@ class ErrorEstimate:
     change: tuple[float, float] | None
     gap: tuple[float, float] | None
     bracket: Bracket | None = None
+    shares: float | None = None
 
     def __str__(self) -> str:
         words = []
         if self.change is not None:
             words.append(f"B changes by {100 * self.change[0]:.2g} % between two meshes")
+        if self.shares is not None:
+            words.append(f"constant charges leave out {100 * self.shares:.2g} %")
         if self.gap is not None:
             words.append(f"{100 * self.gap[0]:.2g} % between the two forms on one mesh")
         bracket = "" if self.bracket is None else f"; {self.bracket}"
@@ -107,11 +112,16 @@ def workspace_surface(device: Device) -> Array:
 
 
 def estimate_error(
-    points: Array, solution: Solution, coarser: Solution | None, complement: Solution | None
+    points: Array,
+    solution: Solution,
+    coarser: Solution | None,
+    complement: Solution | None,
+    shares: float | None = None,
 ) -> ErrorEstimate:
     """Estimate at points (n, 3) from the same problem on a coarser mesh and in the other form; not without both.
 
-    The bracket is that of the point in the middle of all of them.
+    shares: sum of the shares of all faces in the error of B, where known. The bracket is that of the point in the
+    middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     places = np.vstack([points, middle])
@@ -120,13 +130,15 @@ def estimate_error(
     estimate = np.zeros(2)
     if coarser is not None:
         change = _difference(fields, coarser.unit_fields(places))
-        estimate = np.maximum(estimate, change)
+        estimate = np.array(change)
+        if shares is not None:
+            estimate[0] = min(estimate[0], shares)
     if complement is not None:
         others = complement.unit_fields(places)
         gap = _difference(fields, others)
         estimate = np.maximum(estimate, _GAP_SHARE * np.array(gap))
         bracket = _bracket(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
-    return ErrorEstimate(float(estimate[0]), float(estimate[1]), change, gap, bracket)
+    return ErrorEstimate(float(estimate[0]), float(estimate[1]), change, gap, bracket, shares)
 
 
 def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> Bracket:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.forms.bh_law import LawTables
 from fieldmap.iron.forms.flux_form import FluxForm
 from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.permeability import BodyProperties, body_properties
+from fieldmap.iron.forms.permeability import BodyProperties, body_properties, straight_laws
 from fieldmap.iron.forms.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.forms.state import IronState
 from fieldmap.iron.meshing.mesh import generate_mesh
@@ -67,27 +66,28 @@ def solve_linear(
     stages.next("mutual potentials of the faces", 0.1)
     iron = assemble(mesh)
     stages.next("coil fields and solution", 0.5)
-    solution = solved_in_form(device, iron, properties, tolerance, form, stages)
+    solution = solved_in_form(device, form_on(iron, form), properties, tolerance, stages)
     stages.done()
     return solution
 
 
+def form_on(iron: AssembledIron, form: str) -> ConvexForm[Any]:
+    """The potential or the flux form on a mesh."""
+    return PotentialForm(iron) if form == "potential" else FluxForm(iron)
+
+
 def solved_in_form(
-    device: Device,
-    iron: AssembledIron,
-    properties: BodyProperties,
-    tolerance: float,
-    form: str,
-    stages: Stages,
+    device: Device, problem: ConvexForm[Any], properties: BodyProperties, tolerance: float, stages: Stages
 ) -> LinearSolution:
     """One form on one mesh."""
-    state, unknowns, linkage = _solve(device, iron, properties, tolerance * _RESIDUAL_PER_TOLERANCE, form)
+    iron = problem.iron
+    state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
     report = SolverReport(
-        form=form,
+        form="potential" if isinstance(problem, PotentialForm) else "flux",
         tetrahedra=len(iron.mesh.tets),
         surface_faces=len(iron.surface.areas),
         charged_faces=len(state.faces.areas),
-        unknowns=unknowns,
+        unknowns=problem.elements.count,
         magnetic_bodies=iron.magnetic_bodies,
         iterations=state.iterations,
         residual=state.residuals[-1],
@@ -102,11 +102,10 @@ def solved_in_form(
 
 
 def _solve(
-    device: Device, iron: AssembledIron, properties: BodyProperties, tolerance: float, form: str
-) -> tuple[IronState, int, Array]:
-    """State, number of unknowns and flux linkages in one form."""
-    problem: ConvexForm[Any] = PotentialForm(iron) if form == "potential" else FluxForm(iron)
-    elements, body = problem.elements, iron.mesh.body
+    device: Device, problem: ConvexForm[Any], properties: BodyProperties, tolerance: float
+) -> tuple[IronState, Array]:
+    """State and flux linkages in one form."""
+    elements, body = problem.elements, problem.iron.mesh.body
     field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x))
     sources = len(device.coils)
     remanence = np.zeros((sources, len(body), 3))
@@ -114,20 +113,12 @@ def _solve(
         # The remanence is a source of its own, without any coil.
         field = elements.with_nothing(field)
         remanence = np.concatenate([remanence, properties.remanence[body][None]])
-    material = Magnetisation(body, _straight_laws(properties.mu_r), remanence)
+    material = Magnetisation(body, straight_laws(properties.mu_r), remanence)
     solved = problem.solve_linear(material, field, tolerance)
     strength = elements.strength_at_points(solved.potential, field, material)
     coils = elements.coil_field_at_points(field)
     linkage, _ = linkage_and_coenergy(elements.volume, material, strength, coils, coils[:sources])
-    return solved.iron, elements.count, linkage
-
-
-def _straight_laws(mu_r: Array) -> LawTables:
-    """One straight law per body."""
-    count = len(mu_r)
-    coefficients = np.zeros((count, 4))
-    coefficients[:, 2] = mu_r
-    return LawTables(np.arange(count + 1), np.zeros(count), coefficients, np.full((2, count), np.inf))
+    return solved.iron, linkage
 
 
 def chosen_form(form: str, properties: BodyProperties) -> str:

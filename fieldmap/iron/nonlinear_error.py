@@ -64,5 +64,7 @@ def state_error(
     device: Device, currents: Array, iron: IronState, coarser: IronState, complement: IronState
 ) -> ErrorEstimate:
     """Estimate for `iron` in the workspace, from the same currents on a coarser mesh and in the flux form."""
-    fields = [_StateFields(device.coils, currents, state) for state in (iron, coarser, complement)]
-    return estimate_error(workspace_surface(device), *fields)
+    fine, coarse, other = (
+        _StateFields(device.coils, currents, state) for state in (iron, coarser, complement)
+    )
+    return estimate_error(workspace_surface(device), fine, coarse, other)

@@ -17,7 +17,8 @@ class SolverReport:
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
     lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made;
     continuation: shares of the currents that had to be solved on the way, because Newton's method failed at all of
-    them at once; symmetry: what of the iron's symmetry was found and used, in words.
+    them at once; symmetry: what of the iron's symmetry was found and used, in words; refinement: surface faces and
+    estimated error of B of every mesh that was estimated on the way to a tolerance.
     """
 
     form: str
@@ -38,6 +39,7 @@ class SolverReport:
     continuation: tuple[float, ...] = ()
     symmetry: str = "none"
     storage: str = ""
+    refinement: tuple[tuple[int, float], ...] = ()
 
     @property
     def total_seconds(self) -> float:

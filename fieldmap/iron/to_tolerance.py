@@ -5,16 +5,18 @@ from dataclasses import replace
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry
-from fieldmap.iron.error_estimate import estimate_error, workspace_surface
+from fieldmap.iron.error_estimate import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.iron.forms.permeability import body_properties
-from fieldmap.iron.linear import check_arguments, chosen_form, coils_alone, solved_in_form
+from fieldmap.iron.linear import check_arguments, coils_alone
 from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble, fits_into_memory
+from fieldmap.iron.refinement.levels import Level
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.stages import Progress, Stages
 
-# Mesh sizes of the file are divided by these in turn; each step about doubles the number of faces.
-_REFINEMENTS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
+# Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
+START = 0.7
+_MOST_LEVELS = 8
 
 
 def solve_to_tolerance(
@@ -27,9 +29,11 @@ def solve_to_tolerance(
     """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
 
     tolerance: of the flux density, relative to its largest value in the workspace for each coil;
-    gradient_tolerance: of the gradient, 3 x tolerance if None. Meshes grow by a factor of about two in faces; the
-    estimate compares the last two of them, and both forms on the last (`fieldmap.iron.error_estimate`). Raises
-    NotConverged with the estimates so far when the next mesh would not fit into memory, otherwise as `solve_linear`.
+    gradient_tolerance: of the gradient, 3 x tolerance if None. Elements get smaller where the field in the workspace
+    depends on it (`fieldmap.iron.refinement`); the estimate compares the last two meshes and both forms on the last,
+    and adds up what charges constant on each face leave out (`fieldmap.iron.error_estimate`); `report.refinement` tells
+    the faces and estimates of all meshes. Raises NotConverged with the estimates so far when the next mesh would not
+    fit into memory, otherwise as `solve_linear`.
     """
     check_arguments(tolerance, 1.0, "auto")
     check_geometry(device)
@@ -38,32 +42,37 @@ def solve_to_tolerance(
     if not device.bodies:
         return coils_alone(device, {})
     limit = 3 * tolerance if gradient_tolerance is None else gradient_tolerance
-    stages, coarser, history = Stages(progress), None, []
-    form = chosen_form("auto", properties)
-    for level, refinement in enumerate(_REFINEMENTS):
-        stages.next(f"refinement {refinement:g}", level / len(_REFINEMENTS))
-        mesh = generate_mesh(device, refinement)
+    stages, history, sizes = Stages(progress), [], None
+    coarser: LinearSolution | None = None
+    for number in range(_MOST_LEVELS):
+        stages.next(f"mesh {number + 1}", number / _MOST_LEVELS)
+        mesh = generate_mesh(device, START, local=sizes)
         if not fits_into_memory(mesh):
             break
         iron = assemble(mesh)
-        solution = solved_in_form(device, iron, properties, tolerance, form, stages)
+        level = Level.solved(device, iron, properties, points, tolerance, stages)
         if coarser is not None:
-            other = "flux" if form == "potential" else ("potential" if properties.mu_r.min() >= 1 else None)
-            complement = (
-                None if other is None else solved_in_form(device, iron, properties, tolerance, other, stages)
-            )
-            error = estimate_error(points, solution, coarser, complement)
-            history.append(error.flux_density)
+            shares = level.face_shares.total
+            error = estimate_error(points, level.solution, coarser, level.complement, shares)
+            history.append((len(iron.surface.areas), error))
             if error.flux_density <= tolerance and error.gradient <= limit:
                 stages.done(str(error))
-                return replace(solution, report=replace(solution.report, error=error))
-        coarser = solution
+                return _with_error(level.solution, error, history)
+        stages.next(f"where mesh {number + 1} must be finer", (number + 0.7) / _MOST_LEVELS)
+        sizes, coarser = level.next_sizes(min(tolerance, limit / 3)), level.solution
     raise NotConverged(
         Problem(
             f"device '{device.name}'",
             f"the estimated error must fall to {tolerance:g} (gradient {limit:g}) on a mesh that fits into memory",
-            ", ".join(f"{value:.2g}" for value in history) or "no estimate",
+            ", ".join(f"{error.flux_density:.2g}" for _, error in history) or "no estimate",
             "loosen the tolerance, or give the bodies that matter smaller mesh sizes and the others larger ones",
         ),
-        residuals=tuple(history),
+        residuals=tuple(error.flux_density for _, error in history),
     )
+
+
+def _with_error(
+    solution: LinearSolution, error: ErrorEstimate, history: list[tuple[int, ErrorEstimate]]
+) -> LinearSolution:
+    refinement = tuple((faces, estimate.flux_density) for faces, estimate in history)
+    return replace(solution, report=replace(solution.report, error=error, refinement=refinement))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fieldmap.device.model import BHTable, Device, FluxBarrier, LinearMaterial, PermanentMagnet
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.bh_law import initial_mu_r
+from fieldmap.iron.forms.bh_law import LawTables, initial_mu_r
 
 Array = NDArray[np.float64]
 # An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
@@ -66,3 +66,11 @@ def _constant_mu_r(material, mu_r: float | None) -> tuple[float, str]:
         slope,
         f"iron '{material.name}': linear, mu_r = {slope:.0f}, the initial slope of its {of_what}; no saturation",
     )
+
+
+def straight_laws(mu_r: Array) -> LawTables:
+    """One straight law b = mu_r h for each body (b,)."""
+    count = len(mu_r)
+    coefficients = np.zeros((count, 4))
+    coefficients[:, 2] = mu_r
+    return LawTables(np.arange(count + 1), np.zeros(count), coefficients, np.full((2, count), np.inf))

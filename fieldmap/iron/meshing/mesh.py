@@ -13,6 +13,7 @@ from fieldmap.iron.cad.chamber import glue_chamber
 from fieldmap.iron.cad.solids import glue_bodies
 from fieldmap.iron.meshing.copies import ChamberCopies, MeshSymmetry
 from fieldmap.iron.meshing.edge_grading import grade_edges, sharp_edges
+from fieldmap.iron.meshing.local_sizes import LocalSizes, MesherCells
 from fieldmap.iron.meshing.rounding import equal_volume_vertices
 
 _MILLIMETRE = 1e-3
@@ -30,7 +31,8 @@ class IronMesh:
     """Tetrahedra of all iron bodies.
 
     points (n, 3) in m; tets (m, 4), positively oriented; body (m,) index into `body_names`.
-    Bodies that touch share points. symmetry: what maps the mesh onto itself exactly, where it was made so.
+    Bodies that touch share points. symmetry: what maps the mesh onto itself exactly, where it was made so; cells: the
+    mesher's own tetrahedra, before layers were cut at sharp edges, where the mesh is no copy of a chamber.
     """
 
     points: NDArray[np.float64]
@@ -38,33 +40,40 @@ class IronMesh:
     body: NDArray[np.int64]
     body_names: tuple[str, ...]
     symmetry: MeshSymmetry | None = None
+    cells: MesherCells | None = None
 
 
-def generate_mesh(device: Device, refinement: float = 1.0, symmetry: str = "none") -> IronMesh:
+def generate_mesh(
+    device: Device, refinement: float = 1.0, symmetry: str = "none", local: LocalSizes | None = None
+) -> IronMesh:
     """Mesh all iron bodies of a device.
 
     refinement: divides every element size of the device file (2 halves them); the first layer at sharp edges is
     divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
     symmetry: "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
-    mesh has the symmetry exactly; "none": meshed as a whole. Raises InputError for another word.
+    mesh has the symmetry exactly; "none": meshed as a whole. local: element sizes at points, where they are smaller
+    than those of the device file, and layers at sharp edges in their place. Raises InputError for another word.
     """
     if symmetry not in SYMMETRIES:
         raise InputError(
             Problem("symmetry", f"must be one of {', '.join(SYMMETRIES)}", repr(symmetry), 'try "auto"')
         )
     names = tuple(body.name for body in device.bodies)
-    size = np.array([b.edge_size or np.inf for b in device.bodies]) / refinement**2
-    chamber = _chamber(device) if symmetry == "auto" else None
+    layer = np.array([b.edge_size or np.inf for b in device.bodies]) / refinement**2
+    chamber = _chamber(device) if symmetry == "auto" and local is None else None
     shape = None if chamber is None else glue_chamber(device, chamber)
     if chamber is None or shape is None:
-        points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement)
+        points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement, local)
         sharp = sharp_edges(points, tets, edges, midpoints)
         points = equal_volume_vertices(points, tets, body, *midpoints)
-        points, tets, parent = grade_edges(points, tets, sharp, size[body], _LAYER_RATIO)
-        return IronMesh(points, oriented(points, tets), body[parent], names)
+        cells = points, tets
+        first = layer[body] if local is None else local.first_layer(points[tets].mean(axis=1))
+        points, tets, parent = grade_edges(points, tets, sharp, first, _LAYER_RATIO)
+        whole = MesherCells.of(*cells, parent)
+        return IronMesh(points, oriented(points, tets), body[parent], names, cells=whole)
     points, tets, body, edges, midpoints = _netgen_mesh(shape, device, refinement)
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
-    points, tets, parent = grade_edges(points, tets, sharp, size[body], _LAYER_RATIO)
+    points, tets, parent = grade_edges(points, tets, sharp, layer[body], _LAYER_RATIO)
     copies = ChamberCopies(chamber, points)
     tets = copies.tets(oriented(copies.points, tets))
     return IronMesh(copies.all_points(), tets, copies.bodies(body[parent]), names, copies.symmetry())
@@ -102,16 +111,21 @@ def volumes(points: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
 
 
-def _netgen_mesh(shape, device: Device, refinement: float):
+def _netgen_mesh(shape, device: Device, refinement: float, local: LocalSizes | None = None):
     """Points in m, tets, body index, CAD edges (k, 2), and the curved midpoints of all element edges."""
+    from netgen.meshing import MeshingParameters
     from netgen.occ import OCCGeometry
 
     sizes = {body.name: body.mesh_size / _MILLIMETRE / refinement for body in device.bodies}
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]
-    mesh = OCCGeometry(shape).GenerateMesh(
+    wanted = MeshingParameters(
         maxh=max(sizes.values()), grading=_GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement
     )
+    if local is not None:
+        for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):
+            wanted.RestrictH(*point, size)
+    mesh = OCCGeometry(shape).GenerateMesh(mp=wanted)
     index = {name: k for k, name in enumerate(sizes)}
     domain = np.array([index[mesh.GetMaterial(k + 1)] for k in range(mesh.GetNDomains())])
     elements = mesh.Elements3D().NumPy()

@@ -13,7 +13,7 @@ from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.operators.symmetric_mutual import SymmetricMutualPotential
 
 STORAGES = ("auto", "dense", "compressed")
-# Double matrix, single factor, and one single copy while it is factored.
+# Double matrix and double factor, where a single one is not positive definite; else 13 at peak, 12 kept.
 _BYTES_PER_PAIR = 16
 # Part of the machine's memory that one solve may take.
 _MEMORY_SHARE = 0.8

@@ -1,12 +1,14 @@
 """The mutual potentials of the surface faces and their inverse: what the forms ask of them, and the dense matrix."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 Array = NDArray[np.float64]
+# Numbers that are scaled at a time: 8 MB.
+_NUMBERS_AT_ONCE = 1_000_000
 
 
 class MutualPotential(Protocol):
@@ -50,13 +52,22 @@ class DenseMutualPotential:
     def __init__(self, matrix: Array) -> None:
         self.matrix = matrix
         self._scale = 1 / np.sqrt(np.diag(matrix))[:, None]
-        scaled = matrix * self._scale * self._scale.T
         try:
             self._factor = cho_factor(
-                scaled.astype(np.float32), lower=True, overwrite_a=True, check_finite=False
+                self._scaled(np.float32), lower=True, overwrite_a=True, check_finite=False
             )
         except LinAlgError:
-            self._factor = cho_factor(scaled, lower=True, overwrite_a=True)
+            self._factor = cho_factor(self._scaled(np.float64), lower=True, overwrite_a=True)
+
+    def _scaled(self, precision: type[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """The matrix with a unit diagonal, in Fortran's order, row by row: nothing else of its size is made."""
+        out = np.empty(self.matrix.shape, precision, order="F")
+        step = max(1, _NUMBERS_AT_ONCE // len(out))
+        for start in range(0, len(out), step):
+            here = slice(start, start + step)
+            # Symmetric: rows of the one are columns of the other.
+            out[:, here] = (self.matrix[here] * self._scale[here] * self._scale.T).T
+        return out
 
     @property
     def diagonal(self) -> Array:

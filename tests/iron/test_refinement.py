@@ -1,0 +1,181 @@
+"""Where the mesh must be finer: dipoles in the workspace, shares of faces and elements, sizes of the next mesh."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
+from fieldmap.iron.forms.permeability import body_properties
+from fieldmap.iron.linear import form_on, solved_in_form
+from fieldmap.iron.meshing.local_sizes import LocalSizes
+from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.meshing.topology import build_faces
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.operators.mutual import DenseMutualPotential
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.refinement.indicators import (
+    FaceShares,
+    element_indicators,
+    face_indicators,
+    smooth_neighbours,
+)
+from fieldmap.iron.refinement.sizes import next_sizes
+from fieldmap.iron.refinement.workspace_dipoles import WorkspaceDipoles
+from fieldmap.iron.stages import Stages
+
+PLACES = np.array([[0.005, 0.002, -0.02], [-0.01, 0.006, -0.015]])
+
+
+def device(mu_r=1000.0, size=0.01):
+    """A disk with a core in a coil, coarse."""
+
+    def body(name, radius, height, bottom):
+        at = Placement(np.array([0.0, 0.0, bottom]), np.eye(3))
+        return Body(name, "iron", (Part(Cylinder(radius, height), at),), size, 0.003)
+
+    at = Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
+    coil = CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
+    bodies = (body("disk", 0.03, 0.006, 0.0), body("core", 0.01, 0.04, 0.006))
+    return Device("electromagnet", "", (coil,), bodies, {"iron": LinearMaterial("iron", mu_r)})
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """Both forms, and both in the field of the dipoles."""
+    machine = device()
+    properties, iron = body_properties(machine, None), assemble(generate_mesh(machine))
+    forms = [form_on(iron, name) for name in ("potential", "flux")]
+    states = [solved_in_form(machine, form, properties, 1e-4, Stages(None)).state for form in forms]
+    dipoles = WorkspaceDipoles(PLACES)
+    return iron, properties, states, dipoles, [dipoles.magnetise(form, properties) for form in forms]
+
+
+def test_field_of_a_dipole():
+    """On its axis and across it; mu0 m = 1 T m^3."""
+    dipole = WorkspaceDipoles(np.array([[0.0, 0.0, 0.1]]))
+    b = dipole.flux_densities(np.array([[0.0, 0.0, 0.3], [0.2, 0.0, 0.1]]))
+    strength = 1 / (4 * np.pi * 0.2**3)
+    assert b[2] == pytest.approx(np.array([[0, 0, 2 * strength], [0, 0, -strength]]), abs=1e-12)
+    assert b[0] == pytest.approx(np.array([[-strength, 0, 0], [2 * strength, 0, 0]]), abs=1e-12)
+
+
+def test_dipoles_and_iron_are_reciprocal(solved):
+    """What one dipole's iron does at another is what the other's does at the first."""
+    *_, dual = solved
+    for state in dual:
+        b = state.faces.field(PLACES, state.density)
+        response = np.moveaxis(b, 2, 1).reshape(6, 6).reshape(6, 3, 2).swapaxes(1, 2).reshape(6, 6)
+        assert response == pytest.approx(response.T, abs=2e-3 * np.abs(response).max())
+        assert np.linalg.eigvalsh(0.5 * (response + response.T)).min() > 0
+
+
+def test_shares_of_the_elements_hold_the_gap_between_the_forms(solved):
+    """The gap of the field at the dipoles' places is the sum of the products, before they lose their signs."""
+    iron, properties, states, _, dual = solved
+    fields = [state.faces.field(PLACES, state.density)[0] for state in states]
+    size = np.array([np.abs(fields[0]).max()])
+    gap = np.abs(fields[0] - fields[1]).max() / size[0]
+    mu_r = properties.mu_r[iron.mesh.body]
+    volume = np.abs(np.linalg.det(np.diff(iron.mesh.points[iron.mesh.tets], axis=1))) / 6
+    total = element_indicators(volume, mu_r, tuple(states), tuple(dual), size).sum()
+    assert 0.7 * gap < total < 10 * gap
+
+
+def plate(slope):
+    """A flat grid of triangles, 4 x 4 squares of 10 mm with charges that rise by `slope` (2,) along x and y."""
+    x, y = np.meshgrid(*[0.01 * np.arange(5)] * 2, indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(25)])
+    corner = (5 * np.arange(4)[:, None] + np.arange(4)).ravel()
+    one, other = corner[:, None] + [0, 5, 6], corner[:, None] + [0, 6, 1]
+    return points, np.vstack([one, other]), lambda place: place[:, :2] @ np.asarray(slope)
+
+
+@pytest.mark.parametrize("slope", [(3.0, 0.0), (1.0, -2.0)])
+def test_shares_of_faces_are_the_energy_that_constant_charges_leave_out(slope):
+    """Against the mutual potentials of triangles cut in 64."""
+    points, triangles, charge = plate(slope)
+    surface = ChargedFaces.from_nodes(points, triangles)
+    values = charge(surface.centres)[None]
+    shares = face_indicators(surface, triangles, values, values, np.ones(1))
+    share = (shares.across + shares.rest).sum()
+    assert shares.total == pytest.approx(share)
+    nodes, cells, parent = points, triangles, np.arange(len(triangles))
+    for _ in range(3):
+        nodes, cells, parent = quartered(nodes, cells, parent)
+    fine = ChargedFaces.from_nodes(nodes, cells)
+    left = (charge(fine.centres) - values[0, parent]) * fine.areas
+    exact = left @ fine.mutual_potential() @ left
+    assert 0.5 < share / exact < 2.0
+
+
+def quartered(points, cells, parent):
+    a, b, c = (points[cells[:, k]] for k in range(3))
+    count = len(cells)
+    nodes = np.vstack([a, b, c, (a + b) / 2, (b + c) / 2, (c + a) / 2])
+    pieces = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    fine = np.vstack([np.arange(count)[:, None] + count * np.array(piece) for piece in pieces])
+    return nodes, fine, np.tile(parent, 4)
+
+
+def test_neighbours_are_not_looked_for_round_edges():
+    """Of a box every side is a surface of its own."""
+    box = Device(
+        "d",
+        "",
+        (),
+        (Body("b", "iron", (Part(Box((0.02, 0.03, 0.01))),), 0.008),),
+        {"iron": LinearMaterial("iron", 9.0)},
+    )
+    mesh = generate_mesh(box)
+    topology = build_faces(mesh)
+    surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
+    neighbours = smooth_neighbours(topology.nodes[topology.surface], surface.normals)
+    one, side = np.nonzero(neighbours >= 0)
+    assert np.allclose(surface.normals[one], surface.normals[neighbours[one, side]])
+    # Each side of a triangle is an edge of the box or has a neighbour.
+    assert (neighbours >= 0).sum() > 2 * len(neighbours)
+
+
+def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
+    machine = device(size=0.006)
+    mesh = generate_mesh(machine)
+    topology = build_faces(mesh)
+    surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
+    # All of the error on one side of the disk.
+    share = np.where(surface.centres[:, 0] > 0.02, surface.areas, 0.0)
+    none = np.zeros(len(share))
+    shares = FaceShares(none, share / share.sum(), none > 0, 1.0)
+    sizes = next_sizes(mesh, topology, surface, shares, np.zeros(len(mesh.tets)), 1e-3)
+    ratio, x = sizes.sizes / mesh.cells.sizes, sizes.points[:, 0]
+    assert ratio[x > 0.024].max() < 0.9
+    assert np.median(ratio[x < 0.01]) > 1.2
+    finer = generate_mesh(machine, local=sizes)
+    here = [m.points[m.tets].mean(axis=1)[:, 0] for m in (mesh, finer)]
+    assert (here[1] > 0.022).sum() > 1.3 * (here[0] > 0.022).sum()
+    assert (here[1] < 0.0).sum() < (here[0] < 0.0).sum()
+
+
+def test_layers_at_edges_are_as_asked():
+    """At one place of a disk's rim thin, elsewhere none."""
+    machine = device(size=0.008)
+    places = np.array([[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]])
+    sizes = LocalSizes(places, np.full(2, 0.008), places, np.array([0.0003, 1.0]))
+    mesh = generate_mesh(machine, local=sizes)
+    z, x = mesh.points[:, 2], mesh.points[:, 0]
+    lowest = [z[(z > 1e-9) & here].min() for here in (x > 0.02, x < -0.02)]
+    assert 1e-4 < lowest[0] < 5e-4
+    assert lowest[1] > 2e-3
+
+
+def test_memory_of_the_dense_factor_is_what_is_predicted():
+    """13 bytes a pair while it is made, 16 predicted."""
+    count = 1500
+    x = np.linspace(0, 1, count)
+    matrix = 1 / (1e-2 + np.abs(x[:, None] - x))
+    matrix += np.diag(matrix.sum(axis=1))
+    tracemalloc.start()
+    mutual = DenseMutualPotential(matrix)
+    peak = tracemalloc.get_traced_memory()[1] + matrix.nbytes
+    tracemalloc.stop()
+    assert mutual.bytes < peak < 16 * count**2 + 1.2e7
