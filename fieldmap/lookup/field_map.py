@@ -189,7 +189,7 @@ class FieldMap:
 
         With currents: B, G = function(data, x, y, z). Without: B, G = function(data, currents, x, y, z), the
         currents a float64 array (n_coils,) that may change from call to call. B is a tuple of three in T, G one
-        of three rows, G[i][j] = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
+        of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
         outside="clamp"; a compiled function cannot raise OutsideMapError.
         """
         if currents is None:
