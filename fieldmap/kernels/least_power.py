@@ -128,7 +128,7 @@ def _shortest_within(basis, start, low, high, x, active):
         return NO_END
     residual = columns @ u - target
     for k in range(n):
-        active[k] = (u[n + k] > 0.0) - (u[k] > 0.0)
+        active[k] = int(u[n + k] > 0.0) - int(u[k] > 0.0)
     if not abs(residual[d]) > 1e-14:
         return BEYOND_LIMITS
     x[:] = start - basis @ residual[:d] / residual[d]
@@ -235,7 +235,7 @@ def _within(basis, start, root, lower, upper, currents, active):
         return FOUND
     if basis.shape[1] == 0:
         for k in range(n):
-            active[k] = (start[k] > high[k] + slack) - (start[k] < low[k] - slack)
+            active[k] = int(start[k] > high[k] + slack) - int(start[k] < low[k] - slack)
         return BEYOND_LIMITS
     x = np.empty(n)
     status = _shortest_within(basis, start / scale, low / scale, high / scale, x, active)

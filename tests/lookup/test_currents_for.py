@@ -5,7 +5,6 @@ import pytest
 from scipy.optimize import linprog
 
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
-from fieldmap.kernels import least_power as kernels
 from fieldmap.kernels.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import capability, field_actuation, gradient_actuation, interpolate, wrench_actuation
 from fieldmap.store import Grid, MapData
@@ -106,59 +105,6 @@ def test_ten_thousand_feasible_demands_are_met(eight):
         assert (np.linalg.norm((given - wanted)[:, part], axis=1) / size).max() < 1e-9
 
 
-def random_case(rng):
-    """Matrix, limits, weights; some rows dependent, some limits one-sided or absent."""
-    n = int(rng.integers(1, 10))
-    matrix = rng.normal(size=(int(rng.integers(1, 7)), n))
-    if len(matrix) > 1 and rng.random() < 0.3:
-        matrix[-1] = matrix[0] - 2 * matrix[len(matrix) // 2]
-    low, high = -2 * rng.random(n), 2 * rng.random(n)
-    low[rng.random(n) < 0.2], high[rng.random(n) < 0.2] = 0.0, np.inf
-    return matrix, low, high, 0.2 + rng.random(n)
-
-
-def test_linear_programs_agree_on_what_is_feasible_and_what_is_least():
-    rng = np.random.default_rng(11)
-    counts = {True: 0, False: 0}
-    for _ in range(600):
-        matrix, low, high, weight = random_case(rng)
-        n = len(weight)
-        inner = low + rng.random(n) * (np.minimum(high, 2.0) - low)
-        demand = matrix @ inner * rng.choice([1.0, 1.5, 3.0])
-        currents, active = np.empty(n), np.empty(n, np.int64)
-        status = kernels.least_power(matrix, demand, low, high, weight, currents, active)
-        bounds = np.stack([low, high], axis=1)
-        judge = linprog(2 * weight * currents, A_eq=matrix, b_eq=demand, bounds=bounds)
-        possible = judge.status == 0 or judge.status == 3
-        assert (status == kernels.FOUND) == possible
-        counts[possible] += 1
-        if not possible:
-            continue
-        np.testing.assert_allclose(matrix @ currents, demand, rtol=0, atol=1e-10 * (1 + np.abs(demand).max()))
-        assert np.all((currents >= low) & (currents <= high))
-        # Convex: nothing feasible is less if the linear program with the power's own gradient finds nothing less.
-        here = 2 * weight @ currents**2
-        assert judge.status == 0
-        assert judge.fun == pytest.approx(here, rel=1e-7, abs=1e-9)
-    assert min(counts.values()) > 100
-
-
-def test_demands_on_the_edge_of_what_is_possible():
-    # The support function's own currents are the only ones: a hair inside is met, a hair outside refused.
-    rng = np.random.default_rng(2)
-    for _ in range(200):
-        matrix, n = rng.normal(size=(3, 6)), 6
-        corner = np.sign(rng.normal(size=3) @ matrix)
-        demand, currents, active = matrix @ corner, np.empty(n), np.empty(n, np.int64)
-        ones = np.ones(n)
-        inside = kernels.least_power(matrix, demand * (1 - 1e-8), -ones, ones, ones, currents, active)
-        assert inside == kernels.FOUND
-        np.testing.assert_allclose(matrix @ currents, demand * (1 - 1e-8), rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(currents, corner, atol=1e-5)
-        outside = kernels.least_power(matrix, demand * (1 + 1e-8), -ones, ones, ones, currents, active)
-        assert outside == kernels.BEYOND_LIMITS
-
-
 def test_what_is_infeasible_says_which_limits_bind_and_what_can_be_had(eight):
     position = np.array([0.0, 0.0, -0.06])
     with pytest.raises(Infeasible) as caught:
@@ -211,15 +157,6 @@ def test_nan_leaves_a_component_free(eight):
     row = wrench_actuation(eight, position, MOMENT).matrix[2]
     np.testing.assert_allclose(lift, 0.1 * row / (row @ row), rtol=1e-9)
     assert lift @ lift < exact @ exact
-
-
-def test_rows_of_rounding_do_not_command():
-    # On an axis of symmetry two rows are noise: asked to be zero, they must not cost anything.
-    matrix = np.array([[1e-18, -2e-18, 1e-18], [0.0, 1e-19, 1e-18], [0.3, 0.3, 0.4]])
-    currents, active, limit = np.empty(3), np.empty(3, np.int64), np.full(3, 9.0)
-    demand = np.array([0.0, 0.0, 1.0])
-    assert kernels.least_power(matrix, demand, -limit, limit, np.ones(3), currents, active) == kernels.FOUND
-    np.testing.assert_allclose(currents, matrix[2] / (matrix[2] @ matrix[2]), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
