@@ -2,8 +2,10 @@
 
 from fieldmap.planar.linear import solve_planar
 from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire
+from fieldmap.planar.nonlinear import solve_planar_state
 from fieldmap.planar.reader import read_planar_device
 from fieldmap.planar.solution import PlanarReport, PlanarSolution
+from fieldmap.planar.state import PlanarState
 from fieldmap.planar.stationary import StationaryPoint, stationary_points
 
 __all__ = [
@@ -12,10 +14,12 @@ __all__ = [
     "PlanarDevice",
     "PlanarReport",
     "PlanarSolution",
+    "PlanarState",
     "RectangularWire",
     "RoundWire",
     "StationaryPoint",
     "read_planar_device",
     "solve_planar",
+    "solve_planar_state",
     "stationary_points",
 ]

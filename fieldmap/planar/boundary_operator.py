@@ -1,4 +1,4 @@
-"""Harmonic functions of a domain from their boundary values: docs/theory/planar.md (13)-(19)."""
+"""Harmonic functions of a domain from their boundary values: docs/theory/planar.md (13)-(15)."""
 
 from dataclasses import dataclass
 

@@ -136,7 +136,7 @@ def _reaction(
     permeability: Array,
     wall_values: Array,
 ) -> Array:
-    """Vector potential (nodes, coils) that the iron adds at its nodes, per ampere: docs/theory/planar.md (22)."""
+    """Vector potential (nodes, coils) that the iron adds at its nodes, per ampere: docs/theory/planar.md (16)."""
     count = len(outline.nodes)
     right = -air.energy[:count, count:] @ wall_values
     matrix = air.energy[:count, :count].copy()

@@ -11,7 +11,7 @@ from fieldmap.planar.model import PlanarDevice
 
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
-_GRADING = 3
+GRADING = 3
 _SAME = 1e-9
 """Points closer than this share of the device's extent are one."""
 
@@ -32,15 +32,18 @@ class Outline:
     extent: float
 
 
-def make_outline(device: PlanarDevice, size: float) -> Outline:
-    """Panels no longer than `size`, m. Edges along which two bodies touch have the same panels on both sides."""
+def make_outline(device: PlanarDevice, size: float, grading: int = GRADING) -> Outline:
+    """Panels no longer than `size`, m, graded towards corners; grading 1 is none.
+
+    Edges along which two bodies touch have the same panels on both sides.
+    """
     polygons = [complex_points(body.corners) for body in device.bodies]
     wall = np.empty(0, dtype=complex) if device.walls is None else complex_points(device.walls)
     everything = np.concatenate([*polygons, wall])
     extent = float(np.hypot(np.ptp(everything.real), np.ptp(everything.imag))) if len(everything) else 1.0
     corners = np.concatenate(polygons) if polygons else np.empty(0, dtype=complex)
     register = _Register(_SAME * extent)
-    bodies = tuple(_panels(polygon, corners, size, register) for polygon in polygons)
+    bodies = tuple(_panels(polygon, corners, size, grading, register) for polygon in polygons)
     nodes = np.array(register.points, dtype=complex)
     ends = [p for k in range(len(wall)) for p in _graded(wall[k], wall[(k + 1) % len(wall)], size, 1)[:-1]]
     return Outline(nodes, bodies, _unshared(bodies), np.array(ends, dtype=complex), extent)
@@ -63,13 +66,13 @@ class _Register:
         return len(self.points) - 1
 
 
-def _panels(polygon: Complex, corners: Complex, size: float, register: _Register) -> Indices:
+def _panels(polygon: Complex, corners: Complex, size: float, grading: int, register: _Register) -> Indices:
     """Node pairs of one body, split where corners of others lie on its edges."""
     numbers: list[int] = []
     for k in range(len(polygon)):
         stops = _split(polygon[k], polygon[(k + 1) % len(polygon)], corners, register.tolerance)
         for start, end in pairwise(stops):
-            numbers += [register.number(point) for point in _graded(start, end, size)[:-1]]
+            numbers += [register.number(point) for point in _graded(start, end, size, grading)[:-1]]
     ring = np.array(numbers, dtype=np.int64)
     return np.column_stack([ring, np.roll(ring, -1)])
 
@@ -85,7 +88,7 @@ def _split(start: complex, end: complex, corners: Complex, tolerance: float) -> 
     return np.asarray(start + (end - start) * places, dtype=np.complex128)
 
 
-def _graded(start: complex, end: complex, size: float, grading: int = _GRADING) -> Complex:
+def _graded(start: complex, end: complex, size: float, grading: int) -> Complex:
     """Points of an edge: t^q / (t^q + (1 - t)^q), whose longest step is q times the mean (walls: 1)."""
     count = max(4, int(np.ceil(grading * abs(end - start) / size)))
     t = np.linspace(0.0, 1.0, count + 1)

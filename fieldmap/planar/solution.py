@@ -19,13 +19,17 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class PlanarReport:
-    """What a solution cost and rests on: panels on iron and walls, unknowns, seconds, assumptions."""
+    """What a solution cost and rests on: panels on iron and walls, unknowns, seconds of this process, assumptions.
+
+    residuals: of Newton's steps, relative; empty where the iron is linear.
+    """
 
     iron_panels: int
     wall_panels: int
     unknowns: int
     seconds: float
     assumptions: tuple[str, ...]
+    residuals: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,60 +61,80 @@ class PlanarSolution:
         Anywhere but inside a conductor and outside the walls, where InputError is raised.
         """
         first, _, _ = self.derivatives(points, currents)
-        return np.column_stack([first.real, -first.imag])
+        return as_field(first)
 
     def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
         """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j in T/m: symmetric, without trace. Arguments as in `field`."""
         _, second, _ = self.derivatives(points, currents)
-        return np.stack([second.real, -second.imag, -second.imag, -second.real], axis=-1).reshape(-1, 2, 2)
+        return as_gradient(second)
 
     def derivatives(self, points: ArrayLike, currents: ArrayLike) -> Complex:
         """f = B_x - i B_z and its first two derivatives (3, n) by x + i z: d2Bz/dx2 = -Im f''."""
-        places = self._places(points)
-        amperes = self._amperes(currents)
-        total = np.zeros((3, len(places)), dtype=complex)
-        for coil, ampere in zip(self.device.coils, amperes, strict=True):
-            total += ampere * coil_derivatives(coil, places)
+        places = field_places(self.device, points)
+        amperes = checked_currents(self.device, currents)
+        total = conductor_derivatives(self.device, amperes, places)
         outside = np.ones(len(places), dtype=bool)
         for region in self.regions:
             assert region.polygon is not None
             mine = inside(places, region.polygon)
             outside &= ~mine
-            total[:, mine] += _derivatives(region, places[mine], amperes)
-        if self.air.operator.panels.size:
-            total[:, outside] += _derivatives(self.air, places[outside], amperes)
+            total[:, mine] += harmonic_derivatives(region.operator, region.values @ amperes, places[mine])
+        total[:, outside] += harmonic_derivatives(
+            self.air.operator, self.air.values @ amperes, places[outside]
+        )
         return -1j * total
 
-    def _places(self, points: ArrayLike) -> Complex:
-        """Points as complex numbers; InputError for those without a field."""
-        array = check_signal("PlanarSolution(points)", points, 2).reshape(-1, 2)
-        places = complex_points(array)
-        for coil in self.device.coils:
-            for centre in wires(coil)[0]:
-                if isinstance(coil.wire, RoundWire):
-                    bad = np.abs(places - centre) < coil.wire.radius * (1 - 1e-9)
-                else:
-                    bad = inside(places, rectangle(centre, coil.wire))
-                _refuse(array, bad, f"outside the conductors of coil {coil.name}", "move the point")
-        if self.device.walls is not None:
-            beyond = ~inside(places, complex_points(self.device.walls))
-            _refuse(array, beyond, "inside the walls", "move the point, or widen the walls")
-        return places
 
-    def _amperes(self, currents: ArrayLike) -> Array:
-        count = len(self.device.coils)
-        return check_signal("PlanarSolution(currents)", currents, count).reshape(count)
+def as_field(f: Complex) -> Array:
+    """(n, 2) of (B_x, B_z) from f = B_x - i B_z."""
+    return np.column_stack([f.real, -f.imag])
 
 
-def _derivatives(region: Region, places: Complex, amperes: Array) -> Complex:
-    """Complex derivatives (3, n) of a region's own harmonic part."""
-    operator = region.operator
-    densities = operator.densities(region.values @ amperes)
-    return segment_derivatives(places, operator.starts, operator.ends, densities)
+def as_gradient(slope: Complex) -> Array:
+    """(n, 2, 2), G[i, j] = dB_i/dx_j, from f'."""
+    return np.stack([slope.real, -slope.imag, -slope.imag, -slope.real], axis=-1).reshape(-1, 2, 2)
+
+
+def field_places(device: PlanarDevice, points: ArrayLike) -> Complex:
+    """Points (n, 2) as complex numbers; InputError for those in a conductor or outside the walls."""
+    array = check_signal("planar field(points)", points, 2).reshape(-1, 2)
+    places = complex_points(array)
+    for coil in device.coils:
+        for centre in wires(coil)[0]:
+            if isinstance(coil.wire, RoundWire):
+                bad = np.abs(places - centre) < coil.wire.radius * (1 - 1e-9)
+            else:
+                bad = inside(places, rectangle(centre, coil.wire))
+            _refuse(array, bad, f"outside the conductors of coil {coil.name}", "move the point")
+    if device.walls is not None:
+        beyond = ~inside(places, complex_points(device.walls))
+        _refuse(array, beyond, "inside the walls", "move the point, or widen the walls")
+    return places
+
+
+def checked_currents(device: PlanarDevice, currents: ArrayLike) -> Array:
+    """Currents (n_coils,) in A; InputError for another number of them."""
+    count = len(device.coils)
+    return check_signal("planar field(currents)", currents, count).reshape(count)
+
+
+def conductor_derivatives(device: PlanarDevice, amperes: Array, places: Complex) -> Complex:
+    """First three derivatives (3, n) of the conductors' complex potential."""
+    total = np.zeros((3, len(places)), dtype=complex)
+    for coil, ampere in zip(device.coils, amperes, strict=True):
+        total += ampere * coil_derivatives(coil, places)
+    return total
+
+
+def harmonic_derivatives(operator: BoundaryOperator, values: Array, places: Complex) -> Complex:
+    """First three derivatives (3, n) of the harmonic function with these boundary values (nodes,), at places inside."""
+    if not operator.panels.size:
+        return np.zeros((3, len(places)), dtype=complex)
+    return segment_derivatives(places, operator.starts, operator.ends, operator.densities(values))
 
 
 def _refuse(points: Array, bad: NDArray[np.bool_], must: str, remedy: str) -> None:
     if bad.any():
         x, z = 1e3 * points[int(np.flatnonzero(bad)[0])]
         received = f"({x:g}, {z:g}) mm ({int(bad.sum())} such)"
-        raise InputError(Problem("PlanarSolution(points)", f"must lie {must}", received, remedy))
+        raise InputError(Problem("planar field(points)", f"must lie {must}", received, remedy))

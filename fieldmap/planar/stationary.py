@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from fieldmap.arguments import check_count, check_numbers, check_ordered
 from fieldmap.planar.solution import PlanarSolution
+from fieldmap.planar.state import PlanarState
 
 Array = NDArray[np.float64]
 _TOLERANCE = 1e-10
@@ -28,7 +29,12 @@ class StationaryPoint:
 
 
 def stationary_points(
-    unit: PlanarSolution, currents: ArrayLike, z: float, lower: float, upper: float, samples: int = 400
+    unit: PlanarSolution | PlanarState,
+    currents: ArrayLike,
+    z: float,
+    lower: float,
+    upper: float,
+    samples: int = 400,
 ) -> tuple[StationaryPoint, ...]:
     """All x of a window at height z where dB_z/dx = 0, in order; x and z in m, currents in A.
 
@@ -82,7 +88,7 @@ def _brackets(
     return found
 
 
-def _point(unit: PlanarSolution, currents: ArrayLike, x: float, z: float) -> StationaryPoint:
+def _point(unit: PlanarSolution | PlanarState, currents: ArrayLike, x: float, z: float) -> StationaryPoint:
     _, first, second = unit.derivatives([[x, z]], currents)[:, 0]
     # dBz/dz = -Re f', d2Bz/dx2 = -Im f''.
     stiffness = float(-np.sign(-first.real) * -second.imag)

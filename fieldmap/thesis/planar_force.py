@@ -1,6 +1,6 @@
 """S9: the force formulas of chapter 4 against the planar drive unit with the pole piece 8 mm thick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -8,8 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from fieldmap.device import read_device
 from fieldmap.levitation import Fit, HorizontalForce, VerticalForce, fit_horizontal_force, fit_vertical_force
-from fieldmap.planar import PlanarSolution, read_planar_device, solve_planar, stationary_points
+from fieldmap.planar import (
+    PlanarSolution,
+    read_planar_device,
+    solve_planar,
+    solve_planar_state,
+    stationary_points,
+)
 from fieldmap.thesis.registry import Ours
 
 Array = NDArray[np.float64]
@@ -125,12 +132,31 @@ def superposition(inputs: dict[str, Any]) -> dict[str, Any]:
     points = stationary_points(unit(), _CURRENT * np.array(currents), -depth, -HALF_WIDTH, HALF_WIDTH)
     if len(points) != 1:
         raise LookupError(f"{len(points)} points without horizontal force where one is expected")
-    words = (*unit().report.assumptions, _IRON, *growth_in_words((depth,), inputs["a_m"], currents))
+    words = (
+        *unit().report.assumptions,
+        _IRON,
+        _saturating_in_words(depth, currents),
+        *growth_in_words((depth,), inputs["a_m"], currents),
+    )
     ours = Ours(1e3 * points[0].x, words)
     return {
         "equilibrium": ours,
         "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), words),
     }
+
+
+def _saturating_in_words(depth: float, currents: tuple[float, float]) -> str:
+    """What becomes of the lift where the iron follows the B-H curve of Appendix A-3."""
+    steel = read_device("drive_unit_a3").materials["steel"]
+    device = replace(unit().device, materials={"iron": steel})
+    point, amperes = [[0.0, -depth]], _CURRENT * np.array(currents)
+    share = (
+        solve_planar_state(device, amperes).gradient(point)[0, 1, 1]
+        / unit().gradient(point, amperes)[0, 1, 1]
+    )
+    return (
+        f"with the B-H curve of Appendix A-3 the lift at x = 0 would be {share:.2f} times that of linear iron"
+    )
 
 
 def _zero(depth: float, a: float, currents: tuple[float, float]) -> float:

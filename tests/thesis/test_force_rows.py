@@ -46,6 +46,12 @@ def test_force_is_the_moment_times_the_gradient_and_superposes():
     )
 
 
+def test_real_iron_would_turn_the_lift_around():
+    """The lift at 1e6 A with the curve of A-3, against linear iron: reversed, whatever the law (67 T in the plate)."""
+    words = next(text for text in S9["equilibrium"].assumptions if "B-H curve" in text)
+    assert float(words.split(" times")[0].split()[-1]) == pytest.approx(-1.26, abs=0.02)
+
+
 def test_absolute_errors_grow_with_a_second_magnet_and_relative_ones_do_not():
     fit = horizontal_fit(LINE, 0.22).formula
     one, equal, unequal = (superposition_error(fit, pair, LINE) for pair in ((1, 0), (1, 1), (1.5, 0.5)))

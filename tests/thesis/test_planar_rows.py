@@ -32,6 +32,18 @@ def test_open_space_is_printed_beside_and_is_another_machine():
     assert all("open space" in n.assumptions for n in free)
 
 
+def test_saturating_iron_moves_them_by_less_than_three_millimetres():
+    """At 1000 A the iron is far from saturation; A-3's curve differs by its initial permeability of 1569."""
+    linear, curve = (
+        [n.ours for n in NUMBERS if n.name.startswith(f"{word}[") and n.place == "Table 2-3"]
+        for word in ("equilibrium", "equilibrium_with_curve")
+    )
+    assert len(linear) == len(curve) == 4
+    shift = [b - a for a, b in zip(linear, curve, strict=True)]
+    assert abs(shift[0]) < 0.1
+    assert all(0.5 < s < 3.0 for s in shift[1:])
+
+
 def test_three_points_become_one():
     counts = {n.name: n.ours for n in NUMBERS if n.place.endswith("Fig. 2-11")}
     assert counts["near"] == 3

@@ -1,0 +1,112 @@
+"""Triangles inside a polygon whose corners are given and stay: Delaunay triangles of these and of points between."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
+
+from fieldmap.errors import GeometryError, Problem
+from fieldmap.planar.plane_geometry import distance_to_edges, inside
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.int64]
+_GROWTH = 0.35
+"""Growth of the triangles' size with the distance from the boundary."""
+_CLEARANCE = 0.65
+"""Least distance of an inner point from the boundary, in units of the local size: keeps it out of the circles over
+the edges, so that these are edges of Delaunay's triangles."""
+_SMOOTHINGS = 6
+
+
+def triangulate(ring: Complex, size: float) -> tuple[Complex, Indices]:
+    """Points (n,), the ring's (m,) first, and triangles (t, 3), counter-clockwise, that fill the ring.
+
+    ring: corners of a simple polygon, counter-clockwise; triangles inside are no larger than about `size`, m. Raises
+    GeometryError where an edge of the ring is no edge of the triangles: corners sharper than about 60 degrees, or
+    edges longer than the iron is thick or a gap is wide.
+    """
+    inner = _inner_points(ring, size)
+    points = np.concatenate([ring, inner])
+    for _ in range(_SMOOTHINGS):
+        points[len(ring) :] = _smoothed(points, _triangles(points, ring), len(ring))
+    triangles = _triangles(points, ring)
+    _require_edges(triangles, ring)
+    return points, triangles
+
+
+def _sizes(places: Complex, ring: Complex, size: float) -> Array:
+    """Local size (n,): the nearest edges' length, growing with the distance from them."""
+    ends = np.roll(ring, -1)
+    length, middle = np.abs(ends - ring), 0.5 * (ring + ends)
+    local = np.full(len(places), size)
+    for start in range(0, len(places), 2000):
+        part = slice(start, start + 2000)
+        reach = length + _GROWTH * np.abs(places[part, None] - middle)
+        local[part] = np.minimum(size, reach.min(axis=1))
+    return local
+
+
+def _inner_points(ring: Complex, size: float) -> Complex:
+    """Middles of squares that are halved until they are no larger than the local size."""
+    low = complex(ring.real.min(), ring.imag.min())
+    across = max(np.ptp(ring.real), np.ptp(ring.imag))
+    count = int(np.ceil(across / size))
+    step = across / count
+    k = np.arange(count) + 0.5
+    squares = np.asarray((low + step * (k[:, None] + 1j * k)).ravel(), dtype=np.complex128)
+    found = []
+    while len(squares):
+        # Squares beyond the boundary by more than their diagonal hold no inner point.
+        near = inside(squares, ring) | (distance_to_edges(squares, ring) < 0.75 * step)
+        squares = squares[near]
+        large = step > 1.3 * _sizes(squares, ring, size)
+        found.append((squares[~large], step))
+        quarter = 0.25 * step * np.array([1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j])
+        squares, step = np.asarray((squares[large, None] + quarter).ravel()), 0.5 * step
+    points = np.concatenate([places for places, _ in found])
+    points = points[inside(points, ring)]
+    room = distance_to_edges(points, ring) > _CLEARANCE * _sizes(points, ring, size)
+    return np.asarray(points[room])
+
+
+def _triangles(points: Complex, ring: Complex) -> Indices:
+    """Delaunay triangles whose middles lie inside, counter-clockwise."""
+    corners = Delaunay(np.column_stack([points.real, points.imag])).simplices.astype(np.int64)
+    a, b, c = points[corners].T
+    area = 0.5 * ((b - a).conj() * (c - a)).imag
+    corners = np.where((area < 0)[:, None], corners[:, ::-1], corners)
+    extent = np.abs(points - points[0]).max()
+    solid = np.abs(area) > 1e-14 * extent**2
+    return np.asarray(corners[inside((a + b + c) / 3, ring) & solid])
+
+
+def _smoothed(points: Complex, triangles: Indices, fixed: int) -> Complex:
+    """Inner points moved half way to the mean of their neighbours, where that keeps their distance from the ring."""
+    total = np.zeros(len(points), dtype=complex)
+    count = np.zeros(len(points))
+    for one, other in ((0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)):
+        np.add.at(total, triangles[:, one], points[triangles[:, other]])
+        np.add.at(count, triangles[:, one], 1.0)
+    moved = 0.5 * (points + total / np.maximum(count, 1.0))[fixed:]
+    old = points[fixed:]
+    nearest = cKDTree(np.column_stack([points[:fixed].real, points[:fixed].imag]))
+    before = nearest.query(np.column_stack([old.real, old.imag]))[0]
+    after = nearest.query(np.column_stack([moved.real, moved.imag]))[0]
+    return np.where(after >= before * (1 - 1e-9), moved, old)
+
+
+def _require_edges(triangles: Indices, ring: Complex) -> None:
+    """Every edge of the ring is an edge of a triangle that lies on its left."""
+    count = len(ring)
+    have = {(int(t[i]), int(t[(i + 1) % 3])) for t in triangles for i in range(3)}
+    lost = [k for k in range(count) if (k, (k + 1) % count) not in have]
+    if lost:
+        x, z = 1e3 * ring[lost[0]].real, 1e3 * ring[lost[0]].imag
+        raise GeometryError(
+            Problem(
+                f"triangles inside the iron, edge at ({x:.4g}, {z:.4g}) mm ({len(lost)} such)",
+                "edges must be shorter than iron is thick and gaps are wide, corners no sharper than about 60 degrees",
+                "an edge that no triangle has",
+                "give a smaller size",
+            )
+        )
