@@ -14,7 +14,7 @@ def test_non_negative_least_squares_is_scipys():
         columns = rng.normal(size=(rows, n))
         columns /= np.linalg.norm(columns, axis=0)
         target, ours = rng.normal(size=rows), np.empty(n)
-        assert kernels.non_negative_least_squares(columns, target, ours)
+        assert kernels.non_negative_least_squares(np.ascontiguousarray(columns.T), target, ours)
         _, residual = nnls(columns, target)
         assert np.all(ours >= 0)
         assert np.linalg.norm(columns @ ours - target) == pytest.approx(residual, rel=1e-9, abs=1e-11)
