@@ -1,5 +1,7 @@
 import json
+import re
 import tomllib
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -10,7 +12,7 @@ from fieldmap.device.json_schema import schema_text
 from fieldmap.errors import DeviceFileError, GeometryError
 from fieldmap.planar import RectangularWire, RoundWire, read_planar_device, solve_planar
 from fieldmap.planar.json_schema import FILE
-from fieldmap.planar.schema import PlanarFile
+from fieldmap.planar.schema import PlanarBodyKeys, PlanarCoilKeys, PlanarFile, PlanarPayloadKeys, WallKeys
 from fieldmap.shipped import shipped_file, shipped_folder
 
 NAMES = ["planar_drive_unit", "planar_drive_unit_8mm"]
@@ -109,3 +111,16 @@ def test_schema_for_editors_is_in_step_and_accepts_the_shipped_files():
     assert text == schema_text(PlanarFile)
     for name in NAMES:
         jsonschema.validate(tomllib.loads(shipped_file("geometry", name).read_text()), json.loads(text))
+
+
+def test_the_example_of_the_page_is_a_device_file(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "planar.md").read_text()
+    file = tmp_path / "bar.toml"
+    file.write_text(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1])
+    device = read_planar_device(file)
+    assert device.moment == 0.8
+    assert solve_planar(device, 0.01).field([[0.1, 0.0]], [1.0]).shape == (1, 2)
+    written = set(re.findall(r"(\w+) =", page))
+    for table in (PlanarFile, PlanarBodyKeys, PlanarCoilKeys, WallKeys, PlanarPayloadKeys):
+        known = set(table.model_fields) - {"body", "coil", "walls", "payload", "provenance"}
+        assert known - written == set()
