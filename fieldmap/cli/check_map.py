@@ -43,7 +43,7 @@ def _contents(name: str, check: MapCheck) -> dict[str, Any]:
         "versions": dict(info.provenance.versions),
         "created": info.provenance.created,
         "interpolation_error": info.interpolation_error,
-        "error_bound": info.error_bound,
+        "error_bounds": info.error_bounds,
         "current_error": info.current_error,
         "notes": check.notes,
     }

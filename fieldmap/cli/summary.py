@@ -56,7 +56,7 @@ def summarise(path: Path, opened: Any) -> dict[str, Any]:
         },
         "reference_current": info.reference_current,
         "interpolation_error": info.interpolation_error,
-        "error_bound": info.error_bound,
+        "error_bounds": info.error_bounds,
         "current_error": info.current_error,
         "current_domain": _domain(info),
         "middle": middle(opened),

@@ -41,6 +41,10 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         sizes = f"{1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m"
         where = f"at sampled points, {summary['reference_current'][0]:g} A in every coil"
         yield "interpolation", f"within {sizes} of the solver {where}; mesh error not included"
+    bound = summary["error_bounds"].get("harmonic")
+    if bound is not None:
+        sizes = f"{1e6 * bound.flux_density:.2g} uT and {1e3 * bound.gradient:.2g} mT/m"
+        yield "certified", f"lookups (harmonic) are within {sizes} of the solver anywhere in the box"
     yield from _current_facts(summary)
 
 

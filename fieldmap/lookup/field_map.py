@@ -127,11 +127,13 @@ class FieldMap:
 
     @property
     def error_bound(self) -> FieldError | None:
-        """Certified bound on B (T) and gradient (T/m) against the solver; None until the map is certified.
+        """Certified bound on B (T) and gradient (T/m) against the solver, anywhere in the box, for currents up to the
+        reference currents; docs/theory/lookup.md (13).
 
-        `interpolation_error` is there without certification, but is only the largest of sampled differences.
+        None for the Hermite form, for maps of saturating iron, and where sources are too near for a certificate.
+        `interpolation_error` is there without one, but is only the largest of sampled differences.
         """
-        return self._info.error_bound
+        return self._info.error_bounds.get(self.kind)
 
     @property
     def interpolation_error(self) -> FieldError | None:

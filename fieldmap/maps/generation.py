@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device, PermanentMagnet
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
+from fieldmap.maps.certificate import certified_bounds
 from fieldmap.maps.fingerprint import fingerprint, library_versions
 from fieldmap.maps.interpolation import UnitFields, interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
@@ -20,7 +21,7 @@ from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_d
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
-from fieldmap.store import MapInfo, MapWriter, Provenance, open_writer, read_info
+from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer, read_info
 
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
@@ -114,7 +115,7 @@ def _say_resumed(writer: MapWriter, say: Progress) -> None:
 def _fill(writer: MapWriter, solution: UnitFields, about: Mapping[str, Any], say: Progress) -> None:
     """Fields at the nodes, and the rest of the file."""
     _evaluate(solution, writer, say)
-    say("measuring the interpolant against the solver", MEASURE)
+    say("certifying the lookup against the solver", MEASURE)
     _finish(solution, about, writer)
 
 
@@ -240,10 +241,11 @@ def _evaluate(solution: UnitFields, writer: MapWriter, say: Progress) -> None:
 def _finish(solution: UnitFields, about: Mapping[str, Any], writer: MapWriter) -> None:
     parts = [writer.read(chunk) for chunk in writer.chunks]
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
-    error = interpolation_error(writer.info.grid, flux, gradient, solution, np.array(writer.info.field_scale))
+    data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})
+    error, bounds = interpolation_error(data, solution), certified_bounds(data, solution)
     report: dict[str, Any] = asdict(solution.report) | dict(about)
     assumptions = tuple(report.pop("assumptions"))
-    writer.finish(report, assumptions, error)
+    writer.finish(report, assumptions, error, bounds)
 
 
 def _silent(message: str, fraction: float) -> None:

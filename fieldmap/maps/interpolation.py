@@ -1,15 +1,18 @@
 """How far the interpolant of a map lies from the solver between the nodes: measured where it is worst."""
 
 import itertools
+from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 import numpy as np
 
+from fieldmap.interpolants import Form, contract, hermite_form, set_size
 from fieldmap.iron import SolverReport
-from fieldmap.kernels import hermite
-from fieldmap.store import FieldError, Grid
+from fieldmap.kernels import lookup as kernels
+from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.store.grid import Array
 
+Pair = tuple[Array, Array]
 RANDOM_POINTS = 200
 SEED = 20240229
 
@@ -41,33 +44,38 @@ def sample_points(grid: Grid) -> Array:
     return np.concatenate([random, centres])
 
 
-def interpolation_error(
-    grid: Grid, flux_density: Array, gradient: Array, solution: UnitFields, scale: Array
-) -> FieldError:
-    """Largest difference between interpolant and solver over the sample points.
+def interpolation_error(data: MapData, solution: UnitFields) -> FieldError:
+    """Largest difference between the Hermite form and the solver over the sample points.
 
-    flux_density (n_fields, nx, ny, nz, 3) and gradient (.., 3, 3) per ampere at the nodes. The norm of each
-    field's difference times its `scale` (n_fields,), a coil's reference current, is summed over the fields, so the
-    figure holds at the sampled
-    points for any currents up to these, whatever their signs. A sample, not a bound.
+    The norm of each field's difference times its scale, a coil's reference current, is summed over the fields, so the
+    figure holds at the sampled points for any currents up to these, whatever their signs. A sample, not a bound.
     """
-    points = sample_points(grid)
-    exact, exact_slope = solution.unit_fields(points)
-    flux, slope = _interpolate(grid, flux_density, gradient, points)
-    of_flux = np.linalg.norm(flux - exact, axis=2)
-    of_slope = np.linalg.norm(slope - exact_slope, axis=(2, 3))
-    return FieldError(float((scale @ of_flux).max()), float((scale @ of_slope).max()))
+    points = sample_points(data.grid)
+    form = hermite_form(data, "raise")
+    return FieldError(*map(float, difference_to_solver(form, data, points, solution)))
 
 
-def _interpolate(grid: Grid, flux_density: Array, gradient: Array, points: Array) -> tuple[Array, Array]:
-    """(n_coils, n, 3) and (n_coils, n, 3, 3) from the nodes, as a lookup of the finished map gives them."""
-    n_coils, n = len(flux_density), len(points)
-    channels = 3 * n_coils
-    values = np.ascontiguousarray(np.moveaxis(flux_density, 0, 3)).reshape(*grid.shape, channels)
-    slopes = np.ascontiguousarray(np.moveaxis(gradient, 0, 3)).reshape(*grid.shape, channels, 3)
-    spacing, lower = np.array(grid.spacing), np.array(grid.lower)
-    coefficients = hermite.nodal_coefficients(values, slopes, spacing)
-    flux, slope = np.empty((n, channels)), np.empty((n, channels, 3))
-    hermite.field_and_gradient(coefficients, lower, spacing, points, flux, slope)
-    by_coil = np.moveaxis(flux.reshape(n, n_coils, 3), 1, 0)
-    return by_coil, np.moveaxis(slope.reshape(n, n_coils, 3, 3), 1, 0)
+def difference_to_solver(form: Form, data: MapData, points: Array, solution: UnitFields) -> Array:
+    """(2,): largest sum over the fields of the scaled norms of the differences at points (n, 3): B and gradient."""
+    return _largest(_by_field(form, points), zip(*solution.unit_fields(points), strict=True), data)
+
+
+def difference_of_forms(one: Form, other: Form, data: MapData, points: Array) -> Array:
+    """The same between two forms of one map."""
+    return _largest(_by_field(one, points), _by_field(other, points), data)
+
+
+def _by_field(form: Form, points: Array) -> Iterator[tuple[Array, Array]]:
+    """Field (n, 3) and gradient (n, 3, 3) of one coil after the other, per ampere."""
+    for one in np.eye(form.n_coils):
+        flux, slope = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
+        kernels.evaluate(contract(form.unit, one, set_size(form.unit)), points, flux, slope)
+        yield flux, slope
+
+
+def _largest(ours: Iterable[Pair], theirs: Iterable[Pair], data: MapData) -> Array:
+    total: list[Array | float] = [0.0, 0.0]
+    for scale, (flux, slope), (exact, exact_slope) in zip(data.field_scale, ours, theirs, strict=True):
+        total[0] = total[0] + scale * np.linalg.norm(flux - exact, axis=1)
+        total[1] = total[1] + scale * np.linalg.norm(slope - exact_slope, axis=(1, 2))
+    return np.array([np.max(part) for part in total])

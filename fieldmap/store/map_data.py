@@ -46,7 +46,8 @@ class MapInfo:
 
     reference_current (n_coils,): the currents, A, at which the file states its fields.
     interpolation_error: largest difference found between interpolant and solver at sampled points, summed
-    over the coils at their reference currents; a sample, no bound. error_bound: certified bound, or None.
+    over the coils at their reference currents; a sample, no bound. error_bounds: certified
+    bounds by kind of lookup, empty for a map that is not certified.
     reduced_model: where iron saturates, what turns currents into the weights of the iron's fields; None where the
     field is linear in the currents. current_error: largest difference between that model and the solver on
     states that were not used to train it.
@@ -57,7 +58,7 @@ class MapInfo:
     reference_current: Array
     provenance: Provenance = field(default_factory=Provenance)
     interpolation_error: FieldError | None = None
-    error_bound: FieldError | None = None
+    error_bounds: Mapping[str, FieldError] = field(default_factory=dict)
     reduced_model: ReducedModel | None = None
     current_error: FieldError | None = None
 

@@ -71,7 +71,7 @@ def report_of(info: MapInfo) -> dict[str, Any]:
         "solver_report": dict(info.provenance.solver_report),
         "assumptions": list(info.provenance.assumptions),
         "interpolation_error": _error_keys(info.interpolation_error),
-        "error_bound": _error_keys(info.error_bound),
+        "error_bounds": {kind: _error_keys(error) for kind, error in info.error_bounds.items()},
         "current_error": _error_keys(info.current_error),
     }
 
@@ -101,7 +101,7 @@ def info_from(
         reference_current=np.array(header["reference_current_A"]),
         provenance=provenance,
         interpolation_error=_error_from(report["interpolation_error"]),
-        error_bound=_error_from(report["error_bound"]),
+        error_bounds=_bounds_from(report["error_bounds"]),
         reduced_model=reduced_model,
         current_error=_error_from(report.get("current_error")),
     )
@@ -137,3 +137,10 @@ def _error_from(keys: Mapping[str, float] | None) -> FieldError | None:
     if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
         raise ValueError(f"a stated error of {numbers}")
     return FieldError(*numbers)
+
+
+def _bounds_from(keys: Mapping[str, Mapping[str, float]]) -> dict[str, FieldError]:
+    bounds = {str(kind): _error_from(error) for kind, error in keys.items()}
+    if any(error is None for error in bounds.values()):
+        raise ValueError("a certified bound without numbers")
+    return {kind: error for kind, error in bounds.items() if error is not None}

@@ -129,7 +129,7 @@ def _notes(info: MapInfo) -> tuple[str, ...]:
         "no recipe": not source.recipe_text,
         "no device file: payload and driver are not known": not source.device_text,
         "no error stated: how far its interpolant is from the solver is not known": (
-            info.interpolation_error is None and info.error_bound is None
+            info.interpolation_error is None and not info.error_bounds
         ),
     }
     return tuple(text for text, is_missing in missing.items() if is_missing)

@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import h5py
@@ -131,7 +132,7 @@ class MapWriter:
         solver_report: Mapping[str, Any],
         assumptions: tuple[str, ...] = (),
         interpolation_error: FieldError | None = None,
-        error_bound: FieldError | None = None,
+        error_bounds: Mapping[str, FieldError] = MappingProxyType({}),
     ) -> Path:
         """Complete the file and move it to its name. All chunks must be written. Returns the path."""
         if self.missing:
@@ -142,7 +143,7 @@ class MapWriter:
                 self.info.provenance, solver_report=solver_report, assumptions=tuple(assumptions)
             ),
             interpolation_error=interpolation_error,
-            error_bound=error_bound,
+            error_bounds=error_bounds,
         )
         with disk_errors(self._target):
             self._write_total()
@@ -192,7 +193,7 @@ def write_map(target: str | os.PathLike[str], data: MapData) -> Path:
             writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
         source = data.provenance
         return writer.finish(
-            source.solver_report, source.assumptions, data.interpolation_error, data.error_bound
+            source.solver_report, source.assumptions, data.interpolation_error, data.error_bounds
         )
 
 

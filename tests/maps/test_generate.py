@@ -90,7 +90,7 @@ def test_recorded_interpolation_error_is_what_other_points_show(path, rig):
     recorded = opened.interpolation_error
     assert of_flux == pytest.approx(recorded.flux_density, rel=0.5)
     assert of_slope == pytest.approx(recorded.gradient, rel=0.5)
-    assert opened.error_bound is None
+    assert opened.error_bound is None  # of this form
 
 
 def test_half_the_spacing_gives_a_sixteenth_of_the_error(rig, recipe_text):

@@ -1,0 +1,98 @@
+"""The certificate of a map is a bound, and no loose one: against exact coils at many points, near all its faces too."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.lookup import open_map
+from fieldmap.maps import generate
+from fieldmap.maps.certificate import between_samples, box_surface, certified_bounds
+from fieldmap.sources import unit_flux_densities
+from fieldmap.store import Grid, read_map
+
+
+def dense_points(opened, count=20_000):
+    """Random points in the box, and as many pushed onto its surface and onto the faces of its cells."""
+    draw = np.random.default_rng(5)
+    points = opened.lower + draw.random((count, 3)) * (opened.upper - opened.lower)
+    on_surface, on_cells = points.copy(), points.copy()
+    axis = draw.integers(0, 3, count)
+    ends = np.where(draw.random(count) < 0.5, opened.lower[axis], opened.upper[axis])
+    on_surface[np.arange(count), axis] = ends
+    grid = opened.info.grid
+    steps = np.round((points - grid.lower) / grid.spacing)
+    on_cells[np.arange(count), axis] = (grid.lower + steps * grid.spacing)[np.arange(count), axis]
+    return np.clip(np.vstack([points, on_surface, on_cells]), opened.lower, opened.upper)
+
+
+@pytest.mark.parametrize("kind", ["harmonic", "global"])
+def test_nothing_is_further_off_than_the_bound(rig, kind):
+    opened = open_map(generate(rig / "recipe.toml", rig / "map.h5"), kind)
+    points = dense_points(opened)
+    # The coils of this device have no iron: their exact field is that of the sources alone.
+    exact = unit_flux_densities(read_device(rig / "pair.toml").coils, points)
+    error = np.linalg.norm(opened.unit_field(points).swapaxes(0, 1) - exact, axis=2).sum(axis=0).max()
+    bound = opened.error_bound.flux_density
+    assert error <= bound
+    # Chebyshev points cost a factor of up to 6.8 and 4.
+    assert bound < 12 * error
+
+
+def test_gradient_is_bounded_by_differences_of_the_exact_field(rig):
+    opened = open_map(generate(rig / "recipe.toml", rig / "map.h5"))
+    coils, step = read_device(rig / "pair.toml").coils, 1e-5
+    points = np.clip(dense_points(opened, 300), opened.lower + step, opened.upper - step)
+    ours = opened.unit_gradient(points).swapaxes(0, 1)
+    slopes = [
+        (unit_flux_densities(coils, points + s) - unit_flux_densities(coils, points - s)) / (2 * step)
+        for s in step * np.eye(3)
+    ]
+    error = np.linalg.norm(ours - np.stack(slopes, axis=-1), axis=(2, 3)).sum(axis=0).max()
+    assert error <= opened.error_bound.gradient < 30 * error
+
+
+def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig):
+    """The certificate compares with the solver, not with the nodes."""
+    data = read_map(generate(rig / "recipe.toml", rig / "map.h5"))
+    coils = read_device(rig / "pair.toml").coils
+
+    def louder(points):
+        flux = 1.01 * unit_flux_densities(coils, points)
+        return flux, np.zeros((*flux.shape, 3))
+
+    bounds = certified_bounds(data, SimpleNamespace(unit_fields=louder))
+    largest = np.linalg.norm(data.flux_density, axis=-1).reshape(len(coils), -1).sum(axis=0).max()
+    assert bounds["harmonic"].flux_density > 0.009 * largest
+
+
+def test_forms_without_a_certificate_say_so(rig):
+    assert open_map(generate(rig / "recipe.toml", rig / "map.h5"), "hermite").error_bound is None
+
+
+@pytest.mark.parametrize(("count", "degree"), [(24, 18), (12, 8), (5, 4)])
+def test_polynomials_stay_below_samples_times_the_factor(count, degree):
+    """Ehlich and Zeller, in two variables; worst of many random polynomials, and of cos(degree arccos)."""
+    draw, dense = np.random.default_rng(1), np.linspace(-1, 1, 201)
+    nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
+    chebyshev = np.polynomial.chebyshev.chebval2d
+    worst = 0.0
+    for trial in range(200):
+        c = (
+            draw.normal(size=(degree + 1, degree + 1))
+            if trial
+            else np.eye(degree + 1)[-1:].T * np.eye(degree + 1)[-1:]
+        )
+        there = np.abs(chebyshev(*np.meshgrid(dense, dense), c)).max()
+        worst = max(worst, there / np.abs(chebyshev(*np.meshgrid(nodes, nodes), c)).max())
+    assert 1.0 < worst <= between_samples(count, degree) * (1 + 1e-12)
+
+
+def test_samples_lie_on_all_six_faces():
+    grid = Grid([0.0, 1.0, 2.0], [0.5, 0.25, 1.0], (3, 5, 2))
+    points = box_surface(grid, 4)
+    assert points.shape == (96, 3)
+    for axis in range(3):
+        for end in (grid.lower[axis], grid.upper[axis]):
+            assert (points[:, axis] == end).sum() == 16
