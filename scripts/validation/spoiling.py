@@ -71,7 +71,7 @@ def small_map() -> MapData:
             "now",
         ),
         FieldError(1e-9, 2e-7),
-        None,
+        {"harmonic": FieldError(2e-9, 3e-7)},
         model,
         FieldError(1e-6, 2e-5),
         flux_density=rng.normal(size=(2, *grid.shape, 3)),

@@ -27,7 +27,7 @@ def make_map(coil_names=("1", "upper left"), reference_current=1.0, shape=(4, 3,
         np.full(n, reference_current),
         Provenance(**(record | provenance)),
         FieldError(1e-9, 2e-7),
-        None,
+        {"harmonic": FieldError(2e-9, 3e-7), "global": FieldError(1e-9, 2e-7)},
         flux_density=rng.normal(size=(n, *shape, 3)),
         gradient=rng.normal(size=(n, *shape, 3, 3)),
     )

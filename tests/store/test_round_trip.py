@@ -20,7 +20,7 @@ def test_everything_comes_back(data, tmp_path):
     assert again.coil_names == ("1", "upper left")
     assert again.provenance == data.provenance
     assert again.interpolation_error == FieldError(1e-9, 2e-7)
-    assert again.error_bound is None
+    assert again.error_bounds == {"harmonic": FieldError(2e-9, 3e-7), "global": FieldError(1e-9, 2e-7)}
     assert not partial_path(path).exists()
     assert read_info(path).provenance == data.provenance
 
