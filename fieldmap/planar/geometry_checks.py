@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.device.polygons import signed_area
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.planar.conductors import complex_points, rectangle, wires
 from fieldmap.planar.model import PlanarCoil, PlanarDevice, RoundWire
@@ -23,7 +24,16 @@ def check_planar_geometry(device: PlanarDevice) -> None:
 
 
 def _bodies(device: PlanarDevice) -> list[Problem]:
-    found = []
+    found = [
+        Problem(
+            f"{device.name}: body {body.name}",
+            "corners must run counter-clockwise, x to the right and z up",
+            "a clockwise polygon",
+            "reverse their order",
+        )
+        for body in device.bodies
+        if signed_area(body.corners.tolist()) <= 0
+    ]
     for one, other in combinations(device.bodies, 2):
         first, second = complex_points(one.corners), complex_points(other.corners)
         if _overlap(first, second):

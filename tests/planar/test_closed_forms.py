@@ -35,8 +35,9 @@ def test_line_current_beside_a_cylinder_converges_to_its_images(mu_r, build, cir
         within = np.abs(as_complex(unit.field(inside, [ampere])) - inner).max() / np.abs(inner).max()
         errors.append([outside, within])
     errors = np.array(errors)
-    assert errors[-1].max() < 4e-3
-    assert np.all(np.log2(errors[:-1] / errors[1:]) > 1.3)
+    assert errors[-1, 0] < 5e-6
+    assert errors[-1, 1] < 1e-3
+    assert np.all(np.log2(errors[:-1] / errors[1:]) > [2.5, 1.3])
 
 
 def test_cylinder_in_a_uniform_field(build, circle):
@@ -199,3 +200,28 @@ def test_no_flux_passes_the_walls(build, rectangle):
     # The places are ends of panels, where the linear potential's slope is off by one order.
     assert through[-1] < 2.5e-2
     assert np.all(np.log2(np.divide(through[:-1], through[1:])) > 0.9)
+
+
+def half_ring(count, inner, outer, side):
+    """Half of a regular ring, x of this sign; `count` edges on each arc, areas those of circles."""
+    t = np.pi / count
+    scale = np.sqrt(t / np.sin(t))
+    angle = np.linspace(0, np.pi, count + 1) - np.pi / 2 + (0 if side > 0 else np.pi)
+    arc = np.column_stack([np.cos(angle), np.sin(angle)]) * scale
+    return np.concatenate([outer * arc, inner * arc[::-1]])
+
+
+def test_a_closed_shell_of_two_halves_shields_as_its_series_says(build):
+    """Uniform field in a cylindrical shell: 4 mu / ((mu + 1)^2 - (a/b)^2 (mu - 1)^2) of that outside."""
+    inner, outer, mu_r, far = 0.08, 0.1, 200.0, 50.0
+    expected = 4 * mu_r / ((mu_r + 1) ** 2 - (inner / outer) ** 2 * (mu_r - 1) ** 2)
+    points = np.array([[0.0, 0.0], [0.03, 0.04], [-0.05, 0.01]])
+    applied = line_currents(points, [(1j * far, 1.0), (-1j * far, -1.0)])
+    errors = []
+    for count in (16, 32):
+        halves = {"right": half_ring(count, inner, outer, 1), "left": half_ring(count, inner, outer, -1)}
+        device = build(halves, [([[0.0, far]], [[0.0, -far]])], mu_r)
+        found = as_complex(solve_planar(device, size=1.0).field(points, [1.0])) / applied
+        errors.append(np.abs(found - expected).max() / expected)
+    assert errors[1] < 1e-2
+    assert errors[1] < 0.5 * errors[0]

@@ -89,6 +89,12 @@ def test_overlapping_bodies(build, rectangle):
             solve_planar(device)
 
 
+def test_clockwise_corners(build, rectangle):
+    device = build({"one": rectangle(0, 0, 0.1, 0.1)[::-1]}, [([[0.5, 0.5]], [])])
+    with pytest.raises(GeometryError, match="counter-clockwise"):
+        solve_planar(device)
+
+
 def test_rectangular_conductors(tmp_path):
     file = tmp_path / "machine.toml"
     file.write_text(
