@@ -36,6 +36,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "unit_saturated": (drive_units.unit_saturated, 220),
     "spoiled_maps": (map_files.spoiled_maps, 100),
     "killed_runs": (map_files.killed_runs, 90),
+    "killed_training": (map_files.killed_training, 250),
 }
 
 

@@ -66,7 +66,7 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
         raise
     except InputError as error:
         raise MapFileError(
-            *(Problem(where, p.must_hold, p.received, REMAKE) for p in error.problems)
+            *(Problem(where, f"{p.where}: {p.must_hold}", p.received, REMAKE) for p in error.problems)
         ) from error
     except PermissionError as error:
         remedy = "give yourself the right to read it"

@@ -19,7 +19,10 @@ def write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
     group = file.create_group(REDUCED_MODEL)
     for field in fields(model):
         values = getattr(model, field.name)
-        group.create_dataset(field.name, data=values, fletcher32=bool(values.size) or None)
+        # What HDF5 gives for a block that it does not find is no number of any model.
+        missing = np.nan if values.dtype.kind == "f" else -1
+        checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}
+        group.create_dataset(field.name, data=values, **checked)
 
 
 def read_reduced_model(file: h5py.File) -> ReducedModel:

@@ -162,8 +162,8 @@ def other_record(file: h5py.File, path: str, rng: Generator) -> None:
 
 
 def giant(file: h5py.File, path: str, rng: Generator) -> None:
-    """Shapes of up to 1e18 numbers of which nothing is stored."""
-    shape = tuple(int(n) for n in rng.choice([3, 10**3, 10**6], size=int(rng.integers(1, 4))))
+    """Shapes of up to 1e15 numbers of which nothing is stored."""
+    shape = tuple(int(n) for n in rng.choice([3, 10**3, 10**5], size=int(rng.integers(1, 4))))
     chunks = tuple(min(n, 64) for n in shape) if rng.random() < 0.5 else None
     put(
         file,
