@@ -58,7 +58,9 @@ def solve_to_tolerance(
             if error.flux_density <= tolerance and error.gradient <= limit:
                 stages.done(str(error))
                 return _with_error(level.solution, error, history)
-        stages.next(f"where mesh {number + 1} must be finer", (number + 0.7) / _MOST_LEVELS)
+        so_far = f"{history[-1][1].flux_density:.2g} at" if history else "none yet at"
+        message = f"estimate {so_far} {len(iron.surface.areas)} faces; where they must be smaller"
+        stages.next(message, (number + 0.7) / _MOST_LEVELS)
         sizes, coarser = level.next_sizes(min(tolerance, limit / 3)), level.solution
     raise NotConverged(
         Problem(

@@ -15,10 +15,13 @@ from fieldmap.iron.error_estimate import estimate_error, workspace_surface
 from fieldmap.iron.forms.bh_law import law_tables
 from fieldmap.iron.forms.flux_form import FluxForm
 from fieldmap.iron.forms.magnetisation import Magnetisation
+from fieldmap.iron.forms.permeability import body_properties
 from fieldmap.iron.forms.potential_form import PotentialForm
 from fieldmap.iron.forms.state import IronState
 from fieldmap.iron.operators import assembled
 from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.refinement.levels import Level
+from fieldmap.iron.stages import Stages
 
 
 def neighbour(name):
@@ -60,6 +63,18 @@ def test_estimate_is_honest(case, mu_r):
     assert gradient < 3 * estimate.gradient
     # An estimate that is always huge would be honest too.
     assert estimate.flux_density < 0.02
+
+
+@pytest.mark.parametrize(
+    ("case", "mu_r", "refinement"), [("disk", 1000, 0.8), ("diskcore", 4000, 0.8), ("spool", 4000, 0.6)]
+)
+def test_shares_of_the_faces_are_honest(case, mu_r, refinement):
+    """An estimate from one mesh: what constant charges leave out, weighted by what dipoles in the workspace see."""
+    device = replace(axisymmetric.device(case, core_size=0.004, edge=0.0015), workspace=SPACE)
+    iron, properties = assemble(generate_mesh(device, refinement)), body_properties(device, float(mu_r))
+    level = Level.solved(device, iron, properties, workspace_surface(device), 1e-3, Stages(None))
+    field, _ = true_error(level.solution, case, mu_r)
+    assert field < 3 * level.face_shares.total < 45 * field
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ Index = NDArray[np.int64]
 _SAWTOOTH = 0.2015
 # What that gives for a polygon of n sides, over (1/2 pi) times its excess logarithmic capacity, 2.40 / n^3.
 _BEND = 3.7
+# Energy per area and height of a strip at an edge whose charge, of mean 1, is r^(-1/3), over that of the mean alone.
+_TIP = 0.0156
 # Faces that meet at more than this angle (radians) have charges of their own; coarse polygons are kinked by less.
 _SHARP_ANGLE = 1.0
 _SIDES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -56,16 +58,17 @@ def face_indicators(
 
     # A charge on a face that should be curved errs as one with the slope charge / radius does, but more.
     bend = _BEND * ((slopes_of(surface.normals.T) ** 2).sum(axis=0) * weight).sum(axis=1)
-    dual_slopes, across, rest = slopes_of(dual_charge), np.zeros(len(weight)), np.zeros(len(weight))
-    total = 0.0
-    for values in charge / size[:, None]:
-        shares = np.abs(slopes_of(values[None]) * dual_slopes) * weight
-        other = shares[:, :, 1] + np.abs(values * dual_charge) * bend
-        total = max(total, float((shares[:, :, 0] + other).sum(axis=1).max()))
-        across, rest = np.maximum(across, shares[:, :, 0].max(axis=0)), np.maximum(rest, other.max(axis=0))
     edge = np.zeros(int(triangles.max()) + 1, bool)
     edge[triangles[:, _SIDES][neighbours < 0]] = True
     at_edge = np.asarray(edge[triangles].any(axis=1), bool)
+    tip = np.where(at_edge, _TIP * surface.areas * heights(surface.corners), 0.0)
+    dual_slopes, across, rest = slopes_of(dual_charge), np.zeros(len(weight)), np.zeros(len(weight))
+    total = 0.0
+    for values in charge / size[:, None]:
+        shares, level = np.abs(slopes_of(values[None]) * dual_slopes) * weight, np.abs(values * dual_charge)
+        short, other = np.maximum(shares[:, :, 0], level * tip), shares[:, :, 1] + level * bend
+        total = max(total, float((short + other).sum(axis=1).max()))
+        across, rest = np.maximum(across, short.max(axis=0)), np.maximum(rest, other.max(axis=0))
     return FaceShares(across, rest, at_edge, total)
 
 
@@ -104,6 +107,13 @@ def smooth_neighbours(triangles: Index, normals: Array) -> Index:
     smooth = cosine > np.cos(_SHARP_ANGLE)
     out[one[smooth]], out[other[smooth]] = other[smooth] // 3, one[smooth] // 3
     return out.reshape(-1, 3)
+
+
+def heights(corners: Array) -> Array:
+    """Of triangles (n, 3, 3), over their longest sides."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    return np.asarray(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / longest, np.float64)
 
 
 def _slopes(surface: ChargedFaces, neighbours: Index) -> Array:

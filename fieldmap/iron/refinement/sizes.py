@@ -15,7 +15,7 @@ from fieldmap.iron.meshing.local_sizes import LocalSizes
 from fieldmap.iron.meshing.mesh import IronMesh
 from fieldmap.iron.meshing.topology import Faces
 from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.refinement.indicators import FaceShares
+from fieldmap.iron.refinement.indicators import FaceShares, heights
 
 Array = NDArray[np.float64]
 _LAYER_ORDER, _FACE_ORDER, _ELEMENT_ORDER = 4 / 3, 2.5, 3.0
@@ -86,7 +86,7 @@ def next_sizes(
     common = _common_share(parts, aim)
     old = np.exp(np.log(cells.sizes)[near].mean(axis=1))
     sizes = old * np.minimum(parts[0].factors(common), parts[1].factors(common))
-    thickness = np.exp(np.log(_heights(surface.corners[tips]))[near_tips].mean(axis=1))
+    thickness = np.exp(np.log(heights(surface.corners[tips]))[near_tips].mean(axis=1))
     layers = np.maximum(thickness * parts[2].factors(common), _FLATTEST * sizes[below[tips]])
     return LocalSizes(cells.centres, sizes, surface.centres[tips], layers)
 
@@ -99,13 +99,6 @@ def _common_share(parts: tuple[_Shares, ...], aim: float) -> float:
         fine = sum(part.predicted(middle) for part in parts) < aim
         low, high = (middle, high) if fine else (low, middle)
     return low
-
-
-def _heights(corners: Array) -> Array:
-    """Of triangles (n, 3, 3), over their longest sides."""
-    sides = corners - np.roll(corners, 1, axis=1)
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / longest
 
 
 def _nearest(places: Array) -> NDArray[np.int64]:
