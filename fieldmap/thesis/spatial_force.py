@@ -25,6 +25,7 @@ _ASSUMED = (
     f"iron of {_DEVICE} linear, mu_r = {_MU_R:g}, 1350 turns, mesh sizes of the device file over {_REFINEMENT:g}; "
     "the thesis's B-H curve would saturate, so that its forces would not superpose",
     "electromagnet 1 at x < 0 beside the yoke's leg, 4 opposite, from the pole of the printed formula; vertical dipole",
+    "a mesh twice as fine makes forces 2 % larger, b 2 % and L0 7 % smaller",
     "one depth: only two of L0, a, b are determined, a is held at Table 4-3's; F_x is taken without offset x0",
 )
 
