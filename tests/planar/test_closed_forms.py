@@ -225,3 +225,16 @@ def test_a_closed_shell_of_two_halves_shields_as_its_series_says(build):
         errors.append(np.abs(found - expected).max() / expected)
     assert errors[1] < 1e-2
     assert errors[1] < 0.5 * errors[0]
+
+
+def test_conductors_may_touch_the_iron(build, rectangle):
+    """Flush with its face or a hair above: the same field."""
+    for wire in (RectangularWire(0.03, 0.02), RoundWire(0.01)):
+        fields = [
+            solve_planar(
+                build({"bar": rectangle(-0.1, 0, 0.1, 0.05)}, [([[0.01, 0.06 + gap]], [])], wire=wire),
+                size=0.004,
+            ).field(POINTS, [1.0])
+            for gap in (0.0, 1e-6)
+        ]
+        np.testing.assert_allclose(*fields, rtol=0, atol=3e-4 * np.abs(fields[0]).max())
