@@ -49,7 +49,7 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _current_facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    domain, error, solver = summary["current_domain"], summary["current_error"], summary["solver"]
+    domain, solver = summary["current_domain"], summary["solver"]
     if domain is None:
         return
     ranges = list(domain["ranges"].items())
@@ -61,16 +61,30 @@ def _current_facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "currents", f"{ranges[0][1][0]:g} to {ranges[0][1][1]:g} A in every coil, independently"
     else:
         yield "currents", ", ".join(f"{name}: {low:g} to {high:g} A" for name, (low, high) in ranges)
-    model = (
-        f"{solver['modes']} modes and {solver['sample_points']} points from {solver['states_solved']} states"
+    yield (
+        "reduced model",
+        (
+            f"{solver['modes']} modes and {solver['sample_points']} points from {solver['states_trained_on_solved']} "
+            f"solved states, {solver['corners_trained_on']} of them corners of the domain; with mirror images "
+            f"{solver['states_trained_on']}"
+        ),
     )
-    if error is not None:
-        share = error.flux_density / solver["largest"]["flux_density"]
-        slope = error.gradient / solver["largest"]["gradient"]
-        model += (
-            f"; within {100 * share:.2g} % (B) and {100 * slope:.2g} % (gradient) on states not trained on"
+    for name, tried in solver["states_tried"].items():
+        yield (
+            f"error {name}",
+            (
+                f"B within {100 * tried['flux_density_share']:.2g} %, gradient within "
+                f"{100 * tried['gradient_share']:.2g} % of the largest of the state in the workspace, on "
+                f"{tried['states']} states not trained on, {tried['solved']} of them solved"
+            ),
         )
-    yield "reduced model", model
+    yield (
+        "cost",
+        (
+            f"{solver['states_solved']} states solved; {solver['generation_seconds'] / 60:.1f} minutes, "
+            f"{solver['generation_processor_seconds'] / 60:.1f} of processor time, for the whole map"
+        ),
+    )
     for number, reason in solver["states_failed"].items():
         yield f"state {number}", f"not solved: {reason}"
 

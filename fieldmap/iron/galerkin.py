@@ -5,6 +5,7 @@ B(H) is evaluated at the points of the elements, as in the full model, and the f
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,25 @@ class GalerkinModel:
         self, currents: Array, start: Array, tolerance: float = 1e-8, limit: int = 60
     ) -> tuple[Array, int]:
         """Amplitudes (r,) at currents (c,), and the Newton steps."""
-        arguments = (self.gradients, self.weights, self.law, *self.tables.arrays, self.air, self.constant)
-        amplitude, steps, _ = newton(self.source @ currents, *arguments, start, tolerance, limit)
+        laws = (self.weights, self.law, *self.tables.arrays)
+        factor = np.zeros_like(self.air)
+        amplitude, steps, _ = newton(
+            self.source @ currents,
+            self.gradients,
+            self._single,
+            *laws,
+            self.air,
+            self.constant,
+            start,
+            factor,
+            tolerance,
+            limit,
+        )
         return amplitude, steps
+
+    @cached_property
+    def _single(self) -> NDArray[np.float32]:
+        return self.gradients.astype(np.float32)
 
     def contributions(self, currents: Array, amplitude: Array) -> Array:
         """What every point adds to the residual, (p, r), per unit of its weight."""

@@ -29,8 +29,10 @@ from fieldmap.iron.quantities.air import checked_currents
 from fieldmap.iron.quantities.differential_inductance import iron_differential_inductance
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
 from fieldmap.iron.report import SolverReport
+from fieldmap.iron.residual_estimate import ResidualEstimate
 from fieldmap.iron.soft_bodies import material_assumptions, require_soft_bodies
 from fieldmap.iron.stages import Progress, Stages
+from fieldmap.iron.state_images import StateImage, state_images
 from fieldmap.sources import unit_flux_densities
 from fieldmap.sources.inductance import bare_inductance
 
@@ -95,7 +97,7 @@ class NonlinearSolver:
             raise InputError(
                 Problem("solve, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
             )
-        field = self._coil_field(values)
+        field = self.coil_field(values)
         stages = Stages(self._progress)
         stages.next("Newton iteration", 0.6)
         begin = start.state.potential if isinstance(start, NonlinearSolution) else start
@@ -136,9 +138,21 @@ class NonlinearSolver:
         """Number of nodes."""
         return self._form.elements.count
 
+    @cached_property
+    def images(self) -> tuple[StateImage, ...]:
+        """What turns a state of this solver into others without solving: the symmetry of its mesh, which has one if
+        the solver was made with symmetry "auto". Exact up to rounding."""
+        magnets = bool(self._material.remanence.any())
+        return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
+
     def project(self, basis: Array) -> GalerkinModel:
         """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`."""
         return project(self._form, self._material, self._unit, basis)
+
+    def residual_estimate(self, currents: Array, potential: Array, basis: Array) -> ResidualEstimate:
+        """What tells how far states on nodal potentials `basis` (n, r) are from the solver's, with the tangent of the
+        state of currents (c,) and potential (n,)."""
+        return ResidualEstimate(self._form, self._material, self.coil_field(currents), potential, basis)
 
     def charge_density(self, potential: Array) -> Array:
         """Charge (k, s) per area of `surface`, T, for nodal potentials (n, k)."""
@@ -146,10 +160,11 @@ class NonlinearSolver:
 
     def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
         """The tangent at a state, iron and air, on nodal potentials (n, k): symmetric and positive."""
-        tangent = self._form.tangent(self._material, self._coil_field(currents), potential)
+        tangent = self._form.tangent(self._material, self.coil_field(currents), potential)
         return lambda values: tangent @ values + self._form.air(values)
 
-    def _coil_field(self, currents: Array) -> CoilField:
+    def coil_field(self, currents: Array) -> CoilField:
+        """The coils' field in the iron at currents (c,), as the forms take it."""
         constant = np.einsum("c,ced->ed", currents, self._unit.constant)
         return CoilField(constant[None], (currents @ self._unit.bubble)[None])
 
@@ -175,7 +190,7 @@ class NonlinearSolver:
         further states. Raises InputError if the device has no workspace, NotConverged as `solve`.
         """
         workspace_surface(self.device)
-        stages, field = Stages(self._progress), self._coil_field(solution.currents)
+        stages, field = Stages(self._progress), self.coil_field(solution.currents)
         stages.next("flux form", 0.3)
         residual = tolerance * _RESIDUAL_OF_COMPLEMENT
         complement = self._complement.solve(self._material, field, solution.state.potential, residual)

@@ -7,7 +7,9 @@ the air's and the vacuum's part A (r, r), symmetric and positive,
     R(a) = G^T (w m h) + r0 - A a = 0,      K = G^T w (db/dh - 1) G + A,
 
 is the residual and tangent of a convex functional: w > 0 and db/dh >= 1 make K positive. Vectors of the sample
-points are stored with their three components one after the other: G is (3 p, r).
+points are stored with their three components one after the other: G is (3 p, r). K is summed in single precision, which
+a direction to go in does not need more than; R, and with it the result, is in double precision. Near the solution K is
+kept from step to step.
 """
 
 import math
@@ -17,51 +19,175 @@ from numba import njit
 
 from fieldmap.kernels.magnetisation_law import flux_density
 
-_TINY = 1e-14
+_TINY, _ROUNDING = 1e-14, 1e-7
+# Below this relative decrement the tangent is kept for the next steps, as long as each leaves less than `_GAIN` of it.
+_NEAR, _GAIN = 0.1, 0.3
 
 
 @njit(cache=True)
-def _magnetisation(h, weights, law, offset, knots, coefficients, out):
-    """out (3 p,) = w m h."""
-    for p in range(weights.size):
-        x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
-        size = math.sqrt(x * x + y * y + z * z) + _TINY
-        b, _ = flux_density(size, law[p], offset, knots, coefficients)
-        m = weights[p] * (b / size - 1.0)
-        out[3 * p], out[3 * p + 1], out[3 * p + 2] = m * x, m * y, m * z
-
-
-@njit(cache=True)
-def _tangent_rows(h, gradients, weights, law, offset, knots, coefficients, out):
-    """out (3 p, r) = w (db/dh - 1) G."""
-    modes = gradients.shape[1]
+def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along):
+    """vector (3 p,) = w m h; isotropic (p,) = w m; along (p,) = w (db/dh - b/h) / h^2."""
     for p in range(weights.size):
         x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
         size = math.sqrt(x * x + y * y + z * z) + _TINY
         b, slope = flux_density(size, law[p], offset, knots, coefficients)
         m = weights[p] * (b / size - 1.0)
-        extra = weights[p] * (slope - b / size) / (size * size)
-        for j in range(modes):
-            gx, gy, gz = gradients[3 * p, j], gradients[3 * p + 1, j], gradients[3 * p + 2, j]
-            along = extra * (x * gx + y * gy + z * gz)
-            out[3 * p, j] = m * gx + along * x
-            out[3 * p + 1, j] = m * gy + along * y
-            out[3 * p + 2, j] = m * gz + along * z
+        isotropic[p] = m
+        along[p] = weights[p] * (slope - b / size) / (size * size)
+        vector[3 * p], vector[3 * p + 1], vector[3 * p + 2] = m * x, m * y, m * z
+
+
+@njit(cache=True, error_model="numpy")
+def _tangent_factor(h, single, isotropic, along, air, rows, factor):
+    """factor (r, r), lower: that of Cholesky of K; rows (3 p, r), single precision, is overwritten."""
+    for p in range(isotropic.size):
+        x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
+        m, extra = np.float32(isotropic[p]), np.float32(along[p])
+        for j in range(single.shape[1]):
+            gx, gy, gz = single[3 * p, j], single[3 * p + 1, j], single[3 * p + 2, j]
+            e = extra * (x * gx + y * gy + z * gz)
+            rows[3 * p, j] = m * gx + e * x
+            rows[3 * p + 1, j] = m * gy + e * y
+            rows[3 * p + 2, j] = m * gz + e * z
+    tangent = np.dot(single.T, rows)
+    for i in range(air.shape[0]):
+        whole = np.float64(tangent[i, i]) + air[i, i]
+        for j in range(i + 1):
+            value = np.float64(tangent[i, j]) + air[i, j]
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            # Rounding must not make a pivot negative.
+            factor[i, j] = math.sqrt(max(value, _ROUNDING * whole)) if i == j else value / factor[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(factor, right, out):
+    """out (r,) = K^-1 right."""
+    count = right.size
+    for i in range(count):
+        value = right[i]
+        for k in range(i):
+            value -= factor[i, k] * out[k]
+        out[i] = value / factor[i, i]
+    for i in range(count - 1, -1, -1):
+        out[i] /= factor[i, i]
+        for k in range(i):
+            out[k] -= factor[i, k] * out[i]
 
 
 @njit(cache=True)
-def _step_length(h, along, air_slope, air_curvature, start, weights, law, offset, knots, coefficients):
-    """Where the functional is least along a step: h - t `along`, for t in (0, 1]; `start`: its slope at 0."""
+def _energy(factor, amplitude):
+    """a . K a."""
+    total = 0.0
+    for k in range(amplitude.size):
+        value = 0.0
+        for i in range(k, amplitude.size):
+            value += factor[i, k] * amplitude[i]
+        total += value * value
+    return total
+
+
+@njit(cache=True)
+def newton(
+    source,
+    gradients,
+    single,
+    weights,
+    law,
+    offset,
+    knots,
+    coefficients,
+    air,
+    constant,
+    start,
+    factor,
+    tolerance,
+    limit,
+):
+    """Amplitudes (r,) for the coils' field `source` (3 p,) at the sample points, from `start` (r,).
+
+    gradients (3 p, r), also in single precision, weights and law (p,), tables of
+    `fieldmap.kernels.magnetisation_law`, air (r, r), constant (r,) = r0. factor (r, r): the Cholesky factor of a
+    tangent near the solution, or zeros; overwritten with the last one. Stops when the Newton decrement is below
+    `tolerance` times the energy norm of the amplitudes, and takes that step too. Returns the amplitudes, the number
+    of steps, and the last relative decrement (larger than `tolerance` if `limit` steps were not enough).
+    """
+    a, change = start.copy(), np.empty_like(start)
+    h = source - np.dot(gradients, a)
+    trial, vector = np.empty_like(h), np.empty_like(h)
+    isotropic, along = np.empty(weights.size), np.empty(weights.size)
+    rows = np.empty(single.shape, np.float32)
+    _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
+    decrement, before = np.inf, np.inf
+    known = factor[0, 0] > 0.0
+    for step in range(limit):
+        air_a = np.dot(air, a)
+        residual = np.dot(vector, gradients) + constant - air_a
+        for _ in range(2):
+            fresh = not known
+            if fresh:
+                _tangent_factor(h, single, isotropic, along, air, rows, factor)
+            _solve(factor, residual, change)
+            slope = np.dot(residual, change)
+            decrement = math.sqrt(max(slope, 0.0) / max(_energy(factor, a), 1e-300))
+            known = fresh or decrement < _GAIN * before
+            if known:
+                break
+        # A tangent from elsewhere may be far too stiff: one small step with it proves nothing.
+        proven = fresh or before < np.inf
+        before = decrement
+        if proven and decrement < tolerance:
+            return a + change, step + 1, decrement
+        known = decrement < _NEAR
+        t = _step_length(
+            h,
+            np.dot(gradients, change),
+            np.dot(air_a - constant, change),
+            np.dot(np.dot(air, change), change),
+            slope,
+            weights,
+            law,
+            offset,
+            knots,
+            coefficients,
+            trial,
+            vector,
+            isotropic,
+            along,
+        )
+        h, trial = trial, h
+        a += t * change
+    return a, limit, decrement
+
+
+@njit(cache=True)
+def _step_length(
+    h,
+    step,
+    air_slope,
+    air_curvature,
+    start,
+    weights,
+    law,
+    offset,
+    knots,
+    coefficients,
+    trial,
+    vector,
+    isotropic,
+    along,
+):
+    """Where the functional is least along a step: trial = h - t `step`, t in (0, 1]; `start`: its slope at 0.
+
+    vector, isotropic, along: what `_magnetise` makes of `trial`.
+    """
     low, high, low_value, high_value, t = 0.0, 1.0, start, 0.0, 1.0
-    for trial in range(12):
-        value = -air_slope - t * air_curvature
-        for p in range(weights.size):
-            dx, dy, dz = along[3 * p], along[3 * p + 1], along[3 * p + 2]
-            x, y, z = h[3 * p] - t * dx, h[3 * p + 1] - t * dy, h[3 * p + 2] - t * dz
-            size = math.sqrt(x * x + y * y + z * z) + _TINY
-            b, _ = flux_density(size, law[p], offset, knots, coefficients)
-            value += weights[p] * (b / size - 1.0) * (x * dx + y * dy + z * dz)
-        if trial == 0:
+    for attempt in range(12):
+        for k in range(h.size):
+            trial[k] = h[k] - t * step[k]
+        _magnetise(trial, weights, law, offset, knots, coefficients, vector, isotropic, along)
+        value = np.dot(vector, step) - air_slope - t * air_curvature
+        if attempt == 0:
             if value > 0.0 or abs(value) <= 0.3 * abs(start):
                 return 1.0
             high_value = value
@@ -71,47 +197,60 @@ def _step_length(h, along, air_slope, air_curvature, start, weights, law, offset
             high, high_value = t, value
         else:
             low, low_value = t, value
-        t = low + (high - low) * min(max(low_value / (low_value - high_value), 0.1), 0.9)
+        if attempt < 11:
+            t = low + (high - low) * min(max(low_value / (low_value - high_value), 0.1), 0.9)
     return t
 
 
 @njit(cache=True)
-def newton(
-    source, gradients, weights, law, offset, knots, coefficients, air, constant, start, tolerance, limit
+def sensitivities(
+    sources, gradients, single, weights, law, offset, knots, coefficients, air, amplitudes, unit_source
 ):
-    """Amplitudes (r,) for the coils' field `source` (3 p,) at the sample points, from `start` (r,).
+    """Derivatives (s, r, c) of the amplitudes (s, r) of states by the currents.
 
-    gradients (3 p, r), weights and law (p,), tables of `fieldmap.kernels.magnetisation_law`, air (r, r), constant
-    (r,) = r0. Stops when the Newton decrement is below `tolerance` times the energy norm of the amplitudes. Returns
-    the amplitudes, the number of steps, and the last relative decrement (larger than `tolerance` if `limit` steps
-    were not enough).
+    sources (3 p, s): the coils' field of every state at the sample points; unit_source (3 p, c): that of one ampere in
+    every coil; the rest as for `newton`. K da/dI = G^T w (db/dh - 1) s.
     """
-    a = start.copy()
-    vector, rows = np.empty(source.size), np.empty(gradients.shape)
-    decrement = np.inf
-    for step in range(limit):
-        h = source - gradients @ a
-        _magnetisation(h, weights, law, offset, knots, coefficients, vector)
-        air_a = air @ a
-        residual = vector @ gradients + constant - air_a
-        _tangent_rows(h, gradients, weights, law, offset, knots, coefficients, rows)
-        tangent = gradients.T @ rows + air
-        change = np.linalg.solve(tangent, residual)
-        slope = residual @ change
-        decrement = math.sqrt(max(slope, 0.0) / max(a @ (tangent @ a), 1e-300))
-        if decrement < tolerance:
-            return a + change, step + 1, decrement
-        t = _step_length(
-            h,
-            gradients @ change,
-            (air_a - constant) @ change,
-            (air @ change) @ change,
-            slope,
-            weights,
-            law,
-            offset,
-            knots,
-            coefficients,
-        )
-        a += t * change
-    return a, limit, decrement
+    states, modes, coils = amplitudes.shape[0], amplitudes.shape[1], unit_source.shape[1]
+    out = np.empty((states, modes, coils))
+    vector = np.empty(gradients.shape[0])
+    isotropic, along = np.empty(weights.size), np.empty(weights.size)
+    rows = np.empty(single.shape, np.float32)
+    factor, column = np.empty((modes, modes)), np.empty(modes)
+    unit = unit_source.astype(np.float32)
+    for s in range(states):
+        h = sources[:, s] - np.dot(gradients, amplitudes[s])
+        _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
+        _tangent_factor(h, single, isotropic, along, air, rows, factor)
+        right = np.dot(rows.T, unit)
+        for c in range(coils):
+            _solve(factor, right[:, c].astype(np.float64), column)
+            out[s, :, c] = column
+    return out
+
+
+@njit(cache=True)
+def blended_start(currents, known, amplitudes, slopes, scale):
+    """Amplitudes (r,) near currents (c,): the tangents of the known states (s, c), weighted by their nearness.
+
+    amplitudes (s, r), slopes (s, r, c); scale (c,): lengths by which currents are compared. Shepard's weights, the
+    inverse eighth power of the distance; states twice as far as the nearest and further are left out.
+    """
+    distances = np.empty(known.shape[0])
+    for s in range(known.shape[0]):
+        distances[s] = 1e-18
+        for c in range(currents.size):
+            distances[s] += ((currents[c] - known[s, c]) / scale[c]) ** 2
+    nearest = distances.min()
+    out, total = np.zeros(amplitudes.shape[1]), 0.0
+    for s in range(known.shape[0]):
+        if distances[s] > 4.0 * nearest:
+            continue
+        weight = (nearest / distances[s]) ** 4
+        total += weight
+        for j in range(out.size):
+            value = amplitudes[s, j]
+            for c in range(currents.size):
+                value += slopes[s, j, c] * (currents[c] - known[s, c])
+            out[j] += weight * value
+    return out / total

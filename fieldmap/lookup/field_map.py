@@ -55,6 +55,7 @@ class FieldMap:
     derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
     a small model of the iron once for every change of the currents (docs/theory/current_dependence.md), and what
     currents beyond its domain do is said by outside_currents: "raise", "nan", or "evaluate" without a known error.
+    follow_currents: begin that solve from the last one, see `open_map`.
 
     Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of
     `coil_names`. A point (3,) gives a result without the leading axis. Outside the box from `lower` to `upper`:
@@ -79,6 +80,7 @@ class FieldMap:
         kind: str = "harmonic",
         threads: int | None = None,
         outside_currents: str = "raise",
+        follow_currents: bool = False,
     ) -> None:
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
@@ -86,7 +88,8 @@ class FieldMap:
         self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
         self._form: Form = FORMS[kind](data, outside)
         reduced = data.reduced_model
-        self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, outside_currents)
+        rules = (outside_currents, follow_currents)
+        self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, *rules)
         self._start()
 
     def _start(self) -> None:

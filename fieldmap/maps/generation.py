@@ -21,6 +21,7 @@ from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_d
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
+from fieldmap.maps.stopwatch import Stopwatch
 from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer, read_info
 
 Progress = Callable[[str, float], None]
@@ -77,7 +78,7 @@ def _generate_linear(
 ) -> None:
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
-        _fill(writer, _solution(device, recipe, writer, say), {}, say)
+        _fill(writer, _solution(device, recipe, writer, say), dict, say)
 
 
 def _generate_saturating(
@@ -101,9 +102,10 @@ def _generate_saturating(
         lambda message, share: say(message, SOLVE + share * (TRAINED - SOLVE)),
     )
     info = replace(info, reduced_model=trained.model, current_error=trained.error)
+    spent = Stopwatch(*trained.spent)
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
-        _fill(writer, trained.fields, trained.about, say)
+        _fill(writer, trained.fields, lambda: {**trained.about, **spent.read()}, say)
     archive_path(target).unlink(missing_ok=True)
 
 
@@ -112,8 +114,10 @@ def _say_resumed(writer: MapWriter, say: Progress) -> None:
         say(writer.note or f"resumed with {writer.resumed} of {len(writer.chunks)} parts", EVALUATE)
 
 
-def _fill(writer: MapWriter, solution: UnitFields, about: Mapping[str, Any], say: Progress) -> None:
-    """Fields at the nodes, and the rest of the file."""
+def _fill(
+    writer: MapWriter, solution: UnitFields, about: Callable[[], Mapping[str, Any]], say: Progress
+) -> None:
+    """Fields at the nodes, and the rest of the file; about(): what the report says beside the solver's."""
     _evaluate(solution, writer, say)
     say("certifying the lookup against the solver", MEASURE)
     _finish(solution, about, writer)
@@ -238,12 +242,12 @@ def _evaluate(solution: UnitFields, writer: MapWriter, say: Progress) -> None:
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
 
 
-def _finish(solution: UnitFields, about: Mapping[str, Any], writer: MapWriter) -> None:
+def _finish(solution: UnitFields, about: Callable[[], Mapping[str, Any]], writer: MapWriter) -> None:
     parts = [writer.read(chunk) for chunk in writer.chunks]
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
     data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})
     error, bounds = interpolation_error(data, solution), certified_bounds(data, solution)
-    report: dict[str, Any] = asdict(solution.report) | dict(about)
+    report: dict[str, Any] = asdict(solution.report) | dict(about())
     assumptions = tuple(report.pop("assumptions"))
     writer.finish(report, assumptions, error, bounds)
 

@@ -105,7 +105,9 @@ def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
     keys, iron = contents.currents, contents.iron
     if keys is None:
         return None
-    training = Plan(keys.states, keys.modes, keys.points, keys.fields, keys.held_out, iron.tolerance)
+    training = Plan(
+        keys.states, keys.accuracy, keys.modes, keys.points, keys.fields, keys.held_out, iron.tolerance
+    )
     if keys.division is None:
         lower, upper = (np.atleast_1d(np.array(amperes, float)) for amperes in (keys.lower_A, keys.upper_A))
         return CurrentPlan(CurrentDomain(lower, upper), iron.refinement, training)

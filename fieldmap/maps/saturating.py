@@ -1,7 +1,7 @@
 """The map of a device whose iron saturates: train a reduced model of the currents, then evaluate its fields."""
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Coil, Device
-from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver, SolverReport
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.reduction.states import SolvedStates
 from fieldmap.maps.reduction.training import Trained, train
+from fieldmap.maps.stopwatch import SPENT, Stopwatch
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import FieldError, Grid, ReducedModel, StateArchive
 
@@ -48,12 +48,13 @@ class SaturatingFields:
 
 @dataclass(frozen=True, eq=False)
 class TrainedMap:
-    """A trained model, the fields that go with it, and what training found, for the map's record."""
+    """A trained model, the fields that go with it, what training found, for the map's record, and what it cost."""
 
     model: ReducedModel
     fields: SaturatingFields
-    error: FieldError
+    error: FieldError | None
     about: Mapping[str, Any]
+    spent: tuple[float, float]
 
 
 def archive_path(target: Path) -> Path:
@@ -87,36 +88,31 @@ def trained_map(
 def _train(
     device: Device, plan: CurrentPlan, reference: Array, grid: Grid, archive: StateArchive, say: Say
 ) -> tuple[dict[str, Array], dict[str, Any]]:
+    spent = Stopwatch()
     solver = NonlinearSolver(
-        device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0))
+        device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0)), "auto"
     )
     states = SolvedStates(archive)
     domain = plan.domain
     trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
-    total = plan.training.states + plan.training.held_out
-    if len(states.failed) > total // 2:
-        raise NotConverged(
-            Problem(
-                "training of the current dependence",
-                "at least half of the states must be solved",
-                f"{len(states.failed)} of {total} failed; the first: {next(iter(states.failed.values()))}",
-                "make the range of the currents smaller, or refine the mesh",
-            )
-        )
-    middle = solver.solve(domain.middle, plan.training.tolerance)
+    spent.add(states.earlier_seconds, states.earlier_processor_seconds)
+    middle = solver.solve(domain.middle, plan.training.tolerance, trained.snapshots.nearest(domain.middle))
     arrays = {name: getattr(trained.model, name) for name in _MODEL}
     arrays |= {f"face_{name}": getattr(solver.surface, name) for name in _FACES}
-    return arrays | {"charge": trained.charge}, _about(trained, states, middle.report, total)
+    about = _about(trained, states, middle.report) | spent.read()
+    return arrays | {"charge": trained.charge}, about
 
 
-def _about(trained: Trained, states: SolvedStates, report: SolverReport, total: int) -> dict[str, Any]:
+def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict[str, Any]:
     return {
         "report": asdict(report),
-        "error": asdict(trained.error),
-        "largest": asdict(trained.scale),
-        "states_solved": total - len(states.failed),
+        "states_solved": states.count,
+        "states_trained_on": len(trained.model.known_currents),
+        "states_trained_on_solved": trained.snapshots.solved,
+        "corners_trained_on": trained.corners,
         "states_failed": {str(number): reason for number, reason in states.failed.items()},
-        "solving_seconds": states.seconds,
+        "states_tried": {name: asdict(errors) for name, errors in trained.errors.items()},
+        "rounds": [asdict(found) for found in trained.rounds],
         "modes": len(trained.model.constant),
         "sample_points": len(trained.model.weights),
     }
@@ -136,9 +132,16 @@ def _from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str
     return TrainedMap(
         ReducedModel(**{name: arrays[name] for name in _MODEL}),  # type: ignore[arg-type]
         SaturatingFields(device.coils, faces, charge, report),
-        FieldError(**about["error"]),
-        {key: value for key, value in about.items() if key not in ("report", "error")},
+        _largest_error(about["states_tried"].values()),
+        {key: value for key, value in about.items() if key not in ("report", *SPENT)},
+        (about[SPENT[0]], about[SPENT[1]]),
     )
+
+
+def _largest_error(tried: Collection[Mapping[str, float]]) -> FieldError | None:
+    if not tried:
+        return None
+    return FieldError(*(max(errors[name] for errors in tried) for name in ("flux_density", "gradient")))
 
 
 def box_surface(grid: Grid) -> Array:

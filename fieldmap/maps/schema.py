@@ -129,7 +129,12 @@ class CurrentKeys(Table):
     division: DivisionKeys | None = Field(
         default=None, description="in the place of lower_A and upper_A: currents of a division"
     )
-    states: Annotated[int, Field(ge=4, le=4096)] = Field(default=64, description="states solved to train it")
+    states: Annotated[int, Field(ge=4, le=4096)] = Field(
+        default=64, description="most states solved to train it"
+    )
+    accuracy: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=1e-3, description="relative error of B at which training stops; twice that of the gradient"
+    )
     modes: Annotated[int, Field(ge=2, le=200)] = Field(default=60, description="most amplitudes of the iron")
     points: Annotated[int, Field(ge=20, le=5000)] = Field(
         default=800, description="about how many points of the iron at which the law is evaluated"
@@ -138,7 +143,7 @@ class CurrentKeys(Table):
         default=20, description="most fields of the iron in the map"
     )
     held_out: Annotated[int, Field(ge=1, le=1000)] = Field(
-        default=12, description="states solved to measure the error, among them corners of the domain"
+        default=12, description="states at random solved to measure the error; corners of the domain are too"
     )
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ from fieldmap.store.partial import Chunk, partial_path
 from fieldmap.store.reader import read_info, read_map
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.store.seal import seal_map
-from fieldmap.store.states import StateArchive
+from fieldmap.store.states import KeptState, StateArchive
 from fieldmap.store.verification import MapCheck, check_map
 from fieldmap.store.writer import MapWriter, open_writer, write_map
 
@@ -17,6 +17,7 @@ __all__ = [
     "Chunk",
     "FieldError",
     "Grid",
+    "KeptState",
     "MapCheck",
     "MapData",
     "MapInfo",

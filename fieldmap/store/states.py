@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,18 @@ from fieldmap.store.partial import UNREADABLE, disk_errors, to_disk
 from fieldmap.store.record import to_json
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class KeptState:
+    """currents (c,); values (n,), or the reason why there are none; seconds of the clock and of the processors that
+    it took; estimate: of how much the state was needed, NaN where nobody asked."""
+
+    currents: Array
+    values: Array | str
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    estimate: float = float("nan")
 
 
 class StateArchive:
@@ -63,28 +76,33 @@ class StateArchive:
             group.attrs["complete"] = np.uint8(1)
             to_disk(self._file)
 
-    def get(self, number: int, currents: Array) -> Array | str | None:
-        """The values (n,) kept for these currents, the reason why there are none, or None if it was never tried."""
+    def get(self, number: int, currents: Array | None = None) -> KeptState | None:
+        """The state of this number, or None if it was never tried, or with other currents than these (c,)."""
         try:
             group = self._file[f"{number:05d}"]
-            if group.attrs["complete"] != 1 or not np.array_equal(group["currents"][()], currents):
+            if group.attrs["complete"] != 1:
                 return None
-            return str(group.attrs["failed"]) if "failed" in group.attrs else group["values"][()]
+            kept = group["currents"][()]
+            if currents is not None and not np.array_equal(kept, currents):
+                return None
+            values = str(group.attrs["failed"]) if "failed" in group.attrs else group["values"][()]
+            return KeptState(kept, values, *map(float, group.attrs["costs"]))
         except UNREADABLE:
             return None
 
-    def put(self, number: int, currents: Array, values: Array | str) -> None:
+    def put(self, number: int, state: KeptState) -> None:
         """Keep a state, or the reason why it could not be solved. Raises FieldmapError if the disk is full."""
         name = f"{number:05d}"
         with disk_errors(self.path):
             if name in self._file:
                 del self._file[name]
             group = self._file.create_group(name)
-            group.create_dataset("currents", data=currents, fletcher32=True)
-            if isinstance(values, str):
-                group.attrs["failed"] = values
+            group.create_dataset("currents", data=state.currents, fletcher32=True)
+            group.attrs["costs"] = (state.seconds, state.processor_seconds, state.estimate)
+            if isinstance(state.values, str):
+                group.attrs["failed"] = state.values
             else:
-                group.create_dataset("values", data=values, fletcher32=True)
+                group.create_dataset("values", data=state.values, fletcher32=True)
             to_disk(self._file)
             group.attrs["complete"] = np.uint8(1)
             to_disk(self._file)

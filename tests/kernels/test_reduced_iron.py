@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.reduced_iron import newton
+from fieldmap.kernels.reduced_iron import blended_start, newton, sensitivities
 from fieldmap.kernels.sample_gradients import sample_gradients
 
 POINTS, MODES = 30, 4
@@ -39,12 +39,16 @@ def residual(problem, amplitude, scale):
     return inner + problem["constant"] - problem["air"] @ amplitude
 
 
-def solved(problem, scale, start=None, limit=80):
-    arguments = (problem["gradients"], problem["weights"], np.zeros(POINTS, np.int64))
-    laws = (OFFSET, KNOTS, COEFFICIENTS)
+def solved(problem, scale, start=None, limit=80, factor=None):
     begin = np.zeros(MODES) if start is None else start
-    air = (problem["air"], problem["constant"])
-    return newton(scale * problem["source"], *arguments, *laws, *air, begin, 1e-9, limit)
+    tangent = np.zeros((MODES, MODES)) if factor is None else factor
+    return newton(scale * problem["source"], *iron(problem), begin, tangent, 1e-9, limit)
+
+
+def iron(problem):
+    gradients = problem["gradients"]
+    laws = (problem["weights"], np.zeros(POINTS, np.int64), OFFSET, KNOTS, COEFFICIENTS)
+    return gradients, gradients.astype(np.float32), *laws, problem["air"], problem["constant"]
 
 
 @pytest.mark.parametrize("scale", [0.0, 1e-4, 1e-2, 1.0, 100.0])
@@ -59,6 +63,54 @@ def test_the_solution_does_not_depend_on_the_start(problem):
     first = solved(problem, 0.3)[0]
     far = solved(problem, 0.3, start=50.0 * np.arange(1.0, MODES + 1))[0]
     np.testing.assert_allclose(far, first, rtol=1e-9, atol=1e-9 * np.abs(first).max())
+
+
+def test_a_tangent_from_elsewhere_changes_the_way_and_not_the_result(problem):
+    far = np.zeros((MODES, MODES))
+    solved(problem, 1e-4, factor=far)
+    assert far[0, 0] > 0
+    # Linear iron is a thousand times stiffer than saturated: steps with its tangent are small, and prove nothing.
+    start = solved(problem, 0.29)[0]
+    truth = solved(problem, 0.3)[0]
+    np.testing.assert_allclose(solved(problem, 0.3, start=start, factor=far)[0], truth, rtol=1e-8)
+    steps_anew = solved(problem, 0.3, start=start)[1]
+    near = np.zeros((MODES, MODES))
+    solved(problem, 0.29, factor=near)
+    found, steps, _ = solved(problem, 0.3, start=start, factor=near)
+    np.testing.assert_allclose(found, truth, rtol=1e-8)
+    assert steps <= steps_anew + 3
+
+
+def test_sensitivities_are_the_derivatives_of_the_solution(problem):
+    unit = np.stack([problem["source"], np.random.default_rng(8).standard_normal(3 * POINTS)], axis=1)
+
+    def amplitude(currents):
+        return solved(problem | {"source": unit @ currents}, 1.0)[0]
+
+    where = np.array([[0.3, 0.1], [2e-4, 1e-4]])
+    known = np.array([amplitude(currents) for currents in where])
+    found = sensitivities(unit @ where.T, *iron(problem)[:-1], known, unit)
+    for state, currents in enumerate(where):
+        for coil in range(2):
+            step = 1e-4 * np.eye(2)[coil] * np.abs(currents).max()
+            slope = (amplitude(currents + step) - amplitude(currents - step)) / (2 * step[coil])
+            np.testing.assert_allclose(
+                found[state, :, coil], slope, rtol=1e-3, atol=1e-3 * np.abs(slope).max()
+            )
+
+
+def test_a_start_is_exact_where_the_amplitudes_are_straight_lines():
+    random = np.random.default_rng(9)
+    known, slope, offset = random.random((7, 2)), random.random((3, 2)), random.random(3)
+    amplitudes = known @ slope.T + offset
+    slopes = np.broadcast_to(slope, (7, 3, 2)).copy()
+    for currents in (np.array([0.4, 0.6]), known[3]):
+        got = blended_start(currents, known, amplitudes, slopes, np.ones(2))
+        np.testing.assert_allclose(got, slope @ currents + offset, rtol=1e-12)
+    # At a known state nothing else counts, however wrong the others are.
+    amplitudes[[0, 1, 2, 4, 5, 6]] += 1.0
+    at_known = blended_start(known[3], known, amplitudes, slopes, np.ones(2))
+    np.testing.assert_allclose(at_known, amplitudes[3], rtol=1e-12)
 
 
 def test_too_few_steps_are_told(problem):

@@ -147,7 +147,7 @@ def test_unknown_device(rig, recipe_text, device, words):
 def test_unknown_recipe():
     with pytest.raises(RecipeError, match='shipped recipe; received no such file; did you mean "quick"'):
         read_recipe("quikc")
-    with pytest.raises(RecipeError, match='give a path, or one of "quick"'):
+    with pytest.raises(RecipeError, match='give a path, or one of "division", "quick"'):
         read_recipe("somewhere/else.toml")
 
 

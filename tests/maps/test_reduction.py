@@ -6,6 +6,7 @@ import pytest
 from fieldmap.maps.reduction.basis import output_fields, proper_modes
 from fieldmap.maps.reduction.cubature import empirical_cubature
 from fieldmap.maps.reduction.domain import CurrentDomain
+from fieldmap.maps.reduction.greedy import pivots
 
 
 @pytest.fixture
@@ -60,16 +61,52 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
     box = CurrentDomain(np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
-    training, held_out = box.training(40), box.held_out(12)
+    training, held_out = box.sequence(0, 40), box.held_out(12)
     assert training.shape == (40, 3)
     assert (training[0] == box.middle).all()
     for states in (training, held_out):
         assert (states >= box.lower).all()
         assert (states <= box.upper).all()
-    assert np.ptp(training, axis=0) == pytest.approx(box.upper - box.lower)
-    distance = np.linalg.norm(training[:, None] - held_out[None], axis=2)
-    assert (distance.min(axis=0) > 1e-3).sum() >= 8
-    assert (np.abs(held_out - box.corners()[-1]).sum(axis=1) == 0).any()
+    assert np.ptp(training, axis=0) == pytest.approx(box.upper - box.lower, rel=0.01)
+    for others in (held_out, box.corners()):
+        distance = np.linalg.norm(training[:, None] - others[None], axis=2)
+        assert distance.min() > 1e-3
+    assert len({tuple(corner) for corner in box.corners()}) == 8
+    # Later parts of the sequence are others.
+    np.testing.assert_array_equal(box.sequence(8, 16), box.sequence(0, 24)[8:])
+
+
+def test_a_domain_holds_its_states_and_no_others():
+    box = CurrentDomain(np.array([0.0, -1.0]), np.array([1.0, 1.0]))
+    family = CurrentDomain(np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25)
+    for domain in (box, family):
+        for currents in (*domain.corners(), *domain.held_out(5), *domain.sequence(0, 5)):
+            assert domain.holds(currents)
+            assert not domain.holds(currents + 3.0)
+    # The mirror y = 0 of the unit exchanges coils 1, 3 and 4, 6 and the sign of y; no division has one coil alone off.
+    off_axis = family.currents(np.array([1.5, 0.2, 0.1]))
+    assert family.holds(off_axis[[2, 1, 0, 5, 4, 3]])
+    assert not family.holds(off_axis + np.array([0.1, 0, 0, 0, 0, 0]))
+
+
+def test_states_are_chosen_by_what_the_others_do_not_say():
+    random = np.random.default_rng(6)
+    modes = np.linalg.qr(random.standard_normal((50, 3)))[0]
+    # Three corrections that span two directions, a small one of a third, and nothing.
+    corrections = np.column_stack(
+        [9 * modes[:, 0], 8.9 * modes[:, 0], 5 * modes[:, 1], 0.1 * modes[:, 2], 0 * modes[:, 0]]
+    )
+    product = corrections.T @ corrections
+    assert pivots(product, 3).tolist() == [0, 2, 3]
+    assert set(pivots(product, 5).tolist()) <= {0, 1, 2, 3}
+    assert pivots(product, 5, 4.9**2).tolist() == [0, 2]
+    # What is left after k choices is the Schur complement: no other choice of one state leaves less of the largest.
+    square = random.standard_normal((6, 6))
+    product = square @ square.T
+    first, second = pivots(product, 2)
+    assert first == np.diag(product).argmax()
+    rest = product - np.outer(product[first], product[first]) / product[first, first]
+    assert second == np.diag(rest).argmax()
 
 
 def test_a_division_gives_the_currents_of_the_thesis():
@@ -77,8 +114,8 @@ def test_a_division_gives_the_currents_of_the_thesis():
     family = CurrentDomain(np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25)
     got = family.currents(np.array([1.558, 0.2, 0.0])) / 1.558
     np.testing.assert_allclose(got, [0.8, 0.75, 0.8, 1.2, 1.25, 1.2], rtol=1e-12)
-    assert family.training(9).shape == (9, 6)
-    means = family.training(40).mean(axis=1)
+    assert family.sequence(0, 9).shape == (9, 6)
+    means = family.sequence(0, 40).mean(axis=1)
     assert (means >= 1.0).all()
     assert (means <= 2.2).all()
     assert len(family.corners()) == 8

@@ -155,6 +155,16 @@ class ConvexForm(Generic[E]):
         """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
         return self._tangent(potential, field, 0, material)
 
+    def inner_residual(self, potential: Array, field: Any, material: Magnetisation) -> Array:
+        """The iron's share (n,) of R at a potential (n,): R is this less `air`."""
+        return self._residual(np.ascontiguousarray(potential), field, 0, material)
+
+    def preconditioner(self, material: Magnetisation, field: Any, potential: Array) -> SparseFactor:
+        """The tangent at a potential (n,), with a mass of the body's capacity for the air, factored."""
+        return SparseFactor(
+            self._tangent(potential, field, 0, material) + self._capacity, self._exterior.order
+        )
+
     def charge_density(self, potential: Array) -> Array:
         """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
         return np.ascontiguousarray((self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T)

@@ -7,12 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from fieldmap.device.current_division import divide_currents
+from fieldmap.device.current_division import divide_currents, undivide_currents
 
 Array = NDArray[np.float64]
 # Beyond this many corners only the low-discrepancy states are solved.
 _MOST_CORNERS = 64
 _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
+# Currents may leave the domain by this share of its range: rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,26 +41,35 @@ class CurrentDomain:
         u, x, y = np.moveaxis(parameters, -1, 0)
         return divide_currents(u, x, y, self.division_exponent)
 
-    def training(self, count: int) -> Array:
-        """Currents (count, c): the middle, corners (a quarter at most), then a low-discrepancy sequence (Sobol)."""
-        corners = self._corners()[: max(0, count // 4)]
-        power = int(np.ceil(np.log2(max(2, count))))
+    def sequence(self, first: int, count: int) -> Array:
+        """Currents (count, c), from number `first` on, of a sequence that fills the domain evenly: the middle, then low
+        discrepancy (Sobol), denser towards the faces, where a model has neighbours on one side only."""
+        power = int(np.ceil(np.log2(max(2, first + count))))
         shares = qmc.Sobol(len(self.lower), seed=_SEED).random_base2(power)
         middle = np.full((1, len(self.lower)), 0.5)
-        return self._at(np.concatenate([middle, corners, shares])[:count])
+        spread = np.concatenate([middle, 0.5 - 0.5 * np.cos(np.pi * shares)])
+        return self._at(spread[first : first + count])
 
     def held_out(self, count: int) -> Array:
-        """Currents (count, c) to try a trained model at: every third a corner, the others at random."""
-        shares = np.random.default_rng(_HELD_OUT_SEED).random((count, len(self.lower)))
-        corners = self._corners()[::-1]
-        for k in range(0, count, 3):
-            if k // 3 < len(corners):
-                shares[k] = corners[k // 3]
-        return self._at(shares)
+        """Currents (count, c) at random, uniform over the domain, to try a trained model at."""
+        return self._at(np.random.default_rng(_HELD_OUT_SEED).random((count, len(self.lower))))
 
     def corners(self) -> Array:
-        """Currents (m, c) of the corners, at most 64, in an order that spreads them."""
+        """Currents (m, c) of the corners; none where there are more than 64."""
         return self._at(self._corners())
+
+    def holds(self, currents: Array) -> bool:
+        """Whether currents (c,) lie in the domain, up to rounding."""
+        values = currents
+        if self.division_exponent is not None:
+            if currents.mean() == 0.0:
+                return False
+            found = undivide_currents(currents, self.division_exponent)
+            if found.mismatch > _ROUNDING:
+                return False
+            values = np.array([found.u, found.x, found.y])
+        margin = _ROUNDING * (self.upper - self.lower)
+        return bool(((values >= self.lower - margin) & (values <= self.upper + margin)).all())
 
     def _corners(self) -> Array:
         d = len(self.lower)

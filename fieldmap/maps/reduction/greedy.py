@@ -1,0 +1,90 @@
+"""Which states to solve next: those of a pool whose residual on the modes of the solved ones is largest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.galerkin import GalerkinModel
+from fieldmap.maps.reduction.basis import proper_modes
+from fieldmap.maps.reduction.snapshots import Snapshots
+
+Array = NDArray[np.float64]
+# Amplitudes need only be as good as the modes; the last step of Newton's method goes past this.
+_TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """currents (k, c) of the states to solve next, their estimates (k,), the first the largest of the pool, and nodal
+    potentials (n, k) to begin with."""
+
+    currents: Array
+    estimates: Array
+    starts: Array
+
+
+class SolvedModes:
+    """The iron on the modes of the solved states, with the law at all points."""
+
+    def __init__(self, solver: NonlinearSolver, snapshots: Snapshots, most: int) -> None:
+        self.currents, states = snapshots.currents, snapshots.potentials
+        energy = solver.energy_operator(self.currents[0], states[:, 0])
+        self.basis = proper_modes(states, energy, most)
+        self.model: GalerkinModel = solver.project(self.basis)
+        self.amplitudes = states.T @ energy(self.basis)
+        self._solver, self._first = solver, states[:, 0]
+
+    def amplitude(self, currents: Array) -> Array:
+        """Amplitudes (r,) at currents (c,)."""
+        near = int(np.argmin(np.linalg.norm(self.currents - currents, axis=1)))
+        return self.model.solve(currents, self.amplitudes[near], _TOLERANCE)[0]
+
+    def propose(self, pool: Array, count: int) -> Proposal:
+        """`count` of the states of a pool (m, c).
+
+        The estimate of a state is the energy of what its residual asks for, relative to that of the state. Of states
+        that lack the same mode only one is taken: the next is always the one whose correction is largest after those
+        chosen are projected out (a pivoted Cholesky factorisation of the corrections' energy product).
+        """
+        amplitudes = np.array([self.amplitude(values) for values in pool])
+        estimate = self._solver.residual_estimate(self.currents[0], self._first, self.basis)
+        pairs = zip(pool, amplitudes, strict=True)
+        residuals = np.array([estimate.residual(self._solver.coil_field(i), a) for i, a in pairs]).T
+        # The modes are orthonormal in the energy.
+        residuals /= np.linalg.norm(amplitudes, axis=1)
+        product = residuals.T @ estimate.correction(residuals)
+        chosen = pivots(0.5 * (product + product.T), count)
+        estimates = np.sqrt(np.maximum(np.diag(product), 0.0))
+        starts = self.basis @ amplitudes[chosen].T
+        return Proposal(pool[chosen], estimates[chosen], starts)
+
+    def missing(self, tried: Snapshots, accuracy: float) -> NDArray[np.int64]:
+        """Which of some solved states these modes need, so that they hold all within `accuracy` in the energy.
+
+        Chosen as in `propose`, by what is left of the states when they are projected onto the modes.
+        """
+        energy = self._solver.energy_operator(self.currents[0], self._first)
+        states = tried.potentials / np.sqrt(np.einsum("ns,ns->s", tried.potentials, energy(tried.potentials)))
+        applied = energy(states)
+        left = states - self.basis @ (self.basis.T @ applied)
+        return pivots(left.T @ energy(left), left.shape[1], accuracy**2)
+
+
+def pivots(product: Array, count: int, least: float = 0.0) -> NDArray[np.int64]:
+    """The first `count` pivots of a Cholesky factorisation of a symmetric positive matrix (m, m), largest first, as
+    long as they are above `least`."""
+    rest = np.diag(product).copy()
+    columns = np.zeros((len(product), 0))
+    chosen: list[int] = []
+    for _ in range(min(count, len(product))):
+        best = int(np.argmax(rest))
+        if rest[best] <= least:
+            break
+        column = (product[:, best] - columns @ columns[best]) / np.sqrt(rest[best])
+        columns = np.column_stack([columns, column])
+        rest = rest - column**2
+        rest[[*chosen, best]] = 0.0
+        chosen.append(best)
+    return np.array(chosen, np.int64)

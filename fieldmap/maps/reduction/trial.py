@@ -1,0 +1,66 @@
+"""A reduced model tried on solved states: how far its field is from theirs in the workspace."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.iron import NonlinearSolver
+from fieldmap.maps.reduction.snapshots import Snapshots
+from fieldmap.sources import unit_flux_density_and_gradient
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Largest of `states` states, `solved` of them solved and the others images of these.
+
+    flux_density, gradient: difference from the solver, T and T/m; flux_density_share, gradient_share: the same
+    divided by the largest norm of that state's whole field in the workspace; largest_flux_density, largest_gradient:
+    of all states, T and T/m.
+    """
+
+    states: int
+    solved: int
+    flux_density: float
+    gradient: float
+    flux_density_share: float
+    gradient_share: float
+    largest_flux_density: float
+    largest_gradient: float
+
+
+class Trial:
+    """The solver's surface and the places (n, 3) in the air at which fields are compared."""
+
+    def __init__(self, solver: NonlinearSolver, points: Array) -> None:
+        self._solver, self._points = solver, points
+        bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
+        self._bare = [np.array([pair[j] for pair in bare]) for j in range(2)]
+
+    def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:
+        """Of charges weights (s, k) @ charge (k, faces) that a model gives for the solved states, one at least."""
+        currents, potentials = tried.currents, tried.potentials
+        ours = self._fields(charge)
+        theirs = self._fields(self._solver.charge_density(potentials))
+        # Columns: difference and largest of flux density, then of the gradient.
+        rows = np.empty((len(currents), 4))
+        for k, values in enumerate(currents):
+            for j in range(2):
+                truth = theirs[j][k] + np.tensordot(values, self._bare[j], 1)
+                rows[k, 2 * j] = _largest(np.tensordot(weights[k], ours[j], 1) - theirs[j][k])
+                rows[k, 2 * j + 1] = _largest(truth)
+        worst = rows.max(axis=0).tolist()
+        shares = (rows[:, [0, 2]] / rows[:, [1, 3]]).max(axis=0).tolist()
+        return Errors(
+            len(currents), tried.solved, worst[0], worst[2], shares[0], shares[1], worst[1], worst[3]
+        )
+
+    def _fields(self, charge: Array) -> tuple[Array, Array]:
+        return self._solver.surface.field_and_gradient(self._points, charge)
+
+
+def _largest(values: Array) -> float:
+    """Largest norm over the points of values (n, ...)."""
+    return float(np.linalg.norm(values.reshape(len(values), -1), axis=1).max())
