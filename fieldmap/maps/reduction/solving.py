@@ -137,7 +137,9 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
     """
     left = tried.empty(nothing)
     for k in modes.missing(tried, accuracy) if tried.solved else ():
-        training.add(tried.currents[k], np.ascontiguousarray(tried.potentials[:, k]))
+        # It may be the image of one that was just added.
+        if training.number(tried.currents[k]) is None:
+            training.add(tried.currents[k], np.ascontiguousarray(tried.potentials[:, k]))
     for currents, potential in zip(tried.currents, tried.potentials.T, strict=True):
         if training.number(currents) is None:
             left.add(currents, np.ascontiguousarray(potential))
