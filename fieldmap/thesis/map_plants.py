@@ -33,7 +33,10 @@ _UNKNOWN = (
 _LINEAR = (
     f"{_DEVICE}, linear iron (initial slope of the B-H table), mesh sizes of the device file over 0.4",
 )
-_SATURATING = (f"{_DEVICE}, iron saturating by its B-H table, mesh sizes of the device file over 0.4",)
+_SATURATING = (
+    f"{_DEVICE}, iron saturating by its B-H table, mesh sizes of the device file over 0.4: coarse; over 0.7 its "
+    "products move by 1 %, its positions grow by 10 % at 1.558 A and by 25 % at 3.63 A",
+)
 _DAMPING = "from K/m of the map and the pole s of the first order model: c/m = -(s + K/(m s))"
 _RATIO = (
     "force over stiffness does not depend on the moment, so that a lift unlike the weight does not enter it"
