@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from fieldmap.iron.forms.bh_law import LawTables
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.reduced_iron import newton
+from fieldmap.kernels.reduced_iron import newton, tangent_factor
 from fieldmap.kernels.sample_gradients import sample_gradients
 
 Array = NDArray[np.float64]
@@ -60,6 +61,18 @@ class GalerkinModel:
     @cached_property
     def _single(self) -> NDArray[np.float32]:
         return self.gradients.astype(np.float32)
+
+    def energy_contributions(self, currents: Array, amplitude: Array) -> Array:
+        """What every point adds to the residual of a state, (p, r), in coordinates in which the square of a residual
+        is the energy of the error that it causes there, as a share of the state's own."""
+        laws = (self.weights, self.law, *self.tables.arrays)
+        source = self.source @ currents
+        factor = tangent_factor(source, self.gradients, self._single, *laws, self.air, amplitude)
+        # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
+        inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
+        scale = np.linalg.norm(factor.T @ amplitude) or 1.0
+        parts = self.contributions(currents, amplitude) @ (inverse.T / scale)
+        return np.asarray(self.weights[:, None] * parts)
 
     def contributions(self, currents: Array, amplitude: Array) -> Array:
         """What every point adds to the residual, (p, r), per unit of its weight."""

@@ -203,6 +203,17 @@ def _step_length(
 
 
 @njit(cache=True)
+def tangent_factor(source, gradients, single, weights, law, offset, knots, coefficients, air, amplitude):
+    """Cholesky factor (r, r), lower, of K at amplitudes (r,) and the coils' field `source` (3 p,); see `newton`."""
+    h = source - np.dot(gradients, amplitude)
+    vector, isotropic, along = np.empty_like(h), np.empty(weights.size), np.empty(weights.size)
+    _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
+    factor = np.zeros_like(air)
+    _tangent_factor(h, single, isotropic, along, air, np.empty(single.shape, np.float32), factor)
+    return factor
+
+
+@njit(cache=True)
 def sensitivities(
     sources, gradients, single, weights, law, offset, knots, coefficients, air, amplitudes, unit_source
 ):

@@ -90,7 +90,7 @@ model = "saturating"
 lower_A = [0.5, -1.0]
 upper_A = 2.0
 states = 40
-accuracy = 1e-2
+accuracy = 1.5e-3
 modes = 40
 points = 250
 fields = 12
@@ -163,7 +163,7 @@ def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):
     assert chosen == rounds[-1]["solved"] + 8 < 40
     errors = [found["errors"] for found in rounds]
     shares = [max(e["flux_density_share"], e["gradient_share"] / 2) for e in errors]
-    assert shares[-1] < 1e-2 < min(shares[:-1])
+    assert shares[-1] < 1.5e-3 < min(shares[:-1])
 
 
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
@@ -272,6 +272,23 @@ def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
     assert np.isnan(flagged[0, 2:]).all()
     assert np.isfinite(flagged[1]).all()
     assert np.isfinite(CurrentModel(data.reduced_model, data.coil_names, "evaluate").weights(beyond)).all()
+
+
+def test_contributions_are_counted_by_the_error_that_they_cause(solver):
+    known = np.array([[1.0, 0.5], [2.0, 0.5], [1.5, 1.5], [1.2, -0.5]])
+    states = np.array([solver.solve(currents).state.potential[:, 0] for currents in known]).T
+    basis = proper_modes(states, solver.energy_operator(known[0], states[:, 0]), 4)
+    model = solver.project(basis)
+    for currents in known:
+        amplitude = model.solve(currents, np.zeros(4))[0]
+        # Weights of the points off by a ten-thousandth, each its own.
+        share = 1e-4 * np.random.default_rng(1).standard_normal(len(model.weights))
+        others = replace(model, weights=model.weights * (1 + share))
+        off = others.solve(currents, amplitude)[0] - amplitude
+        tangent = basis.T @ solver.energy_operator(currents, basis @ amplitude)(basis)
+        caused = np.sqrt(off @ tangent @ off / (amplitude @ tangent @ amplitude))
+        foretold = np.linalg.norm(share @ model.energy_contributions(currents, amplitude))
+        assert foretold == pytest.approx(caused, rel=0.02)
 
 
 def test_a_model_that_follows_the_currents_gives_the_same(data):

@@ -67,7 +67,7 @@ def train(
     full, currents, amplitudes = modes.model, modes.currents, modes.amplitudes
     say("sample points", 0.9)
     pairs = zip(currents, amplitudes, strict=True)
-    parts = (full.weights[:, None] * full.contributions(i, a) for i, a in pairs)
+    parts = (full.energy_contributions(i, a) for i, a in pairs)
     chosen, factors = empirical_cubature(parts, plan.points)
     reduced = full.sampled(chosen, factors * full.weights[chosen])
     say("fields of the modes", 0.95)
