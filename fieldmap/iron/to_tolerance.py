@@ -62,7 +62,13 @@ def solve_to_tolerance(
         message = f"estimate {so_far} {len(iron.surface.areas)} faces; where they must be smaller"
         stages.next(message, (number + 0.7) / _MOST_LEVELS)
         sizes, coarser = level.next_sizes(min(tolerance, limit / 3)), level.solution
-    raise NotConverged(
+    raise _not_converged(device, tolerance, limit, history)
+
+
+def _not_converged(
+    device: Device, tolerance: float, limit: float, history: list[tuple[int, ErrorEstimate]]
+) -> NotConverged:
+    return NotConverged(
         Problem(
             f"device '{device.name}'",
             f"the estimated error must fall to {tolerance:g} (gradient {limit:g}) on a mesh that fits into memory",
