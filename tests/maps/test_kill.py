@@ -66,7 +66,7 @@ def all_numbers(path):
 
 @pytest.mark.parametrize(
     ("moment", "parts"),
-    [("part 1 of", 0), ("part 4 of", 3), ("measuring", 13)],
+    [("part 1 of", 0), ("part 4 of", 3), ("certifying", 13)],
     ids=["first", "middle", "last"],
 )
 def test_resumed_after_a_kill(recipe, whole, tmp_path, moment, parts):
