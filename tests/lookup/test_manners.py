@@ -1,5 +1,6 @@
 """What an opened map does with odd arguments, threads, pickles, and who it drags in."""
 
+import os
 import pickle
 import subprocess
 import sys
@@ -158,6 +159,28 @@ def test_threads_give_the_same_bits(dipoles, kind):
     points[69_000] = 1.0
     with pytest.raises(OutsideMapError, match="1 of 70000 points"):
         several.field(points, CURRENTS)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_process_has_threads_of_its_own(dipoles, tmp_path):
+    """The threads of the parent do not live on in it: a large batch must neither hang nor give other numbers."""
+    from fieldmap.store import write_map
+
+    path = tmp_path / "map.h5"
+    write_map(path, dipoles.map((6, 5, 6)))
+    program = (
+        "import os, sys, numpy as np, fieldmap as fm\n"
+        "m = fm.open_map(sys.argv[1], threads=2)\n"
+        "points = np.random.default_rng(1).uniform(m.lower, m.upper, (70_000, 3))\n"
+        "before = m.field(points, [1.0, 1.0, 1.0])\n"
+        "child = os.fork()\n"
+        "same = np.array_equal(m.field(points, [1.0, 1.0, 1.0]), before)\n"
+        "if child == 0:\n"
+        "    os._exit(0 if same else 1)\n"
+        "sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) if same else 2)"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", program, str(path)]
+    assert subprocess.run(command, check=False, timeout=120).returncode == 0
 
 
 def test_several_processes_read_one_file(dipoles, tmp_path):
