@@ -30,7 +30,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "sphere_and_coil": (closed_forms.sphere_and_coil, 4),
     "axisymmetric": (axisymmetric.linear, 110),
     "saturated": (axisymmetric.saturated, 30),
-    "six_cores": (drive_units.six_cores, 560),
+    "six_cores": (drive_units.six_cores, 220),
     "unit_linear": (drive_units.unit_linear, 600),
     "unit_other_form": (drive_units.unit_other_form, 30),
     "unit_saturated": (drive_units.unit_saturated, 220),

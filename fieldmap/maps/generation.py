@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device, PermanentMagnet
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
-from fieldmap.maps.certificate import certified_bounds
+from fieldmap.maps.certificate import certified_bounds, solver_points
 from fieldmap.maps.fingerprint import fingerprint, library_versions
 from fieldmap.maps.interpolation import UnitFields, interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
@@ -26,8 +26,8 @@ from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer,
 
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
-# Shares of the whole at which a step begins.
-SOLVE, EVALUATE, TRAINED, MEASURE = 0.03, 0.6, 0.9, 0.97
+# Shares of the whole at which a step begins; the fields at the nodes and the certificate share what is left.
+SOLVE, EVALUATE, TRAINED = 0.03, 0.6, 0.9
 
 
 def generate(
@@ -119,7 +119,7 @@ def _fill(
 ) -> None:
     """Fields at the nodes, and the rest of the file; about(): what the report says beside the solver's."""
     _evaluate(solution, writer, say)
-    say("certifying the lookup against the solver", MEASURE)
+    say("certifying the lookup against the solver", _certificate_begins(writer.info))
     _finish(solution, about, writer)
 
 
@@ -230,16 +230,20 @@ def _solution(device: Device, recipe: Recipe, writer: MapWriter, say: Progress) 
 
 
 def _evaluate(solution: UnitFields, writer: MapWriter, say: Progress) -> None:
-    total = len(writer.chunks)
+    total, end = len(writer.chunks), _certificate_begins(writer.info)
     _, ny, nz = writer.info.grid.shape
     for chunk in writer.missing:
-        share = chunk.number / total
-        say(
-            f"field at the nodes, part {chunk.number + 1} of {total}", EVALUATE + share * (MEASURE - EVALUATE)
-        )
+        share = EVALUATE + chunk.number / total * (end - EVALUATE)
+        say(f"field at the nodes, part {chunk.number + 1} of {total}", share)
         flux, gradient = solution.unit_fields(writer.info.grid.points(chunk.first, chunk.last))
         planes = (len(flux), chunk.last - chunk.first, ny, nz)
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
+
+
+def _certificate_begins(info: MapInfo) -> float:
+    """As if all that remains were fields of the solver at points: at the nodes, then at those of the certificate."""
+    nodes = int(np.prod(info.grid.shape))
+    return EVALUATE + (1 - EVALUATE) * nodes / (nodes + solver_points(info))
 
 
 def _finish(solution: UnitFields, about: Callable[[], Mapping[str, Any]], writer: MapWriter) -> None:
