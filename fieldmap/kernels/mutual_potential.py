@@ -1,4 +1,4 @@
-"""Mean potential of one charged triangle on another: the dense matrix of the iron solver."""
+"""Mean potentials between two sets of charged triangles: the matrix of the iron solver, whole or a block of it."""
 
 import math
 
@@ -20,91 +20,82 @@ def _mean_potential(points, weights, corners, normal):
 
 
 @njit(cache=True, fastmath=True)
-def _far_row(i, x, y, z, sums):
-    """Fill sums (3 (i + 1),) with the sum of 1/|p - q| over the three points p of triangle i, for the points q of the
-    triangles up to i. A loop without branches over contiguous arrays: the compiler turns it into vector code."""
-    for q in range(3 * (i + 1)):
+def _far_row(i, stop, far, other_far, sums):
+    """Fill sums (3 stop,) with the sum of 1/|p - q| over the three points p of triangle i, for the points q of the
+    other set's triangles below `stop`. No branches over contiguous arrays: the compiler turns it into vector code."""
+    for q in range(3 * stop):
         sums[q] = 0.0
+    x, y, z = other_far[0], other_far[1], other_far[2]
     for p in range(3 * i, 3 * i + 3):
-        px, py, pz = x[p], y[p], z[p]
-        # Triangle i itself is left out: its own points coincide.
-        for q in range(3 * i):
+        px, py, pz = far[0, p], far[1, p], far[2, p]
+        for q in range(3 * stop):
             dx, dy, dz = px - x[q], py - y[q], pz - z[q]
-            sums[q] += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+            # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
+            sums[q] += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + 1e-60)
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def separation(i, j, one, other):
+    """Squared distance of the centres of two triangles, and the sum of their radii."""
+    centres, radii, other_centres, other_radii = one[3], one[4], other[3], other[4]
+    x = centres[i, 0] - other_centres[j, 0]
+    y = centres[i, 1] - other_centres[j, 1]
+    z = centres[i, 2] - other_centres[j, 2]
+    return x * x + y * y + z * z, radii[i] + other_radii[j]
 
 
 @njit(cache=True, fastmath=True)
-def close_pair(i, j, apart, corners, normals, areas, near, near_weights, touch, touch_weights):
+def close_pair(i, j, apart, one, other):
     """Mean potential between close triangles, times 4 pi. `apart`: their circles do not overlap, and the outer rule
     belongs to the smaller one, over which the potential of the other varies less."""
+    corners, normals, areas, _, _, near, near_weights, touch, touch_weights = one
+    other_corners, other_normals, other_areas, _, _, other_near, _, other_touch, _ = other
     if not apart:
         return 0.5 * (
-            _mean_potential(touch[i], touch_weights, corners[j], normals[j]) / areas[j]
-            + _mean_potential(touch[j], touch_weights, corners[i], normals[i]) / areas[i]
+            _mean_potential(touch[i], touch_weights, other_corners[j], other_normals[j]) / other_areas[j]
+            + _mean_potential(other_touch[j], touch_weights, corners[i], normals[i]) / areas[i]
         )
-    if areas[i] < areas[j]:
-        return _mean_potential(near[i], near_weights, corners[j], normals[j]) / areas[j]
-    return _mean_potential(near[j], near_weights, corners[i], normals[i]) / areas[i]
+    if areas[i] < other_areas[j]:
+        return _mean_potential(near[i], near_weights, other_corners[j], other_normals[j]) / other_areas[j]
+    return _mean_potential(other_near[j], near_weights, corners[i], normals[i]) / areas[i]
 
 
 @njit(cache=True, fastmath=True)
-def _fill_row(
-    i, corners, normals, areas, centres, radii, near, near_weights, touch, touch_weights, reach, sums, w
-):
-    """Row i of the lower triangle of w, from the point sums of `_far_row` and closed forms near by."""
-    for j in range(i + 1):
-        x, y, z = (
-            centres[i, 0] - centres[j, 0],
-            centres[i, 1] - centres[j, 1],
-            centres[i, 2] - centres[j, 2],
-        )
-        distance2 = x * x + y * y + z * z
-        size = radii[i] + radii[j]
+def _fill_row(i, stop, one, other, reach, sums, w):
+    """w[i, j] for j < stop, from the point sums of `_far_row` and closed forms near by."""
+    for j in range(stop):
+        distance2, size = separation(i, j, one, other)
         if distance2 > (reach * size) ** 2:
             value = (sums[3 * j] + sums[3 * j + 1] + sums[3 * j + 2]) / 9.0
         else:
-            apart = distance2 > size * size
-            value = close_pair(i, j, apart, corners, normals, areas, near, near_weights, touch, touch_weights)
+            value = close_pair(i, j, distance2 > size * size, one, other)
         w[i, j] = value * _INVERSE_4PI
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def mutual_potential(
-    corners, normals, areas, centres, radii, far, near, near_weights, touch, touch_weights, reach
-):
-    """W (n, n) in 1/m: W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, symmetric, positive definite.
+def mutual_potential(one, one_far, other, other_far, reach, symmetric):
+    """W (n, n) in 1/m: W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set
+    of unit charge on triangle j of the other; for one set symmetric, positive definite.
 
-    corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the centre.
-    far (3, 3 n): x, y and z of the points of the degree-2 rule, triangle by triangle; near (n, q, 3), touch
-    (n, t, 3): points of higher rules for the outer integral of pairs whose inner integral is done in closed form.
-    Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap use the `touch`
-    rule, whose outer integrand has a kink.
+    one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
+    centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
+    pairs whose inner integral is done in closed form. far (3, 3 n): x, y and z of the points of the degree-2 rule,
+    triangle by triangle. Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap
+    use the `touch` rule, whose outer integrand has a kink. symmetric: the lower triangle is computed and copied.
     """
-    n = areas.size
+    n = one[2].size
     w = np.empty((n, n))
-    # Rows k and n - 1 - k together cost the same for every k, so the threads share the triangle evenly.
+    # Rows k and n - 1 - k together cost the same for every k, so the threads share a triangle evenly.
     for k in prange((n + 1) // 2):
         sums = np.empty(3 * n)
         # The loop's own index is unsigned; its difference from n would be a float.
         low = np.int64(k)
         for i in (low, n - 1 - low):
-            _far_row(i, far[0], far[1], far[2], sums)
-            _fill_row(
-                i,
-                corners,
-                normals,
-                areas,
-                centres,
-                radii,
-                near,
-                near_weights,
-                touch,
-                touch_weights,
-                reach,
-                sums,
-                w,
-            )
-    for i in prange(n):
-        for j in range(i + 1, n):
-            w[i, j] = w[j, i]
+            stop = i + 1 if symmetric else n
+            _far_row(i, stop, one_far, other_far, sums)
+            _fill_row(i, stop, one, other, reach, sums, w)
+    if symmetric:
+        for i in prange(n):
+            for j in range(i + 1, n):
+                w[i, j] = w[j, i]
     return w

@@ -4,7 +4,7 @@ import math
 
 from numba import njit, prange
 
-from fieldmap.kernels.mutual_potential import close_pair
+from fieldmap.kernels.mutual_potential import close_pair, separation
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _INVERSE_36PI = _INVERSE_4PI / 9.0
@@ -22,48 +22,21 @@ def _far_pair(i, j, x, y, z):
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def fill_near_blocks(
-    blocks,
-    offset,
-    number,
-    corners,
-    normals,
-    areas,
-    centres,
-    radii,
-    x,
-    y,
-    z,
-    near,
-    near_weights,
-    touch,
-    touch_weights,
-    reach,
-    data,
-):
+def fill_near_blocks(blocks, offset, number, faces, x, y, z, reach, data):
     """data[offset[k] + ...] = block k (rows, columns) of W in 1/m. blocks (b, 4): first and last + 1 of rows and
     columns; number (n,): of the faces in the whole matrix, which then has the same entries; x, y, z (3, n): points of
-    the degree-2 rule; the rest as in `mutual_potential`."""
+    the degree-2 rule; faces: a set of triangles as in `mutual_potential`, and reach."""
     for k in prange(blocks.shape[0]):
         place = offset[k]
         for i in range(blocks[k, 0], blocks[k, 1]):
             for j in range(blocks[k, 2], blocks[k, 3]):
-                dx, dy, dz = (
-                    centres[i, 0] - centres[j, 0],
-                    centres[i, 1] - centres[j, 1],
-                    centres[i, 2] - centres[j, 2],
-                )
-                distance2 = dx * dx + dy * dy + dz * dz
-                size = radii[i] + radii[j]
+                distance2, size = separation(i, j, faces, faces)
                 if distance2 > (reach * size) ** 2:
                     value = _INVERSE_36PI * _far_pair(i, j, x, y, z)
                 else:
-                    apart = distance2 > size * size
                     # Of two triangles of one size the number decides which gets the outer rule.
                     a, b = (i, j) if number[i] > number[j] else (j, i)
-                    value = _INVERSE_4PI * close_pair(
-                        a, b, apart, corners, normals, areas, near, near_weights, touch, touch_weights
-                    )
+                    value = _INVERSE_4PI * close_pair(a, b, distance2 > size * size, faces, faces)
                 data[place] = value
                 place += 1
 

@@ -176,8 +176,7 @@ def _near_blocks(
     rows, columns = _sides(blocks)
     offset = np.concatenate([[0], np.cumsum(rows * columns)])
     data = np.empty(offset[-1], np.float32)
-    geometry = faces.corners, faces.normals, faces.areas, faces.centres, faces.radii
-    fill_near_blocks(blocks, offset, order, *geometry, *points, *faces.close_rules(), NEAR_RADII, data)
+    fill_near_blocks(blocks, offset, order, faces.kernel_geometry(), *points, NEAR_RADII, data)
     return offset, data
 
 

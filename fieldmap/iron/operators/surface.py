@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.charged_surface import surface_field, surface_field_and_gradient
-from fieldmap.kernels.mutual_block import mutual_potential_block
 from fieldmap.kernels.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 
@@ -47,14 +46,7 @@ class ChargedFaces:
 
     def mutual_potential(self) -> Array:
         """W (n, n), see `fieldmap.kernels.mutual_potential`."""
-        far, _ = self.rule_points(2)
-        points = np.ascontiguousarray(far.reshape(-1, 3).T)
-        geometry = self.corners, self.normals, self.areas, self.centres, self.radii
-        return mutual_potential(*geometry, points, *self.close_rules(), NEAR_RADII)
-
-    def close_rules(self) -> tuple[Array, Array, Array, Array]:
-        """Points and weights of the outer rules for close pairs: those apart, then those whose circles overlap."""
-        return *self.rule_points(_NEAR_DEGREE), *self.rule_points(_TOUCH_DEGREE)
+        return self.mutual_potential_with(self, symmetric=True)
 
     def part(self, chosen: NDArray[np.int64]) -> "ChargedFaces":
         """Some of the triangles, in this order."""
@@ -71,16 +63,18 @@ class ChargedFaces:
 
         symmetric: it is known that the block is; half of it is computed.
         """
-        one, one_far = self._block_geometry()
-        other, other_far = others._block_geometry()
-        return mutual_potential_block(one, one_far, other, other_far, NEAR_RADII, symmetric)
+        one, other = self.kernel_geometry(), others.kernel_geometry()
+        return mutual_potential(one, self._far_points(), other, others._far_points(), NEAR_RADII, symmetric)
 
-    def _block_geometry(self) -> tuple[tuple[Array, ...], Array]:
-        """What the block kernel takes of one set of triangles."""
-        far, _ = self.rule_points(2)
+    def kernel_geometry(self) -> tuple[Array, ...]:
+        """What the kernels of mutual potentials take of one set of triangles; last the points and weights of the outer
+        rules for close pairs: those apart, then those whose circles overlap."""
         near, touch = self.rule_points(_NEAR_DEGREE), self.rule_points(_TOUCH_DEGREE)
-        geometry = (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)
-        return geometry, np.ascontiguousarray(far.reshape(-1, 3).T)
+        return (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)
+
+    def _far_points(self) -> Array:
+        far, _ = self.rule_points(2)
+        return np.ascontiguousarray(far.reshape(-1, 3).T)
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
