@@ -121,8 +121,9 @@ def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:
     """Lower and upper limits (n_coils,), A, from a number (both ways), a pair, or None. Raises InputError."""
     if limits is None:
         return np.full(n_coils, -np.inf), np.full(n_coils, np.inf)
-    pair: Sequence[object] = (np.negative(limits), limits) if np.ndim(limits) == 0 else tuple(limits)  # type: ignore[arg-type]
     try:
+        # The ends of a pair may be of different shapes, a number and one number per coil.
+        pair = limits if isinstance(limits, Sequence | np.ndarray) else (np.negative(limits), limits)
         # Copies: an array that may not be written to is another type to a kernel, and would be compiled for.
         low, high = (np.array(np.broadcast_to(np.asarray(v, float), n_coils)) for v in pair)
         good = bool(np.all(low <= high))

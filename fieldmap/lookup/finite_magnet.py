@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.kernels.constants import MU0
 from fieldmap.lookup.checks import checked_vectors
 
 Array = NDArray[np.float64]
 Shape = MagnetCylinder | MagnetSphere | MagnetBlock
 
-MU0 = 4e-7 * np.pi
 FINEST = 8
 _PLACES = 40
 

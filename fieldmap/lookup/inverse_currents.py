@@ -55,12 +55,13 @@ def checked_weight(resistance: ArrayLike | None, n_coils: int) -> Array:
     """Weights (n_coils,) of the squared currents. Raises InputError."""
     if resistance is None:
         return np.ones(n_coils)
-    weight = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), n_coils))
-    if not (np.isfinite(weight).all() and (weight > 0).all()):
-        received = repr(resistance)[:80]
-        raise InputError(
-            Problem("currents_for, resistance", "positive numbers", received, "give ohms, or nothing")
-        )
+    try:
+        weight = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), n_coils))
+    except (TypeError, ValueError):
+        weight = np.empty(0)
+    if not (weight.size and np.isfinite(weight).all() and (weight > 0).all()):
+        must_hold, received = f"a positive number, or {n_coils} of them", repr(resistance)[:80]
+        raise InputError(Problem("currents_for, resistance", must_hold, received, "give ohms, or nothing"))
     return weight
 
 

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.constants import MU0
 
 Array = NDArray[np.float64]
-
-MU0 = 4e-7 * np.pi
 
 
 class Field(Protocol):

@@ -149,6 +149,15 @@ def test_field_and_gradient_demands_and_unequal_resistances(eight):
     np.testing.assert_allclose(eight.field(position, dear), field, rtol=1e-9)
 
 
+def test_a_limit_may_be_a_number_on_one_side_and_one_per_coil_on_the_other(eight):
+    position, field = np.array([0.005, 0.0, -0.055]), np.array([0.0, 0.0, 2e-3])
+    upper = np.full(8, LIMIT)
+    mixed = eight.currents_for(position, field=field, limits=(-LIMIT, upper))
+    np.testing.assert_array_equal(mixed, eight.currents_for(position, field=field, limits=LIMIT))
+    upper[int(np.argmax(mixed))] = 0.5 * mixed.max()
+    assert (eight.currents_for(position, field=field, limits=(-LIMIT, upper)) <= upper).all()
+
+
 def test_nan_leaves_a_component_free(eight):
     position, free = np.array([0.0, 0.0, -0.06]), np.nan
     lift = eight.currents_for(position, [free, free, 0.1], MOMENT)
@@ -170,7 +179,11 @@ def test_nan_leaves_a_component_free(eight):
         ({"force": [0, 0, 1], "moment": [0, 0, np.nan]}, "moment.*finite"),
         ({"field": [0, 0, 1], "limits": (1.0, -1.0)}, "lower <= upper"),
         ({"field": [0, 0, 1], "limits": np.ones(3)}, "a pair"),
+        ({"field": [0, 0, 1], "limits": (np.zeros(8), np.ones(3))}, "a pair"),
+        ({"field": [0, 0, 1], "limits": "wide"}, "a pair"),
         ({"field": [0, 0, 1], "resistance": 0.0}, "positive"),
+        ({"field": [0, 0, 1], "resistance": np.ones(3)}, "8 of them"),
+        ({"field": [0, 0, 1], "resistance": "low"}, "8 of them"),
     ],
 )
 def test_arguments_that_cannot_be_used(eight, arguments, words):
