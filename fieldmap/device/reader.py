@@ -4,6 +4,9 @@ import hashlib
 import os
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
+
+from pydantic import BaseModel
 
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.document import Document, find_device_file, load_document, schema_findings
@@ -14,6 +17,8 @@ from fieldmap.device.model import Device, StepFile
 from fieldmap.device.schema import DeviceFile
 from fieldmap.device.schema.materials import Curves
 from fieldmap.errors import DeviceFileError, Problem
+
+_File = TypeVar("_File", bound=BaseModel)
 
 
 def read_device(path_or_name: str | Path) -> Device:
@@ -33,16 +38,25 @@ def read_device(path_or_name: str | Path) -> Device:
     document = load_document(path)
     if document.data.get("space") == "plane":
         raise DeviceFileError(_in_the_plane(path))
+    contents, curves, included = checked_contents(document, DeviceFile)
+    return _build(contents, document, curves, included)
+
+
+def checked_contents(document: Document, root: type[_File]) -> tuple[_File, Curves, dict[str, str]]:
+    """The document as an instance of its schema, with the curves and texts of the material files that it names.
+
+    Raises DeviceFileError with one Problem for every error.
+    """
     curves, included, problems = material_files(document)
-    findings = schema_findings(DeviceFile, document.data)
+    findings = schema_findings(root, document.data)
     missing = {dotted(document.data, found.location) for found in findings if found.must_hold == REQUIRED}
-    findings += cross_findings(document.data, path.parent, missing)
+    findings += cross_findings(document.data, document.path.parent, missing)
     if not findings and not problems:
         findings += curves_that_cannot_saturate(document.data, curves)
     problems = [*document.problems(findings), *problems]
     if problems:
         raise DeviceFileError(*problems)
-    return _build(DeviceFile.model_validate(document.data), document, curves, included)
+    return root.model_validate(document.data), curves, included
 
 
 def _in_the_plane(path: Path) -> Problem:

@@ -4,14 +4,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from fieldmap.device.cross_checks import cross_findings
-from fieldmap.device.document import Document, find_device_file, load_document, schema_findings
-from fieldmap.device.explain import REQUIRED
-from fieldmap.device.key_paths import dotted
-from fieldmap.device.material_files import curves_that_cannot_saturate, material_files
+from fieldmap.device.document import Document, find_device_file, load_document
+from fieldmap.device.reader import checked_contents
 from fieldmap.device.schema.base import MILLI, read_only
 from fieldmap.device.schema.materials import Curves
-from fieldmap.errors import DeviceFileError
 from fieldmap.planar.geometry_checks import check_planar_geometry
 from fieldmap.planar.model import PlanarDevice
 from fieldmap.planar.schema import PlanarFile, WallKeys
@@ -29,16 +25,8 @@ def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
     ('left', 'right')
     """
     document = load_document(find_device_file(path_or_name))
-    curves, _, problems = material_files(document)
-    findings = schema_findings(PlanarFile, document.data)
-    missing = {dotted(document.data, found.location) for found in findings if found.must_hold == REQUIRED}
-    findings += cross_findings(document.data, document.path.parent, missing)
-    if not findings and not problems:
-        findings += curves_that_cannot_saturate(document.data, curves)
-    problems = [*document.problems(findings), *problems]
-    if problems:
-        raise DeviceFileError(*problems)
-    device = _build(PlanarFile.model_validate(document.data), document, curves)
+    contents, curves, _ = checked_contents(document, PlanarFile)
+    device = _build(contents, document, curves)
     check_planar_geometry(device)
     return device
 

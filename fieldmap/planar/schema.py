@@ -18,7 +18,7 @@ from fieldmap.device.schema.base import (
 )
 from fieldmap.device.schema.file import Format, require_known_format
 from fieldmap.device.schema.materials import AnyMaterial
-from fieldmap.device.schema.shapes import Polygon, counter_clockwise, require_simple
+from fieldmap.device.schema.shapes import SimplePolygon, counter_clockwise
 from fieldmap.planar import model
 
 Points = Annotated[list[PlanePoint], Field(min_length=1)]
@@ -30,13 +30,7 @@ class PlanarBodyKeys(Table):
 
     name: Name = Field(description="the body's name")
     material: Name = Field(description="name of a [material.NAME] table")
-    corners_mm: Polygon = Field(description="[[x, z], ...] once round the outline")
-
-    @field_validator("corners_mm")
-    @classmethod
-    def _simple(cls, value: list[list[float]]) -> list[list[float]]:
-        require_simple(value)
-        return value
+    corners_mm: SimplePolygon = Field(description="[[x, z], ...] once round the outline")
 
     def to_model(self) -> model.PlanarBody:
         """In SI."""

@@ -16,7 +16,6 @@ def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
     payload = read_device("drive_unit").payload
     if payload is None:
         raise LookupError("drive_unit.toml has no payload")
-    assert payload is not None
     return {
         "sphere_volume": sphere,
         "sphere_mass": inputs["sphere_density"] * sphere,

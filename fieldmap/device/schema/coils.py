@@ -8,7 +8,7 @@ from fieldmap.device import model
 from fieldmap.device.polygons import rounding_fault, signed_area
 from fieldmap.device.schema.base import MILLI, CoilName, Length, Positive, broken, chosen_by, read_only
 from fieldmap.device.schema.placement import PlacementKeys
-from fieldmap.device.schema.shapes import Polygon, require_larger_radius, require_simple
+from fieldmap.device.schema.shapes import SimplePolygon, require_larger_radius
 
 
 class CoilKeys(PlacementKeys):
@@ -111,13 +111,12 @@ class PathCoilKeys(_RoundedKeys):
     """Closed plane path with rounded corners."""
 
     kind: Literal["path"] = Field(description="closed plane path with rounded corners")
-    corners_mm: Polygon = Field(description="[[x, y], ...] corners of the middle line, counter-clockwise")
+    corners_mm: SimplePolygon = Field(description="[[x, y], ...] corners of the middle line, counter-clockwise")
     corner_radius_mm: Length = Field(description="radius of every corner, at the winding's middle line")
 
     @field_validator("corners_mm")
     @classmethod
-    def _simple_and_counter_clockwise(cls, value: list[list[float]]) -> list[list[float]]:
-        require_simple(value)
+    def _counter_clockwise(cls, value: list[list[float]]) -> list[list[float]]:
         if signed_area(value) < 0:
             raise broken(
                 "the corners must run counter-clockwise seen from local +z",

@@ -6,7 +6,7 @@ Local frame of every shape: axis along z, base in the plane z = 0, centred in x 
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from fieldmap.device import model
 from fieldmap.device.polygons import polygon_fault, signed_area
@@ -15,7 +15,7 @@ from fieldmap.device.schema.base import MILLI, Length, PlanePoint, Size, Table, 
 Polygon = Annotated[list[PlanePoint], Field(min_length=3)]
 
 
-def require_simple(points: list[list[float]]) -> None:
+def _require_simple(points: list[list[float]]) -> list[list[float]]:
     """Raise unless the corners make a polygon that does not meet itself."""
     fault = polygon_fault(points)
     if fault is not None:
@@ -24,6 +24,10 @@ def require_simple(points: list[list[float]]) -> None:
             fault,
             "list the corners once round the outline, in order, without repeating the first one",
         )
+    return points
+
+
+SimplePolygon = Annotated[Polygon, AfterValidator(_require_simple)]
 
 
 def counter_clockwise(points: list[list[float]]) -> list[list[float]]:
@@ -100,14 +104,8 @@ class ExtrudedPolygonKeys(Table):
     """Prism over a polygon in the local x-y plane."""
 
     shape: Literal["extruded_polygon"] = Field(description="polygon in the local x-y plane, 0 <= z <= height")
-    points_mm: Polygon = Field(description="[[x, y], ...] corners once round the outline")
+    points_mm: SimplePolygon = Field(description="[[x, y], ...] corners once round the outline")
     height_mm: Length = Field(description="height along the local z axis")
-
-    @field_validator("points_mm")
-    @classmethod
-    def _simple(cls, value: list[list[float]]) -> list[list[float]]:
-        require_simple(value)
-        return value
 
     def to_shape(self, folder: Path) -> model.ExtrudedPolygon:
         """In SI, corners counter-clockwise."""
@@ -131,8 +129,7 @@ class RevolvedProfileKeys(Table):
                 f"r = {value[wrong[0] - 1][0]:g} at corner {wrong[0]}",
                 "give only the half of the section at r >= 0, as [r, z]; it is turned fully about the axis",
             )
-        require_simple(value)
-        return value
+        return _require_simple(value)
 
     def to_shape(self, folder: Path) -> model.RevolvedProfile:
         """In SI, corners counter-clockwise in the r-z plane."""
