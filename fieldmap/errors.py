@@ -31,6 +31,10 @@ class FieldmapError(Exception):
         self.problems = problems
         super().__init__("\n".join(str(problem) for problem in problems))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # As it is by default, with what the constructor takes: errors travel between processes.
+        return type(self), self.problems, self.__dict__
+
 
 class InputError(FieldmapError, ValueError):
     """Something the user gave (a file, an argument) cannot be used."""

@@ -1,0 +1,11 @@
+"""Independent pieces of work, done in this process, in several of this machine, or on a cluster.
+
+Depends on: errors, arguments, numba, threadpoolctl; dask.distributed where there is more than one process.
+"""
+
+from fieldmap.parallel.arithmetic import same_arithmetic
+from fieldmap.parallel.common import Common
+from fieldmap.parallel.outcome import Outcome
+from fieldmap.parallel.workers import Workers
+
+__all__ = ["Common", "Outcome", "Workers", "same_arithmetic"]

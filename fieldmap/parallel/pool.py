@@ -1,0 +1,118 @@
+"""Other processes: a scheduler of dask, our own on this machine or one that is there already. The only door to dask."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+import distributed
+import numba
+
+from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.parallel.common import Common
+from fieldmap.parallel.outcome import Outcome, attempt
+
+R = TypeVar("R")
+# A scheduler that is there answers sooner.
+_ANSWERS_WITHIN_SECONDS = 20
+# Kernels have one set of threads per process: pieces of work take turns there, whatever number a worker accepts.
+_TURN = threading.Lock()
+
+
+class Pool:
+    """A client of the scheduler, and our own cluster where there is one."""
+
+    def __init__(self, count: int, scheduler: str | None) -> None:
+        self._cluster: distributed.LocalCluster | None = None
+        self._threads: int | None = None
+        if scheduler is None:
+            self._threads = max(1, (os.cpu_count() or 1) // count)
+            self._cluster = distributed.LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                # No web page, hence no port; and states of the iron may take what memory there is.
+                dashboard_address=None,
+                memory_limit=0,
+                silence_logs=logging.ERROR,
+            )
+            self._client = distributed.Client(self._cluster)
+        else:
+            self._client = _client_of(scheduler)
+
+    def close(self) -> None:
+        """Withdraw what is not done, and end our own processes."""
+        self._client.close()
+        if self._cluster is not None:
+            self._cluster.close()
+
+    def prepare(self, common: Common[Any]) -> None:
+        """Begin to make `common` in every process that is there now."""
+        for address in self._client.scheduler_info(n_workers=-1)["workers"]:
+            made = self._client.submit(_make, common, self._threads, workers=[address], pure=False)
+            distributed.fire_and_forget(made)
+
+    def map(
+        self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None
+    ) -> Iterator[Outcome[R]]:
+        """Outcomes, as they come."""
+        shared = () if common is None else (common,)
+        futures = {
+            self._client.submit(_work, index, function, shared, item, self._threads, pure=False): index
+            for index, item in enumerate(items)
+        }
+        try:
+            for future in distributed.as_completed(list(futures)):
+                index, error = futures[future], future.exception()
+                yield future.result() if error is None else Outcome(index, None, _died(error))
+                future.release()
+        finally:
+            self._client.cancel(list(futures))
+
+
+def _work(
+    index: int,
+    function: Callable[..., Any],
+    shared: tuple[Common[Any], ...],
+    item: Any,
+    threads: int | None,
+) -> Outcome[Any]:
+    """One item, in the process that got it."""
+    with _TURN:
+        _set_threads(threads)
+        return attempt(index, _with_common, function, shared, item)
+
+
+def _with_common(function: Callable[..., Any], shared: tuple[Common[Any], ...], item: Any) -> Any:
+    return function(*(common.here() for common in shared), item)
+
+
+def _make(common: Common[Any], threads: int | None) -> None:
+    with _TURN:
+        _set_threads(threads)
+        attempt(0, common.here)
+
+
+def _set_threads(threads: int | None) -> None:
+    """As many as we have for each of our own processes, or as a worker of somebody else's scheduler was given."""
+    wanted = distributed.get_worker().state.nthreads if threads is None else threads
+    numba.set_num_threads(min(wanted, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+
+
+def _client_of(scheduler: str) -> distributed.Client:
+    try:
+        if os.path.isfile(scheduler):
+            return distributed.Client(scheduler_file=scheduler, timeout=_ANSWERS_WITHIN_SECONDS)
+        return distributed.Client(scheduler, timeout=_ANSWERS_WITHIN_SECONDS)
+    except (OSError, ValueError) as error:
+        remedy = "start one with   dask scheduler   and copy the address that it prints"
+        received = f"{scheduler!r}: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        raise InputError(Problem("scheduler", "the address of a dask scheduler", received, remedy)) from error
+
+
+def _died(error: BaseException) -> Exception:
+    if isinstance(error, distributed.scheduler.KilledWorker):
+        remedy = "see the workers' own messages: most often one needs more memory than it was given"
+        received = "the death of every process that tried"
+        return FieldmapError(Problem("a piece of work", "a worker that survives it", received, remedy))
+    return error if isinstance(error, Exception) else RuntimeError(repr(error))

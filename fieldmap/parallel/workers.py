@@ -1,0 +1,91 @@
+"""The door: one way to do many independent pieces of work, wherever they are done."""
+
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Any, TypeVar
+
+from fieldmap.arguments import check_count
+from fieldmap.errors import InputError, Problem
+from fieldmap.parallel.common import Common
+from fieldmap.parallel.outcome import Outcome, attempt
+
+R = TypeVar("R")
+_REMEDY = 'install it with   pip install "fieldmap[cluster]"'
+
+
+class Workers:
+    """Who does the work: this process (count 1), `count` processes of this machine, or those of a dask scheduler.
+
+    A context manager; processes are started on entering and ended on leaving, however that happens, those of a
+    `scheduler` ("tcp://host:port", or the path of its scheduler file) excepted: only what they still had to do for us
+    is withdrawn. A script that starts processes must begin them below `if __name__ == "__main__":`, as always in
+    Python. Raises InputError for arguments that make no sense, where dask.distributed is not installed, or where no
+    scheduler answers.
+
+    >>> with Workers() as workers:
+    ...     for outcome in workers.map(abs, [-3, 4]):
+    ...         print(outcome.index, outcome.value)
+    0 3
+    1 4
+    """
+
+    def __init__(self, count: int = 1, scheduler: str | None = None) -> None:
+        check_count("workers", count=count)
+        if count > 1 and scheduler is not None:
+            received = f"workers = {count} and scheduler = {scheduler!r}"
+            remedy = "leave workers out: the scheduler knows its own"
+            raise InputError(Problem("workers", "either workers or a scheduler", received, remedy))
+        self._count, self._scheduler = count, scheduler
+        self._pool: Any = None
+
+    def __enter__(self) -> "Workers":
+        if self._count > 1 or self._scheduler is not None:
+            try:
+                from fieldmap.parallel.pool import Pool
+            except ModuleNotFoundError as error:
+                received = f"no module {error.name}"
+                raise InputError(
+                    Problem("workers", "dask.distributed must be installed", received, _REMEDY)
+                ) from error
+            self._pool = Pool(self._count, self._scheduler)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.close()
+            self._pool = None
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether other processes do the work."""
+        return self._pool is not None
+
+    def prepare(self, common: Common[Any]) -> None:
+        """Let other processes make what they need for a `map` to come, while this one does something else."""
+        if self._pool is not None:
+            self._pool.prepare(common)
+
+    def map(
+        self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None = None
+    ) -> Iterator[Outcome[R]]:
+        """function(item), or function(common.here(), item), for every item: one outcome each, as they are done.
+
+        In this process they come in the order of the items, elsewhere in any. An item whose process dies is given to
+        another one, as if nothing had happened; if that happens to it four times, its outcome is an error. function,
+        items and results must be picklable where other processes do the work: a function of a module, not a lambda.
+        """
+        if self._pool is not None:
+            yield from self._pool.map(function, items, common)
+            return
+        for index, item in enumerate(items):
+            shared = () if common is None else (common.here(),)
+            yield attempt(index, function, *shared, item)
+
+    def results(
+        self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None = None
+    ) -> list[R]:
+        """What `map` gives, in the order of the items; the first error that is met is raised."""
+        found = {outcome.index: outcome.result() for outcome in self.map(function, items, common)}
+        return [found[index] for index in range(len(items))]

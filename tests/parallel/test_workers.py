@@ -1,0 +1,229 @@
+"""Pieces of work in this process and in others: the same outcomes, whatever fails or dies on the way."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.parallel import Common, Workers, same_arithmetic
+
+
+@pytest.fixture(scope="module")
+def two():
+    with Workers(2) as workers:
+        yield workers
+
+
+@pytest.fixture(scope="module")
+def one():
+    with Workers() as workers:
+        yield workers
+
+
+# Functions are made inside functions: a worker cannot import this file, so they travel by value.
+def tricky():
+    from fieldmap.errors import NotConverged, Problem
+
+    def work(offset, item):
+        if item == "bug":
+            raise TypeError("not meant")
+        if item == "hard":
+            raise NotConverged(Problem("here", "a", "b", "c"), residuals=(1.0, 0.5))
+        return offset + item
+
+    return work
+
+
+@pytest.mark.parametrize("workers", ["one", "two"])
+def test_every_item_has_its_outcome(workers, request):
+    items = [1, "hard", 3, "bug", 5]
+    found = list(request.getfixturevalue(workers).map(tricky(), items, Common(float, 10)))
+    assert sorted(outcome.index for outcome in found) == [0, 1, 2, 3, 4]
+    by_index = {outcome.index: outcome for outcome in found}
+    assert [by_index[k].result() for k in (0, 2, 4)] == [11.0, 13.0, 15.0]
+    hard, bug = by_index[1], by_index[3]
+    assert hard.error.problems == (Problem("here", "a", "b", "c"),)
+    assert hard.error.residuals == (1.0, 0.5)
+    assert hard.reason == "here: a; received b; c"
+    assert bug.reason == "TypeError: not meant"
+    # Where the mistake is, also from another process.
+    assert "in work" in bug.error.__notes__[0]
+    with pytest.raises(NotConverged):
+        hard.result()
+    assert by_index[0].reason == ""
+
+
+def test_other_processes_do_the_work_and_results_come_in_order(two):
+    def where(item):
+        import time
+
+        time.sleep(0.2)
+        return item, os.getpid()
+
+    found = two.results(where, list(range(8)))
+    assert [item for item, _ in found] == list(range(8))
+    processes = {process for _, process in found}
+    assert len(processes) == 2
+    assert os.getpid() not in processes
+
+
+def test_what_is_common_is_made_once_in_every_process_and_never_sent(two):
+    def make(size):
+        # A lock cannot be pickled, as a factorisation cannot.
+        import threading
+
+        return threading.Lock(), size, object()
+
+    def work(made, item):
+        import os
+        import time
+
+        time.sleep(0.05)
+        return os.getpid(), id(made[2]), made[1] + item
+
+    common = Common(make, 100)
+    two.prepare(common)
+    found = two.results(work, list(range(12)), common)
+    assert [number for *_, number in found] == list(range(100, 112))
+    made = {(process, identity) for process, identity, _ in found}
+    assert len(made) == len({process for process, _ in made}) == 2
+    assert Common(make, 100, made="mine").here() == "mine"
+
+
+def test_a_killed_process_costs_only_its_piece(two, tmp_path):
+    log = tmp_path / "log"
+
+    def work(item):
+        import os
+        import signal
+        import time
+
+        with open(log, "a") as file:
+            file.write(f"{item}\n")
+        if item == 3 and log.read_text().split().count("3") == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.1)
+        return item**2
+
+    assert two.results(work, list(range(8))) == [item**2 for item in range(8)]
+    begun = log.read_text().split()
+    assert begun.count("3") == 2
+    # What was under way elsewhere was not begun again; the dead one had one piece in hand, and results not yet sent.
+    assert len(begun) <= 8 + 3
+
+
+def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
+    def work(item):
+        import os
+        import signal
+
+        if item == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return item
+
+    by_index = {outcome.index: outcome for outcome in two.map(work, [0, 1, 2])}
+    assert (by_index[0].result(), by_index[2].result()) == (0, 2)
+    assert "the death of every process" in by_index[1].reason
+
+
+def test_workers_of_a_scheduler_that_is_there_are_used_and_left_alone(two):
+    address = two._pool._client.scheduler.address
+    there = set(two.results(lambda item: os.getpid(), range(8)))
+    with Workers(scheduler=address) as workers:
+        assert workers.elsewhere
+        found = workers.results(lambda item: os.getpid(), range(8))
+    assert set(found) <= there
+    assert two.results(abs, [-1]) == [1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"count": 0}, "1 or more; received 0"),
+        ({"count": 2, "scheduler": "tcp://127.0.0.1:8786"}, "either workers or a scheduler"),
+        ({"scheduler": "nonsense://x"}, "address of a dask scheduler; received 'nonsense"),
+    ],
+)
+def test_arguments_that_make_no_sense(arguments, words):
+    with pytest.raises(InputError, match=words), Workers(**arguments):
+        pass
+
+
+def test_without_dask_the_remedy_is_named(monkeypatch):
+    monkeypatch.delitem(sys.modules, "fieldmap.parallel.pool", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"fieldmap\[cluster\]"), Workers(2):
+        pass
+
+
+def test_errors_of_ours_survive_a_pickle():
+    error = NotConverged(Problem("a", "b", "c", "d"), residuals=(0.1,))
+    again = pickle.loads(pickle.dumps(error))
+    assert (again.problems, again.residuals, str(again)) == (error.problems, error.residuals, str(error))
+
+
+def test_the_arithmetic_has_one_thread_and_then_as_many_as_before():
+    from threadpoolctl import threadpool_info
+
+    def threads():
+        np.ones(2) @ np.ones(2)
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    before = threads()
+    with same_arithmetic():
+        assert set(threads()) == {1}
+    assert threads() == before
+
+
+INTERRUPTED = """
+import os, time
+from fieldmap.parallel import Workers
+
+def work(folder):
+    open(os.path.join(folder, str(os.getpid())), "w").close()
+    time.sleep(60)
+
+if __name__ == "__main__":
+    import sys
+    with Workers(2) as workers:
+        list(workers.map(work, [sys.argv[1]] * 4))
+"""
+
+
+def alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{process}/stat") as file:
+        return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["interrupted", "killed"])
+def test_no_process_is_left_behind(tmp_path, how):
+    script, marks = tmp_path / "script.py", tmp_path / "marks"
+    script.write_text(INTERRUPTED)
+    marks.mkdir()
+    # A group of its own, which is what Ctrl-C on a terminal reaches.
+    main = subprocess.Popen([sys.executable, script, marks], start_new_session=True, stderr=subprocess.PIPE)
+    wait_until(lambda: len(list(marks.iterdir())) == 2)
+    begin = time.monotonic()
+    (os.killpg if how == signal.SIGINT else os.kill)(main.pid, how)
+    main.communicate(timeout=30)
+    workers = [int(mark.name) for mark in marks.iterdir()]
+    wait_until(lambda: not any(alive(process) for process in workers))
+    assert time.monotonic() - begin < 30
+
+
+def wait_until(true):
+    end = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.05)
