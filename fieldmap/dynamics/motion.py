@@ -1,0 +1,163 @@
+"""Motion at currents that do not change: by the compiled steps, and by an adaptive integrator that judges them."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+
+from fieldmap.arguments import check_choice, check_count, check_positive, check_signal
+from fieldmap.dynamics.rigid_body import RigidBody
+from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.kernels.map_block import INSIDE
+from fieldmap.kernels.motion.layout import MASS, SPIN, STATE, TURN, VELOCITY
+from fieldmap.kernels.motion.magnet import magnet_energy
+from fieldmap.kernels.motion.step import fixed_currents, rates
+
+Array = NDArray[np.float64]
+
+_WEIGHTS = np.ones(1)
+ORDERS = {"second": 2, "fourth": 4}
+
+
+class Fixed(Protocol):
+    """A field at given currents that compiled code can evaluate: `FieldMap.at(currents)`."""
+
+    def compiled(self) -> tuple[Any, Array]:
+        """(function, block)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FixedCurrentsRun:
+    """time (n,), s; states (n, 13): position, velocity, quaternion (w, x, y, z) body to map, angular velocity in the
+    frame of the body. inside: whether the magnet was in the map to the end; touched: whether it met a wall."""
+
+    time: Array
+    states: Array
+    inside: bool
+    touched: bool
+
+
+def state_of(
+    position: ArrayLike,
+    velocity: ArrayLike = (0, 0, 0),
+    quaternion: ArrayLike = (1, 0, 0, 0),
+    spin: ArrayLike = (0, 0, 0),
+) -> Array:
+    """A state (13,) from its parts; the quaternion is brought to length 1."""
+    parts = {"position": position, "velocity": velocity, "spin": spin}
+    checked = {name: check_signal(f"state_of({name})", part, columns=3) for name, part in parts.items()}
+    turn = check_signal("state_of(quaternion)", quaternion, columns=4)
+    length = float(np.linalg.norm(turn))
+    if length == 0.0:
+        problem = Problem("state_of(quaternion)", "must have a length", "zeros", "(1, 0, 0, 0) for upright")
+        raise InputError(problem)
+    return np.concatenate([checked["position"], checked["velocity"], turn / length, checked["spin"]])
+
+
+def move(
+    field: Fixed,
+    body: RigidBody,
+    state: ArrayLike,
+    duration: float,
+    step: float = 1e-4,
+    *,
+    order: str = "second",
+    drag: Drag | None = None,
+    plate: Plate | None = None,
+    walls: Walls | None = None,
+    every: int = 1,
+) -> FixedCurrentsRun:
+    """The motion of a body in the field of given currents, from a state (13,), by steps of fixed length.
+
+    field: `m.at(currents)`. step: s. order: "second", Strang's splitting, one evaluation of the field a step, or
+    "fourth", Yoshida's composition, three. Both are symmetric in time, and symplectic without losses. every: steps
+    from one row of the result to the next. A run that leaves the map ends there. Raises InputError.
+    """
+    check_positive("move", duration=duration, step=step)
+    check_count("move", every=every)
+    rule = ORDERS[check_choice("move(order)", order, ORDERS)]
+    start = _checked("move(state)", state)
+    rows = round(duration / (step * every)) + 1
+    states = np.empty((rows, STATE))
+    block = field.compiled()[1]
+    moving = body.moving(drag, plate, walls)
+    filled, status, touched = fixed_currents((block, 1), _WEIGHTS, moving, start, step, every, rule, states)
+    time = step * every * np.arange(filled)
+    return FixedCurrentsRun(time, states[:filled], bool(status == INSIDE), bool(touched))
+
+
+def move_adaptively(
+    field: Fixed,
+    body: RigidBody,
+    state: ArrayLike,
+    times: ArrayLike,
+    *,
+    drag: Drag | None = None,
+    plate: Plate | None = None,
+    tolerance: float = 1e-12,
+) -> Array:
+    """States (n, 13) at times (n,), the first that of `state`, by scipy's DOP853 on the same right-hand side.
+
+    For judging steps of fixed length. tolerance: relative, per step. Raises NotConverged where the integrator stops,
+    as it does where the magnet leaves the map.
+    """
+    moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
+    start = _checked("move_adaptively(state)", state)
+    inside, moving, load = (field.compiled()[1], 1), body.moving(drag, plate), np.empty(6)
+
+    def slope(_: float, y: Array) -> Array:
+        out = np.full(STATE, np.nan)
+        if rates(inside, _WEIGHTS, moving, y, load, out) != INSIDE:
+            out[:] = np.nan
+        return out
+
+    scale = np.maximum(np.abs(start), 1e-3)
+    found = solve_ivp(
+        slope,
+        (moments[0], moments[-1]),
+        start,
+        method="DOP853",
+        t_eval=moments,
+        rtol=tolerance,
+        atol=tolerance * scale,
+    )
+    if not found.success or not np.isfinite(found.y).all():
+        problem = Problem(
+            "move_adaptively",
+            "the integrator must reach the end",
+            found.message,
+            "keep the motion in the map",
+        )
+        raise NotConverged(problem)
+    return np.ascontiguousarray(found.y.T)
+
+
+def energy(field: Fixed, body: RigidBody, states: ArrayLike) -> Array:
+    """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
+    rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
+    block = field.compiled()[1]
+    numbers, points, moments = body.moving()[:3]
+    magnetic = [magnet_energy(block, 1, _WEIGHTS, points, moments, row) for row in rows]
+    kinetic = 0.5 * numbers[MASS] * (rows[:, VELOCITY : VELOCITY + 3] ** 2).sum(axis=1)
+    turning = 0.5 * (rows[:, SPIN : SPIN + 3] ** 2) @ body.inertia
+    return kinetic + turning + np.array(magnetic) + body.mass * body.gravity * rows[:, 2]
+
+
+def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
+    """Angular momentum about the centre of mass (n, 3), kg m^2/s, in the frame of the map."""
+    rows = np.atleast_2d(check_signal("angular_momentum(states)", states, columns=STATE))
+    w, u = rows[:, TURN], rows[:, TURN + 1 : TURN + 4]
+    p = rows[:, SPIN : SPIN + 3] * body.inertia
+    twice = 2.0 * np.cross(u, p)
+    return p + w[:, None] * twice + np.cross(u, twice)
+
+
+def _checked(where: str, state: ArrayLike) -> Array:
+    start = np.array(check_signal(where, state, columns=STATE))
+    if start.ndim != 1 or abs(np.linalg.norm(start[TURN : TURN + 4]) - 1.0) > 1e-9:
+        must = "must be one state (13,) with a quaternion of length 1"
+        raise InputError(Problem(where, must, f"{start.tolist()}", "make it by state_of"))
+    return start

@@ -1,0 +1,155 @@
+"""A rigid body with a magnet in it, as data."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_not_negative, check_positive, check_signal
+from fieldmap.device.model import MagnetCylinder, Payload
+from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.motion.layout import BODY, GRAVITY, INERTIA, MASS
+from fieldmap.kernels.motion.plate import PLATE
+from fieldmap.levitation.conventions import GRAVITY as FREE_FALL
+from fieldmap.lookup import FiniteMagnet
+
+Array = NDArray[np.float64]
+
+_RIM = 8
+
+
+def _nowhere() -> Array:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBody:
+    """A rigid body, SI; its frame has its origin in the centre of mass, its axes are principal axes of inertia.
+
+    mass: kg. inertia (3,): principal moments, kg m^2. magnet: points and moments about the magnet's own centre, axes
+    as the body's. magnet_at (3,): that centre in the body. seen_at (3,): the point that the position sensors see. skin
+    (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. assumptions: what the numbers rest on.
+    """
+
+    mass: float
+    inertia: Array
+    magnet: FiniteMagnet
+    magnet_at: Array = field(default_factory=lambda: np.zeros(3))
+    seen_at: Array = field(default_factory=lambda: np.zeros(3))
+    skin: Array = field(default_factory=_nowhere)
+    gravity: float = FREE_FALL
+    assumptions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_positive("RigidBody", mass=self.mass)
+        check_not_negative("RigidBody", gravity=self.gravity)
+        for name in ("inertia", "magnet_at", "seen_at"):
+            given = np.array(check_signal(f"RigidBody({name})", getattr(self, name), columns=3))
+            object.__setattr__(self, name, given)
+        check_positive("RigidBody(inertia)", **dict(zip("xyz", self.inertia, strict=True)))
+        a, b, c = np.sort(self.inertia)
+        if c > (a + b) * (1.0 + 1e-9):
+            must = "must fulfil I1 + I2 >= I3, as those of every body do"
+            problem = Problem(
+                "RigidBody(inertia)", must, f"{self.inertia.tolist()}", "give principal moments of inertia"
+            )
+            raise InputError(problem)
+
+    def numbers(self, force: ArrayLike = (0, 0, 0), torque: ArrayLike = (0, 0, 0)) -> Array:
+        """In the order of fieldmap.kernels.motion.layout, with a force and torque that disturb the body."""
+        numbers = np.zeros(BODY)
+        numbers[MASS], numbers[INERTIA : INERTIA + 3] = self.mass, self.inertia
+        numbers[GRAVITY + 2] = -self.gravity
+        numbers[7:10], numbers[10:13] = force, torque
+        return numbers
+
+    def moving(
+        self,
+        drag: Drag | None = None,
+        plate: Plate | None = None,
+        walls: Walls | None = None,
+        force: ArrayLike = (0, 0, 0),
+        torque: ArrayLike = (0, 0, 0),
+    ) -> tuple[Any, ...]:
+        """Everything about the body and its surroundings, as fieldmap.kernels.motion.step takes it."""
+        resistance = (drag or Drag()).numbers
+        points = np.ascontiguousarray(self.magnet.points + self.magnet_at)
+        moments = np.ascontiguousarray(self.magnet.moments, dtype=float)
+        return (
+            self.numbers(force, torque),
+            points,
+            moments,
+            resistance,
+            int(resistance.any()),
+            np.zeros(PLATE) if plate is None else plate.numbers,
+            np.concatenate([moments.sum(axis=0), self.magnet_at]),
+            (walls or Walls()).numbers(self.mass),
+            _nowhere() if walls is None else np.ascontiguousarray(self.skin, dtype=float),
+        )
+
+
+def body_of_payload(
+    payload: Payload,
+    *,
+    radius: float | None = None,
+    height: float | None = None,
+    below: float | None = None,
+    centre_of_mass: float = 0.0,
+    direction: float = 1.0,
+    magnet: FiniteMagnet | None = None,
+) -> RigidBody:
+    """The upright body of a device's payload: z along the magnet's axis, seen at its top.
+
+    radius, height: of the cylinder that the body is taken for, m; the magnet's own unless given. below: how far the
+    magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. centre_of_mass: how
+    far it lies above the magnet's centre, m. direction: +1 for a moment along the body's z axis, -1 against it.
+    magnet: its dipoles; a point dipole unless given. Raises InputError where no inertia is given or follows.
+
+    >>> from fieldmap.device import read_device
+    >>> body = body_of_payload(read_device("drive_unit").payload, radius=5.9e-3, height=0.025)
+    >>> (1e7 * body.inertia).round(3).tolist()
+    [6.802, 6.802, 1.948]
+    """
+    own = payload.magnet
+    cylinder = isinstance(own, MagnetCylinder)
+    r = radius if radius is not None else own.diameter / 2 if isinstance(own, MagnetCylinder) else None
+    h = height if height is not None else own.height if isinstance(own, MagnetCylinder) else None
+    low = below if below is not None else own.height / 2 if isinstance(own, MagnetCylinder) else 0.0
+    words: list[str] = []
+    inertia = payload.inertia
+    if inertia is None:
+        if r is None or h is None:
+            remedy = "give radius and height of the body, or payload.inertia in the device file"
+            problem = Problem("body_of_payload(payload)", "must have an inertia", "none", remedy)
+            raise InputError(problem)
+        across = payload.mass * (r**2 / 4 + h**2 / 12)
+        inertia = (across, across, payload.mass * r**2 / 2)
+        size = f"{2e3 * r:g} x {1e3 * h:g} mm"
+        words.append(
+            f"inertia of a uniform cylinder of {size}" + ("" if radius or not cylinder else ", the magnet's")
+        )
+    words.append(f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre")
+    words.append(f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre")
+    point = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
+    carried = magnet or point
+    words.append("point dipole" if len(carried.points) == 1 else f"magnet of {len(carried.points)} dipoles")
+    shift = -centre_of_mass
+    skin = _nowhere() if r is None or h is None else _rims(r, shift - low, shift - low + h)
+    return RigidBody(
+        payload.mass,
+        np.array(inertia, float),
+        FiniteMagnet(carried.points, direction * carried.moments, carried.error),
+        np.array([0.0, 0.0, shift]),
+        np.array([0.0, 0.0, shift + payload.magnet_offset]),
+        skin,
+        assumptions=tuple(words),
+    )
+
+
+def _rims(radius: float, low: float, high: float) -> Array:
+    """Points on both rims of an upright cylinder, (2 _RIM, 3)."""
+    angle = 2 * np.pi * np.arange(_RIM) / _RIM
+    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    return np.concatenate([np.column_stack([ring, np.full(_RIM, z)]) for z in (low, high)])

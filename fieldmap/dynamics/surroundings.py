@@ -1,0 +1,156 @@
+"""What a moving body meets beside the field: air, a conducting plate, walls."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.constants import MU0
+from fieldmap.kernels.motion.plate import plate_force
+
+Array = NDArray[np.float64]
+Three = tuple[float, float, float]
+
+_ZERO: Three = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Resistance against motion, by axes: docs/theory/dynamics.md (9), (10).
+
+    linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along those of the body.
+    turning: N m s, turning_quadratic: N m s^2, about those of the body.
+    """
+
+    linear: Three = _ZERO
+    body_linear: Three = _ZERO
+    body_quadratic: Three = _ZERO
+    turning: Three = _ZERO
+    turning_quadratic: Three = _ZERO
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            given = check_signal(f"Drag({name})", values, columns=3)
+            check_not_negative(
+                f"Drag({name})", **{axis: float(v) for axis, v in zip("xyz", given, strict=True)}
+            )
+
+    @property
+    def numbers(self) -> Array:
+        """(5, 3), in the order of fieldmap.kernels.motion.losses."""
+        return np.array(
+            [self.linear, self.body_linear, self.body_quadratic, self.turning, self.turning_quadratic], float
+        )
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A conducting plate without end to the sides, on the other side of its face than the magnet.
+
+    conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to the
+    side of the magnet, any length. Eddy currents are those of slow motion: their own field is left out, which is wrong
+    by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (12)..(18).
+    """
+
+    conductivity: float
+    thickness: float
+    face: Three
+    normal: Three = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_positive("Plate", conductivity=self.conductivity)
+        if self.thickness != np.inf:
+            check_positive("Plate", thickness=self.thickness)
+        check_signal("Plate(face)", self.face, columns=3)
+        if not np.linalg.norm(check_signal("Plate(normal)", self.normal, columns=3)) > 0.0:
+            problem = Problem("Plate(normal)", "must have a length", "zeros", "(0, 0, 1) for a plate below")
+            raise InputError(problem)
+
+    @property
+    def critical_speed(self) -> float:
+        """Maxwell's w = 2 / (mu0 conductivity thickness), m/s: images of eddies recede with it (Saslow 1992)."""
+        return 2.0 / (MU0 * self.conductivity * self.thickness)
+
+    @property
+    def numbers(self) -> Array:
+        """In the order of fieldmap.kernels.motion.plate."""
+        n = np.asarray(self.normal, float)
+        return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
+
+    def damping(self, position: Three, moment: Three) -> Array:
+        """(3, 3) N s/m: the force on a dipole (3,), A m^2, that moves without turning is -damping @ velocity. (16)
+
+        Raises InputError for a position on or behind the face.
+
+        >>> plate = Plate(conductivity=3.5e7, thickness=np.inf, face=(0, 0, 0))
+        >>> (1e3 * plate.damping((0, 0, 0.02), (0, 0, 0.813)).diagonal()).round(3).tolist()
+        [7.543, 7.543, 15.086]
+        """
+        numbers = self.numbers
+        where, dipole = (
+            check_signal(f"Plate.damping({name})", value, columns=3)
+            for name, value in (("position", position), ("moment", moment))
+        )
+        if not (where - self.face) @ numbers[5:] > 0.0:
+            problem = Problem(
+                "Plate.damping(position)", "must lie in front of the face", f"{position}", "turn the normal"
+            )
+            raise InputError(problem)
+        columns = [
+            plate_force(numbers, *where, tuple(dipole), tuple(v), (0.0, 0.0, 0.0))[0] for v in np.eye(3)
+        ]
+        return -np.array(columns).T
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What its damping rests on."""
+        return (
+            f"plate: {1e3 * self.thickness:g} mm of {self.conductivity:.3g} S/m without end to the sides; the magnet "
+            "acts on it as a point dipole; slow motion",
+        )
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Floor, ceiling and upright tube that a body can touch: a penalty, docs/theory/dynamics.md (19), (20).
+
+    floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None where there is none. contact_time: s,
+    half a period of the body bouncing on one point, which sets the stiffness. restitution: speed after a bounce over
+    that before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip, m/s.
+    """
+
+    floor: float | None = None
+    ceiling: float | None = None
+    radius: float | None = None
+    axis: tuple[float, float] = (0.0, 0.0)
+    contact_time: float = 5e-3
+    restitution: float = 0.3
+    friction: float = 0.3
+    slip: float = 1e-3
+
+    def __post_init__(self) -> None:
+        given = {
+            name: getattr(self, name) for name in ("floor", "ceiling") if getattr(self, name) is not None
+        }
+        check_numbers("Walls", **given, x=self.axis[0], y=self.axis[1])
+        check_positive("Walls", contact_time=self.contact_time, slip=self.slip, restitution=self.restitution)
+        check_not_negative("Walls", friction=self.friction)
+        if self.radius is not None:
+            check_positive("Walls", radius=self.radius)
+        if self.restitution > 1.0:
+            problem = Problem("Walls(restitution)", "must be at most 1", f"{self.restitution}", "0.3, say")
+            raise InputError(problem)
+
+    def numbers(self, mass: float) -> Array:
+        """For a body of this mass, in the order of fieldmap.kernels.motion.contact."""
+        share = -np.log(self.restitution) / np.pi
+        stiffness = mass * (np.pi / self.contact_time) ** 2 * (1.0 + share**2)
+        damping = 2.0 * mass * share * np.pi / self.contact_time
+        floor = -np.inf if self.floor is None else self.floor
+        ceiling = np.inf if self.ceiling is None else self.ceiling
+        radius = np.inf if self.radius is None else self.radius
+        return np.array(
+            [stiffness, damping, self.friction, self.slip, floor, ceiling, radius, *map(float, self.axis)]
+        )

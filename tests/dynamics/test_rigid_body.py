@@ -1,0 +1,151 @@
+"""The motion of a rigid magnet in a field that does not change, against closed forms and an adaptive integrator."""
+
+import numpy as np
+import pytest
+from scipy.special import ellipj
+
+from fieldmap.dynamics import (
+    RigidBody,
+    angular_momentum,
+    body_of_payload,
+    energy,
+    move,
+    move_adaptively,
+    state_of,
+)
+from fieldmap.errors import InputError
+
+UNLIKE = np.array([1.0e-6, 1.7e-6, 2.2e-6])
+
+
+def free_spin(inertia, start, times):
+    """Angular velocity (n, 3) of a free rotor I1 < I2 < I3 with L^2 > 2 E I2 and start[1] = 0: Landau, Lifshitz,
+    Mechanics, section 37, (37.8)..(37.11)."""
+    a, b, c = inertia
+    twice = float(inertia @ start**2)
+    square = float((inertia * start) @ (inertia * start))
+    assert square > twice * b
+    assert start[1] == 0.0
+    rate = np.sqrt((c - b) * (square - twice * a) / (a * b * c))
+    m = (b - a) * (twice * c - square) / ((c - b) * (square - twice * a))
+    sn, cn, dn, _ = ellipj(rate * times, m)
+    return np.column_stack(
+        [
+            np.sqrt((twice * c - square) / (a * (c - a))) * cn,
+            np.sqrt((twice * c - square) / (b * (c - b))) * sn,
+            np.sqrt((square - twice * a) / (c * (c - a))) * dn,
+        ]
+    )
+
+
+def spinning(axial, inertia, spin, duration, step, order):
+    """A body in a uniform field without moment and weight: free."""
+    body = RigidBody(0.01, inertia, axial.dipole(0.0), gravity=0.0)
+    still = axial.map((0.01, 0.0, 0.0)).at([1.0])
+    return body, move(still, body, state_of([0, 0, 0], spin=spin), duration, step, order=order)
+
+
+@pytest.mark.parametrize(("order", "power"), [("second", 2), ("fourth", 4)])
+def test_a_free_rotor_follows_jacobis_functions_at_the_order_of_the_step(axial, order, power):
+    start = np.array([20.0, 0.0, 30.0])
+    errors = []
+    for step in (4e-3, 2e-3, 1e-3):
+        _, run = spinning(axial, UNLIKE, start, 1.0, step, order)
+        exact = free_spin(UNLIKE, start, run.time)
+        errors.append(np.abs(run.states[:, 10:] - exact).max() / 30.0)
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(slopes, power, atol=0.15)
+    assert errors[-1] < {2: 2e-3, 4: 2e-5}[power]
+
+
+def test_a_free_rotor_keeps_its_angular_momentum_in_space_and_its_energy(axial):
+    body, run = spinning(axial, UNLIKE, [5.0, 40.0, 3.0], 10.0, 1e-3, "second")
+    momentum = angular_momentum(body, run.states)
+    np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], momentum.shape), atol=1e-12 * 6.8e-5)
+    kinetic = 0.5 * run.states[:, 10:] ** 2 @ UNLIKE
+    # Symplectic: what second order does to the energy comes and goes, and does not add up.
+    first, last = kinetic[: len(kinetic) // 4], kinetic[-len(kinetic) // 4 :]
+    assert np.ptp(kinetic) < 1e-3 * kinetic[0]
+    assert abs(first.mean() - last.mean()) < 0.02 * np.ptp(kinetic)
+
+
+def test_an_axisymmetric_body_is_exact_at_any_step(axial):
+    """Its axis goes round L at the rate |L| / I1; two steps of half a second against a thousand of a millisecond."""
+    inertia = [1.2e-6, 1.2e-6, 2.25e-6]
+    _, coarse = spinning(axial, inertia, [3.0, 1.0, 20.0], 1.0, 0.5, "second")
+    _, fine = spinning(axial, inertia, [3.0, 1.0, 20.0], 1.0, 1e-3, "second")
+    np.testing.assert_allclose(coarse.states[-1], fine.states[-1], atol=1e-11)
+    axis = fine.states[:, 6:10]
+    lean = 1 - 2 * (axis[:, 1] ** 2 + axis[:, 2] ** 2)
+    momentum = np.array([3.6e-6, 1.2e-6, 45e-6])
+    period = 2 * np.pi / (np.linalg.norm(momentum) / 1.2e-6)
+    at = round(period / 1e-3)
+    assert abs(lean[at] - 1.0) < 1e-4 < 1.0 - lean.min()
+
+
+def tilted(angle):
+    return [np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0]
+
+
+def test_a_spinning_top_floats_and_keeps_its_energy_for_ten_seconds(axial, top):
+    """Spin makes a magnet against the field float (the levitron): ten seconds of bounded motion without losses."""
+    start = state_of([1e-3, -5e-4, 1e-3], quaternion=tilted(0.05), spin=[0.0, 0.0, 200.0])
+    run = move(axial.floating(), top, start, 10.0, 1e-4, order="fourth", every=20)
+    assert run.inside
+    assert np.linalg.norm(run.states[:, :3], axis=1).max() < 4e-3
+    total = energy(axial.floating(), top, run.states)
+    assert np.ptp(total) < 1e-9 * abs(total[0])
+    # The same against what goes to and fro between the forms of energy, which is far less than the spin's.
+    weight = top.mass * top.gravity * run.states[:, 2]
+    assert np.ptp(total) < 1e-8 * np.ptp(weight)
+
+
+@pytest.mark.parametrize(("order", "power"), [("second", 2), ("fourth", 4)])
+def test_order_and_agreement_with_an_adaptive_integrator(axial, order, power):
+    body = RigidBody(0.02, UNLIKE, axial.dipole(-1.0), magnet_at=[1e-3, 0.0, 2e-3])
+    start = state_of([1e-3, 0.0, 5e-4], [0.0, 0.01, 0.0], tilted(0.3), [5.0, -10.0, 200.0])
+    field = axial.floating()
+    exact = move_adaptively(field, body, start, np.linspace(0, 0.1, 11))
+    errors = []
+    for step in (2e-4, 1e-4, 5e-5):
+        run = move(field, body, start, 0.1, step, order=order, every=round(0.01 / step))
+        errors.append(np.abs((run.states - exact) / np.ptp(exact, axis=0)).max())
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), power, atol=0.2)
+    assert errors[-1] < {2: 2e-3, 4: 1e-6}[power]
+
+
+@pytest.mark.parametrize("moment", [1.0, -1.0])
+@pytest.mark.parametrize("curvature", [-2.0, -0.5, 0.0, 0.5, 2.0])
+def test_without_spin_and_control_every_equilibrium_escapes(axial, moment, curvature):
+    """Earnshaw: at rest on the axis force and torque balance, and from 10 um beside it the magnet goes away."""
+    slope = axial.mass * 9.80665 / moment
+    field = axial.map((0.02, slope, curvature)).at([1.0])
+    body = RigidBody(axial.mass, axial.inertia, axial.dipole(moment))
+    still = move(field, body, state_of([0, 0, 0]), 0.05)
+    np.testing.assert_allclose(still.states[-1, :6], 0.0, atol=1e-11)
+    moved = move(field, body, state_of([1e-5, 0, 1e-5], quaternion=tilted(1e-4)), 8.0, 2e-4)
+    away = np.linalg.norm(moved.states[:, :3], axis=1).max()
+    assert away > 5e-3 or not moved.inside
+
+
+def test_a_payload_makes_a_body():
+    from fieldmap.device import read_device
+
+    payload = read_device("drive_unit").payload
+    body = body_of_payload(payload, radius=5e-3, height=0.02, centre_of_mass=2e-3, direction=-1.0)
+    m = payload.mass
+    np.testing.assert_allclose(body.inertia, [m * (25e-6 / 4 + 4e-4 / 12)] * 2 + [m * 25e-6 / 2], rtol=1e-12)
+    np.testing.assert_allclose(body.magnet_at, [0, 0, -2e-3])
+    np.testing.assert_allclose(body.seen_at, [0, 0, 13e-3])
+    assert body.magnet.moments[0, 2] == -payload.moment
+    np.testing.assert_allclose(np.unique(body.skin[:, 2].round(9)), [-7e-3, 13e-3])
+    assert any("inertia" in words for words in body.assumptions)
+
+
+@pytest.mark.parametrize(
+    ("inertia", "words"),
+    [([1e-6, 1e-6, 3e-6], "I1"), ([0.0, 1e-6, 1e-6], "above 0"), ([1e-6, 1e-6], "3 numbers")],
+)
+def test_a_body_that_cannot_be_is_named(axial, inertia, words):
+    with pytest.raises(InputError, match=words):
+        RigidBody(0.01, inertia, axial.dipole(1.0))
