@@ -5,6 +5,8 @@ takes an object with `field`, `gradient`, `second_gradient`, `coil_names`, `lowe
 (`LevitationField`).
 """
 
+from fieldmap.levitation.branches import EquilibriumBranch, follow_equilibrium
+from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.conventions import (
     GRAVITY,
     SENSOR_ZERO_DEPTH,
@@ -21,31 +23,48 @@ from fieldmap.levitation.force_formulas import Exponential, HorizontalForce, Qua
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.lift import LiftCurrent, lift_current
 from fieldmap.levitation.lift_nonlinear import lift_current_nonlinear
+from fieldmap.levitation.magnet_models import MODELS, MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.result import Equilibrium, SearchReport
+from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
+from fieldmap.levitation.stationary import StationaryPoint, StationarySet, stationary_points
 
 __all__ = [
     "GRAVITY",
+    "MODELS",
     "SENSOR_ZERO_DEPTH",
     "DifferencedField",
     "Equilibrium",
+    "EquilibriumBranch",
     "Exponential",
     "Fit",
     "FixedCurrents",
+    "Fold",
+    "FollowedBranch",
     "HorizontalForce",
     "LevitationField",
     "LiftCurrent",
+    "MagnetModel",
     "QuadraticForce",
     "SearchReport",
+    "Sensitivity",
+    "StationaryPoint",
+    "StationarySet",
     "VerticalForce",
     "dipole_force",
     "dipole_stiffness",
+    "equilibrium_sensitivity",
     "find_equilibrium",
     "fit_horizontal_force",
     "fit_quadratic_force",
     "fit_vertical_force",
+    "follow_branch",
+    "follow_equilibrium",
     "lift_current",
     "lift_current_nonlinear",
+    "magnet_balance",
     "magnet_height",
+    "model_assumptions",
     "sensor_reading",
+    "stationary_points",
     "thesis_lift_current",
 ]

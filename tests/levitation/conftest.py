@@ -54,3 +54,54 @@ class AxisymmetricField:
 @pytest.fixture
 def axisymmetric():
     return AxisymmetricField
+
+
+def with_vertical_part(g):
+    """Harmonic potential phi (x, y, z coefficients) with dphi/dz = g(x, y) at z = 0: sum (-1)^k z^(2k+1)/(2k+1)! L^k g,
+    L the horizontal Laplacian."""
+    layers, sign, factorial, order = [], 1.0, 1.0, 0
+    term = np.asarray(g, dtype=float)
+    while np.any(term):
+        layers += [np.zeros_like(term), sign * term / factorial]
+        grown = np.zeros_like(term)
+        for axis in (0, 1):
+            second = polynomial.polyder(term, 2, axis=axis)
+            grown[: second.shape[0], : second.shape[1]] += second
+        term, sign, order = grown, -sign, order + 2
+        factorial *= order * (order + 1)
+    return np.stack(layers, axis=-1)
+
+
+class PolynomialField(AxisymmetricField):
+    """Several coils; coil k alone at 1 A gives B = grad phi_k for harmonic polynomials phi_k of x, y, z."""
+
+    def __init__(self, potentials, lower=(-0.02, -0.02, -0.02), upper=(0.02, 0.02, 0.02)):
+        self.lower, self.upper = np.array(lower), np.array(upper)
+        self.coil_names = tuple(f"coil {k}" for k in range(len(potentials)))
+        shape = np.max([p.shape for p in potentials], axis=0)
+        self.potentials = np.zeros((len(potentials), *shape))
+        for whole, p in zip(self.potentials, potentials, strict=True):
+            whole[tuple(slice(n) for n in p.shape)] = p
+
+    def field(self, points, currents):
+        return self._at(currents, super().field, points)
+
+    def gradient(self, points, currents):
+        return self._at(currents, super().gradient, points)
+
+    def second_gradient(self, points, currents):
+        return self._at(currents, super().second_gradient, points)
+
+    def _at(self, currents, method, points):
+        self.potential = np.tensordot(np.asarray(currents, dtype=float), self.potentials, axes=1)
+        return method(points, [1.0])
+
+
+@pytest.fixture
+def polynomial_field():
+    return PolynomialField
+
+
+@pytest.fixture
+def vertical_part():
+    return with_vertical_part

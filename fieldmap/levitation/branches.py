@@ -1,0 +1,158 @@
+"""The place of a levitated magnet followed in a parameter: current ratio, control signal, depth, current level."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_positive
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
+from fieldmap.levitation.checks import check_payload, check_position
+from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
+from fieldmap.levitation.interface import LevitationField
+from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance, model_assumptions
+from fieldmap.levitation.stationary import StationaryPoint, describe
+
+Array = NDArray[np.float64]
+Path = Callable[[float, float], tuple[Array, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class EquilibriumBranch:
+    """Places of the magnet along a branch, in the order in which it was followed.
+
+    parameters (n,); positions (n, 3), m; levels (n,): current level, constant unless the height is held. at_stops: the
+    point at each stop that was reached before the first fold, and levels_at_stops. folds: where the branch turns back,
+    unknowns (x, y) or (x, y, level). ended: "last stop", "edge" of map, window or parameter, or "steps".
+    """
+
+    parameters: Array
+    positions: Array
+    levels: Array
+    at_stops: tuple[StationaryPoint, ...]
+    levels_at_stops: Array
+    folds: tuple[Fold, ...]
+    ended: str
+    assumptions: tuple[str, ...]
+
+    @property
+    def positions_at_stops(self) -> Array:
+        """Places (n, 3) at the stops that were reached, m."""
+        return np.array([point.position for point in self.at_stops]).reshape(-1, 3)
+
+
+def follow_equilibrium(
+    field_map: LevitationField,
+    payload: Payload | None,
+    path: Path,
+    start: ArrayLike,
+    stops: ArrayLike,
+    level: float,
+    hold_height: bool = False,
+    field_scale: float = 1.0,
+    moment: MagnetModel = "fixed",
+    lever: float = 0.0,
+    step: float = 0.05,
+) -> EquilibriumBranch:
+    """Follow the point of no horizontal force from `start` (x, y), m, through the parameters `stops`, round folds.
+
+    path(parameter, level): currents (n_coils,) in A and height z of the magnet, m, such as
+    `lambda x, u: (divide_currents(u, x, 0.0, 1.25), -0.102)`. stops (n,): monotonic; start is near the solution at the
+    first. level: current level, A. hold_height: the level follows so that the lift carries the weight, as a vertical
+    controller makes it; `level` is where that begins. Otherwise it is constant, and the vertical force is what it is.
+    field_scale: what every field is multiplied by (1 unless a calibration says otherwise); it matters only where the
+    height is held. moment, lever: `magnet_balance`. step: largest step, in units of a quarter of the map's width, the
+    range of the stops and the level.
+
+    Raises InputError and OutsideMapError for arguments that do not fit, NotConverged if nothing is near the start.
+    """
+    carried = check_payload(payload, "follow_equilibrium")
+    check_positive("follow_equilibrium", level=level, field_scale=field_scale, step=step)
+    targets = _stops(stops)
+    begin = np.asarray(start, dtype=float)
+    currents, height = path(float(targets[0]), level)
+    near = check_position(field_map, np.append(begin, height), "follow_equilibrium(start)")
+    first = magnet_balance(field_map, np.asarray(currents, dtype=float), carried, near, moment, lever)
+    along = _Along(first, path, level, hold_height, field_scale)
+    low, high = np.asarray(field_map.lower)[:2], np.asarray(field_map.upper)[:2]
+    width = 0.25 * float((high - low).max())
+    scale = [width, width, level, np.ptp(targets)] if hold_height else [width, width, np.ptp(targets)]
+    followed = follow_branch(
+        along.residual,
+        np.append(begin, level) if hold_height else begin,
+        targets,
+        scale,
+        slope=None if hold_height else along.slope,
+        inside=lambda q: bool((q[:2] >= low).all() and (q[:2] <= high).all() and (q[2:] > 0).all()),
+        step=step,
+    )
+    return _result(along, followed, targets, model_assumptions(moment, lever))
+
+
+@dataclass(frozen=True, eq=False)
+class _Along:
+    """The horizontal force (and the lift) over the weight, along a path."""
+
+    balance: MagnetBalance
+    path: Path
+    level: float
+    hold_height: bool
+    field_scale: float
+
+    def at(self, q: Array, parameter: float) -> tuple[MagnetBalance, Array]:
+        """The balance, and the magnet's place (3,)."""
+        currents, height = self.path(parameter, self.level_of(q))
+        balance = replace(self.balance, currents=np.asarray(currents, dtype=float))  # type: ignore[type-var]
+        return balance, np.array([q[0], q[1], height])
+
+    def level_of(self, q: Array) -> float:
+        """The current level, A."""
+        return float(q[2]) if self.hold_height else self.level
+
+    def residual(self, q: Array, parameter: float) -> Array:
+        """(F_x, F_y) / weight, and F_z / weight - 1 where the height is held."""
+        balance, place = self.at(q, parameter)
+        force = self.field_scale * balance.magnetic_force(place[None, :])[0] / balance.weight
+        return np.array([*force[:2], force[2] - 1.0]) if self.hold_height else np.asarray(force[:2])
+
+    def slope(self, q: Array, parameter: float) -> Array:
+        """Derivative (2, 2) of the residual by x and y."""
+        balance, place = self.at(q, parameter)
+        return -self.field_scale * balance.stiffness(place)[:2, :2] / balance.weight
+
+
+def _result(
+    along: _Along, followed: FollowedBranch, stops: Array, assumptions: tuple[str, ...]
+) -> EquilibriumBranch:
+    heights = [
+        along.path(p, along.level_of(q))[1]
+        for q, p in zip(followed.unknowns, followed.parameters, strict=True)
+    ]
+    places = [along.at(q, float(p)) for q, p in zip(followed.at_stops, stops, strict=False)]
+    return EquilibriumBranch(
+        followed.parameters,
+        np.column_stack([followed.unknowns[:, :2], heights]),
+        np.array([along.level_of(q) for q in followed.unknowns]),
+        tuple(describe(balance, place) for balance, place in places),
+        np.array([along.level_of(q) for q in followed.at_stops]),
+        followed.folds,
+        followed.ended,
+        assumptions,
+    )
+
+
+def _stops(stops: ArrayLike) -> Array:
+    values = np.asarray(stops, dtype=float)
+    steps = np.diff(values)
+    if values.ndim != 1 or len(values) < 2 or not ((steps > 0).all() or (steps < 0).all()):
+        raise InputError(
+            Problem(
+                "follow_equilibrium(stops)",
+                "must be two or more parameters in rising or falling order",
+                f"{values.tolist()}",
+                "begin with the parameter of the start",
+            )
+        )
+    return values

@@ -1,0 +1,108 @@
+"""How far an equilibrium moves with each coil's current: the implicit function theorem."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_not_negative, check_positive
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
+from fieldmap.levitation.checks import check_currents, check_payload, check_position
+from fieldmap.levitation.interface import LevitationField
+from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance
+
+Array = NDArray[np.float64]
+_CURRENT_STEP = 0.01
+"""Half the difference of currents, of the largest one, over which a force is differenced unless told otherwise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Derivatives of an equilibrium by the coil currents.
+
+    position (3,), m, and currents (n_coils,), A: where. stiffness (3, 3), N/m; force_per_current (3, n_coils), N/A.
+    at_held_height (2, n_coils), m/A: dx/di and dy/di while the height is held and nothing else reacts: what a disturbed
+    current does, but for the vertical controller's own answer. with_lift_held (2, n_coils), m/A: the same where all
+    currents are scaled besides so that the lift stays what it was: what remains once the controller has answered.
+    level_per_current (n_coils,): by how much that scales them, 1/A. singular at a fold, where stiffness vanishes.
+    """
+
+    position: Array
+    currents: Array
+    stiffness: Array
+    force_per_current: Array
+    at_held_height: Array
+    with_lift_held: Array
+    level_per_current: Array
+
+    def noise(self, deviation: ArrayLike, lift_held: bool = False) -> Array:
+        """Covariance (2, 2) of x and y, m^2, for currents with independent standard deviations (a number or
+        (n_coils,)), A, that change slowly enough for the magnet to follow."""
+        spread = np.broadcast_to(np.asarray(deviation, dtype=float), self.currents.shape)
+        check_not_negative("Sensitivity.noise", deviation=float(spread.min()))
+        by_current = self.with_lift_held if lift_held else self.at_held_height
+        return np.asarray((by_current * spread**2) @ by_current.T)
+
+
+def equilibrium_sensitivity(
+    field_map: LevitationField,
+    currents: ArrayLike,
+    payload: Payload | None,
+    position: ArrayLike,
+    moment: MagnetModel = "fixed",
+    lever: float = 0.0,
+    step: float | None = None,
+) -> Sensitivity:
+    """Derivatives of the horizontal equilibrium at `position` (3,) by every coil's current.
+
+    From F_h(x, i) = 0: dx_h/di = K_hh^-1 dF_h/di, and with the lift held besides by a common factor of the currents.
+    The forces are central differences over +- step of each current, A; 1 % of the largest current unless given. Exact
+    where the field is linear in the currents, of second order in the step where iron saturates. The field must hold at
+    these currents. Raises InputError for arguments that do not fit, or a position where the horizontal stiffness is
+    singular.
+    """
+    carried = check_payload(payload, "equilibrium_sensitivity")
+    amperes = check_currents(field_map, currents, "equilibrium_sensitivity")
+    point = check_position(field_map, position, "equilibrium_sensitivity(position)")
+    width = _CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
+    check_positive("equilibrium_sensitivity", step=width)
+    balance = magnet_balance(field_map, amperes, carried, point, moment, lever)
+    stiffness = balance.stiffness(point)
+    by_current = np.column_stack([_slope(balance, point, unit, width) for unit in np.eye(len(amperes))])
+    _check_regular(stiffness)
+    # The common factor 1 + s of all currents: d force / d s.
+    by_level = by_current @ amperes
+    matrix = np.zeros((3, 3))
+    matrix[:, :2], matrix[:, 2] = stiffness[:, :2], -by_level
+    held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
+    return Sensitivity(
+        point,
+        amperes,
+        stiffness,
+        by_current,
+        np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float),
+        held[:2],
+        held[2],
+    )
+
+
+def _slope(balance: MagnetBalance, point: Array, unit: Array, step: float) -> Array:
+    forces = [
+        replace(balance, currents=balance.currents + way * step * unit).magnetic_force(point[None, :])[0]  # type: ignore[type-var]
+        for way in (1.0, -1.0)
+    ]
+    return np.asarray((forces[0] - forces[1]) / (2.0 * step))
+
+
+def _check_regular(stiffness: Array) -> None:
+    horizontal = stiffness[:2, :2]
+    if abs(np.linalg.det(horizontal)) <= 1e-10 * np.linalg.norm(stiffness) ** 2:
+        raise InputError(
+            Problem(
+                "equilibrium_sensitivity(position)",
+                "the horizontal stiffness must not be singular: at a fold the equilibrium has no derivative",
+                f"{horizontal.tolist()} N/m",
+                "choose currents or a height away from the fold",
+            )
+        )

@@ -1,0 +1,207 @@
+"""All points of a horizontal window at which the horizontal force on a magnet vanishes, and a count that says so."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check_count, check_ordered
+from fieldmap.device.model import Payload
+from fieldmap.levitation.checks import check_currents, check_payload, check_position
+from fieldmap.levitation.interface import LevitationField
+from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance
+
+Array = NDArray[np.float64]
+Kind = Literal["stable", "saddle", "unstable"]
+
+_STEPS = 30
+_CLOSE = 1e-9
+"""Newton's last step, m."""
+_WELL_ENOUGH = 1e-6
+"""The last step, m, that is accepted where an interpolated force jumps between cells."""
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class StationaryPoint:
+    """A point with no horizontal force, the height being held.
+
+    position (3,), m. stiffness (3, 3) = -dF_i/dx_j, N/m; horizontal (2,): eigenvalues of its horizontal part, N/m,
+    ascending. kind: "stable" where both are positive, "saddle" where one is, "unstable" where none is. lift: vertical
+    magnetic force, N.
+    """
+
+    position: Array
+    stiffness: Array
+    horizontal: Array
+    kind: Kind
+    lift: float
+
+    @property
+    def trace(self) -> float:
+        """Trace of the stiffness over its norm: 0 for a fixed moment in a harmonic field (Earnshaw)."""
+        return float(np.trace(self.stiffness) / np.linalg.norm(self.stiffness))
+
+
+@dataclass(frozen=True, eq=False)
+class StationarySet:
+    """All points found in a window, and the count that they must have.
+
+    points: in the order of their distance from the window's middle. boundary_index: how often the horizontal force
+    turns round along the window's edge; it equals stable + unstable - saddles of all points inside (Poincare and Hopf),
+    so that `complete` says whether some are missing, save for pairs that cancel.
+    """
+
+    points: tuple[StationaryPoint, ...]
+    boundary_index: int
+    lower: Array
+    upper: Array
+    height: float
+
+    def of(self, kind: Kind) -> tuple[StationaryPoint, ...]:
+        """Those of one kind."""
+        return tuple(point for point in self.points if point.kind == kind)
+
+    @property
+    def index(self) -> int:
+        """Stable + unstable - saddles of the points found."""
+        return len(self.points) - 2 * len(self.of("saddle"))
+
+    @property
+    def complete(self) -> bool:
+        """Whether the points account for the turns of the force along the edge."""
+        return self.index == self.boundary_index
+
+
+def stationary_points(
+    field_map: LevitationField,
+    currents: ArrayLike,
+    payload: Payload | None,
+    height: float,
+    window: tuple[ArrayLike, ArrayLike] | None = None,
+    moment: MagnetModel = "fixed",
+    samples: int = 24,
+    lever: float = 0.0,
+) -> StationarySet:
+    """Every point of a horizontal window where the horizontal force on a magnet vanishes, at one height.
+
+    field_map, payload, moment, lever: as in `find_equilibrium` and `magnet_balance`. currents (n_coils,), A. height:
+    z of the magnet's centre, m. window: lower and upper corner (2,), m; the whole box of the map, less a rim for a
+    magnet of finite size, unless given. samples: intervals along each side at which the search begins; they are halved
+    up to three times until the points found agree with the turns of the force along the window's edge.
+
+    Raises InputError for arguments that do not fit, OutsideMapError for a window beyond the map.
+    """
+    carried = check_payload(payload, "stationary_points")
+    amperes = check_currents(field_map, currents, "stationary_points")
+    check_count("stationary_points", samples=samples)
+    low, high = _window(field_map, window, carried if moment.startswith("rigid") else None, height)
+    middle = np.append(0.5 * (low + high), height)
+    balance = magnet_balance(field_map, amperes, carried, middle, moment, lever)
+    turns = _boundary_index(balance, low, high, height)
+    for attempt in range(_ROUNDS):
+        count = samples * 2**attempt
+        found = _search(balance, low, high, height, count)
+        if sum(1 if _determinant(balance, p) > 0 else -1 for p in found) == turns:
+            break
+    found.sort(key=lambda p: float(np.linalg.norm(p - middle)))
+    return StationarySet(tuple(describe(balance, p) for p in found), turns, low, high, height)
+
+
+def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
+    """Stiffness, kind and lift at a position (3,)."""
+    stiffness = balance.stiffness(position)
+    values = np.asarray(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T)[:2, :2]), dtype=float)
+    kind: Kind = "stable" if values[0] > 0 else "unstable" if values[1] <= 0 else "saddle"
+    lift = float(balance.magnetic_force(position[None, :])[0, 2])
+    return StationaryPoint(position, stiffness, values, kind, lift)
+
+
+def to_rest(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Array | None:
+    """The point (3,) that Newton's method on the horizontal force reaches from start (3,), or None if it leaves the
+    window or does not settle."""
+    point, largest = start.copy(), 0.25 * float((high - low).min())
+    step = np.full(2, np.inf)
+    for _ in range(_STEPS):
+        force = balance.magnetic_force(point[None, :])[0, :2]
+        slope = balance.stiffness(point)[:2, :2]
+        if abs(np.linalg.det(slope)) < 1e-14 * np.abs(slope).max() ** 2:
+            return None
+        step = np.linalg.solve(slope, force)
+        length = float(np.linalg.norm(step))
+        point[:2] += step if length <= largest else step * (largest / length)
+        if (point[:2] < low).any() or (point[:2] > high).any():
+            return None
+        if length < _CLOSE:
+            return point
+    return point if np.linalg.norm(step) < _WELL_ENOUGH else None
+
+
+def _window(
+    field_map: LevitationField,
+    window: tuple[ArrayLike, ArrayLike] | None,
+    payload: Payload | None,
+    height: float,
+) -> tuple[Array, Array]:
+    if window is None:
+        rim = 0.0
+        if payload is not None and payload.magnet is not None:
+            rim = 1.1 * _reach(payload)
+        lower, upper = (np.asarray(corner, dtype=float)[:2] for corner in (field_map.lower, field_map.upper))
+        inset = rim + 1e-9 * float((upper - lower).max())
+        low, high = lower + inset, upper - inset
+    else:
+        low, high = (np.asarray(corner, dtype=float) for corner in window)
+    for a, b in zip(low, high, strict=True):
+        check_ordered("stationary_points(window)", float(a), float(b))
+    for corner in (low, high):
+        check_position(field_map, np.append(corner, height), "stationary_points(window)")
+    return low, high
+
+
+def _reach(payload: Payload) -> float:
+    magnet = payload.magnet
+    size = getattr(magnet, "size", None)
+    if size is not None:
+        return float(np.linalg.norm(size)) / 2
+    return float(np.hypot(getattr(magnet, "diameter", 0.0), getattr(magnet, "height", 0.0))) / 2 + 2e-4
+
+
+def _search(balance: MagnetBalance, low: Array, high: Array, height: float, count: int) -> list[Array]:
+    """Newton's method from every square of a grid at whose corners both components of the force change sign."""
+    x, y = (np.linspace(low[k], high[k], count + 1) for k in range(2))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    points = np.concatenate([grid, np.full((*grid.shape[:2], 1), height)], axis=-1)
+    force = balance.magnetic_force(points.reshape(-1, 3))[:, :2].reshape(count + 1, count + 1, 2)
+    corners = np.stack([force[:-1, :-1], force[1:, :-1], force[:-1, 1:], force[1:, 1:]])
+    spread = np.abs(np.ptp(corners, axis=0))
+    # A little beyond the change of sign: a curved zero line may enter a square through one side.
+    changes = ((corners.min(axis=0) <= 0.2 * spread) & (corners.max(axis=0) >= -0.2 * spread)).all(axis=-1)
+    apart = 1e-3 * float((high - low).max()) / count
+    found: list[Array] = []
+    for i, j in np.argwhere(changes):
+        start = 0.25 * (points[i, j] + points[i + 1, j] + points[i, j + 1] + points[i + 1, j + 1])
+        point = to_rest(balance, start, low, high)
+        if point is not None and all(np.linalg.norm(point - other) > apart for other in found):
+            found.append(point)
+    return found
+
+
+def _boundary_index(balance: MagnetBalance, low: Array, high: Array, height: float) -> int:
+    """Turns of the horizontal force along the window's edge, anticlockwise."""
+    for count in (64, 256, 1024, 4096):
+        t = np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
+        a, b, c, d = low, np.array([high[0], low[1]]), high, np.array([low[0], high[1]])
+        edge = np.concatenate([p + t * (q - p) for p, q in ((a, b), (b, c), (c, d), (d, a))])
+        force = balance.magnetic_force(np.column_stack([edge, np.full(len(edge), height)]))
+        angle = np.arctan2(force[:, 1], force[:, 0])
+        step = np.diff(np.append(angle, angle[0]))
+        step -= 2 * np.pi * np.round(step / (2 * np.pi))
+        if np.abs(step).max() < 0.5 * np.pi:
+            break
+    return int(np.round(step.sum() / (2 * np.pi)))
+
+
+def _determinant(balance: MagnetBalance, point: Array) -> float:
+    return float(np.linalg.det(balance.stiffness(point)[:2, :2]))

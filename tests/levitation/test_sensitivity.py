@@ -1,0 +1,82 @@
+"""Derivatives of an equilibrium by the currents, against the equilibrium itself (Taylor) and a closed form."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError
+from fieldmap.levitation import equilibrium_sensitivity, stationary_points
+
+PAYLOAD = Payload(mass=0.01119, moment=0.813)
+
+
+@pytest.fixture
+def three_coils(polynomial_field, vertical_part):
+    """B_z at z = 0: coil 0 -100 (x^2 + 2 y^2) and lift, coil 1 x + 8 x^3, coil 2 y + x y."""
+    bowl, along_x, along_y = np.zeros((3, 3)), np.zeros((4, 1)), np.zeros((2, 2))
+    bowl[2, 0], bowl[0, 2] = -100.0, -200.0
+    along_x[1, 0], along_x[3, 0] = 1.0, 8.0
+    along_y[0, 1], along_y[1, 1] = 1.0, 20.0
+    lift = np.zeros((3, 3, 3))
+    lift[0, 0, 2], lift[2, 0, 0], lift[0, 2, 0] = 0.07, -0.035, -0.035
+    first = vertical_part(bowl)
+    whole = np.zeros((3, 3, max(first.shape[2], 3)))
+    whole[:, :, : first.shape[2]] += first
+    whole[:, :, :3] += lift
+    return polynomial_field([whole, vertical_part(along_x), vertical_part(along_y)])
+
+
+CURRENTS = np.array([1.0, 0.8, -0.5])
+
+
+def place(source, currents, height=0.0):
+    (point,) = stationary_points(source, currents, PAYLOAD, height).points
+    return point.position
+
+
+def test_the_equilibrium_moves_as_foretold_to_second_order(three_coils):
+    at = place(three_coils, CURRENTS)
+    found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, at)
+    way = np.array([0.3, -0.7, 0.6])
+    sizes = np.array([0.04, 0.02, 0.01])
+    left = [
+        np.linalg.norm((place(three_coils, CURRENTS + t * way) - at)[:2] - t * found.at_held_height @ way)
+        for t in sizes
+    ]
+    slopes = np.diff(np.log(left)) / np.diff(np.log(sizes))
+    assert (slopes > 1.9).all()
+    assert left[-1] < 0.02 * np.linalg.norm(sizes[-1] * found.at_held_height @ way)
+
+
+def test_with_the_lift_held_all_currents_answer(three_coils):
+    at = place(three_coils, CURRENTS)
+    found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, at)
+    lift = three_coils.gradient(at[None], CURRENTS)[0, 2, 2]
+    way = np.array([1.0, 0.5, -0.4])
+    left = []
+    for t in (0.02, 0.01):
+        changed = CURRENTS + t * way
+        # Lift is in proportion to the currents here: scale them until it is what it was, at the new place.
+        for _ in range(20):
+            there = place(three_coils, changed)
+            changed = changed * lift / three_coils.gradient(there[None], changed)[0, 2, 2]
+        left.append(np.linalg.norm((there - at)[:2] - t * found.with_lift_held @ way))
+    assert left[1] < 0.3 * left[0]
+
+
+def test_noise_of_one_coil_is_its_column_squared(three_coils):
+    found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, place(three_coils, CURRENTS))
+    covariance = found.noise([0.0, 0.035, 0.0])
+    np.testing.assert_allclose(covariance, 0.035**2 * np.outer(*[found.at_held_height[:, 1]] * 2), rtol=1e-12)
+    rng = np.random.default_rng(5)
+    drawn = 0.035 * rng.normal(size=(20000, 3)) @ found.at_held_height.T
+    np.testing.assert_allclose(np.sqrt(np.diag(found.noise(0.035))), drawn.std(axis=0), rtol=0.03)
+
+
+def test_at_a_fold_there_is_no_derivative(polynomial_field, vertical_part):
+    flat = np.zeros((4, 3))
+    flat[3, 0], flat[0, 2] = 1e3, -100.0
+    with pytest.raises(InputError, match="fold"):
+        equilibrium_sensitivity(
+            polynomial_field([vertical_part(flat)]), [1.0], PAYLOAD, [0.0, 0.0, 0.001 * 0]
+        )

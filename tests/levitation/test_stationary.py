@@ -1,0 +1,205 @@
+"""Stationary points, branches and folds in fields whose horizontal force is a product of known factors.
+
+With g(x, y) = B_z at z = 0 and a vertical moment D, F = D grad g: the roots of a polynomial are the points.
+"""
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+from fieldmap.device.model import MagnetCylinder, Payload
+from fieldmap.errors import InputError, NotConverged
+from fieldmap.levitation import follow_equilibrium, magnet_balance, stationary_points
+
+PAYLOAD = Payload(mass=0.01119, moment=0.813)
+WEIGHT = 0.01119 * 9.80665
+ROOTS_X, ROOTS_Y = (-0.011, 0.002, 0.013), (-0.012, -0.001, 0.009)
+STRENGTH = 4e4
+"""T/m^4: forces of some mN."""
+
+
+def potential_of(roots):
+    """p with p' = -STRENGTH prod (x - root): its maxima are the outer roots of three."""
+    return (-STRENGTH * Polynomial.fromroots(roots)).integ().coef
+
+
+def lifting(c2=WEIGHT / PAYLOAD.moment / 2, c3=0.0):
+    """c2 (z^2 - r^2/2) + c3 (z^3 - 3 z r^2/2): at z = 0 it lifts by 2 c2 D and pushes by -3 c3 D r."""
+    t = np.zeros((3, 3, 4))
+    t[0, 0, 2], t[2, 0, 0], t[0, 2, 0] = c2, -c2 / 2, -c2 / 2
+    t[0, 0, 3], t[2, 0, 1], t[0, 2, 1] = c3, -1.5 * c3, -1.5 * c3
+    return t
+
+
+@pytest.fixture
+def nine_points(polynomial_field, vertical_part):
+    g = np.zeros((5, 5))
+    g[:, 0] += potential_of(ROOTS_X)
+    g[0, :] += potential_of(ROOTS_Y)
+    return polynomial_field([vertical_part(g), lifting()])
+
+
+def test_all_nine_points_with_their_kinds(nine_points):
+    found = stationary_points(nine_points, [1.0, 1.0], PAYLOAD, 0.0)
+    assert found.complete
+    assert found.boundary_index == 1
+    assert [len(found.of(kind)) for kind in ("stable", "saddle", "unstable")] == [4, 4, 1]
+    known = {(x, y): (x == ROOTS_X[1]) + (y == ROOTS_Y[1]) for x in ROOTS_X for y in ROOTS_Y}
+    for point in found.points:
+        nearest = min(known, key=lambda root: np.hypot(*(point.position[:2] - root)))
+        np.testing.assert_allclose(point.position, (*nearest, 0.0), atol=1e-9)
+        assert point.kind == ("stable", "saddle", "unstable")[known[nearest]]
+        assert abs(point.trace) < 1e-9
+        assert point.lift == pytest.approx(WEIGHT, rel=1e-9)
+
+
+def test_a_window_with_one_saddle_turns_the_other_way(nine_points):
+    window = ([-0.002, 0.005], [0.006, 0.012])
+    found = stationary_points(nine_points, [1.0, 1.0], PAYLOAD, 0.0, window)
+    assert found.boundary_index == -1
+    assert [point.kind for point in found.points] == ["saddle"]
+
+
+def test_a_window_without_points(nine_points):
+    found = stationary_points(nine_points, [1.0, 1.0], PAYLOAD, 0.0, ([0.003, 0.0], [0.012, 0.008]))
+    assert (found.points, found.boundary_index, found.complete) == ((), 0, True)
+
+
+def test_points_that_are_missing_are_noticed(nine_points):
+    """A search on a grid that sees nothing: the count of turns does not depend on it."""
+    found = stationary_points(nine_points, [1.0, 1.0], PAYLOAD, 0.0)
+    fewer = type(found)(found.points[:-1], found.boundary_index, found.lower, found.upper, found.height)
+    assert not fewer.complete
+
+
+@pytest.fixture
+def pushed(polynomial_field, vertical_part):
+    """Coil 0: double well in x, spring in y; coil 1: a uniform push D i along x; coil 2: lift."""
+    g = np.zeros((5, 5))
+    g[:, 0] += potential_of((-0.01, 0.0, 0.01))
+    g[0, 2] -= 20.0
+    push = np.zeros((2, 1, 2))
+    push[1, 0, 1] = 1e-3
+    return polynomial_field([vertical_part(g), push, lifting()])
+
+
+FOLD_X = 0.01 / np.sqrt(3.0)
+FOLD_PUSH = STRENGTH * 2.0 * 0.01**3 / (3.0 * np.sqrt(3.0)) / 1e-3
+"""-x (x - a)(x + a) has its extrema 2 a^3 / (3 sqrt 3) at a / sqrt 3."""
+
+
+def test_a_branch_is_followed_round_its_folds(pushed):
+    """From the left well the push grows until the well is gone; the branch turns back there, passes the middle as a
+    saddle and reaches the right well."""
+    found = follow_equilibrium(
+        pushed,
+        PAYLOAD,
+        lambda push, level: (np.array([1.0, push, 1.0]), 0.0),
+        start=[-0.01, 0.0],
+        stops=np.linspace(0.0, 1.5 * FOLD_PUSH, 4),
+        level=1.0,
+    )
+    assert len(found.at_stops) == 2
+    assert found.at_stops[1].kind == "stable"
+    assert found.folds[0].parameter == pytest.approx(FOLD_PUSH, rel=1e-6)
+    np.testing.assert_allclose(found.folds[0].unknowns, [-FOLD_X, 0.0], atol=1e-6)
+    assert found.ended == "edge"
+    stop = 0.5 * FOLD_PUSH
+    roots = np.roots([-STRENGTH, 0.0, STRENGTH * 0.01**2, 1e-3 * stop])
+    np.testing.assert_allclose(found.at_stops[1].position[0], roots.real.min(), atol=1e-9)
+
+
+def test_behind_a_fold_there_is_one_point_left(pushed):
+    before, behind = (
+        stationary_points(pushed, [1.0, factor * FOLD_PUSH, 1.0], PAYLOAD, 0.0) for factor in (0.98, 1.02)
+    )
+    assert [len(found.points) for found in (before, behind)] == [3, 1]
+    assert before.complete
+    assert behind.complete
+
+
+def test_the_level_follows_where_the_height_is_held(pushed):
+    """All currents scale together, so the place stays; the lift sets the level: 1 / field_scale."""
+    for scale in (1.0, 1.25):
+        found = follow_equilibrium(
+            pushed,
+            PAYLOAD,
+            lambda push, level: (level * np.array([1.0, push, 1.0]), 0.0),
+            start=[0.01, 0.0],
+            stops=[0.0, 0.3, 0.6],
+            level=0.7,
+            hold_height=True,
+            field_scale=scale,
+        )
+        np.testing.assert_allclose(found.levels_at_stops, 1.0 / scale, rtol=1e-9)
+        roots = [np.roots([-STRENGTH, 0.0, STRENGTH * 1e-4, 1e-3 * p]).real.max() for p in (0.0, 0.3, 0.6)]
+        np.testing.assert_allclose(found.positions_at_stops[:, 0], roots, atol=1e-8)
+
+
+def test_bad_stops_and_a_start_far_from_any_solution(pushed):
+    def path(push, level):
+        return np.array([1.0, push, 1.0]), 0.0
+
+    with pytest.raises(InputError, match="rising or falling"):
+        follow_equilibrium(pushed, PAYLOAD, path, [0.0, 0.0], [0.0, 1.0, 0.5], level=1.0)
+    with pytest.raises(NotConverged, match="near a solution"):
+        follow_equilibrium(
+            pushed, PAYLOAD, path, [-0.019, 0.0], [9.0 * FOLD_PUSH, 9.1 * FOLD_PUSH], level=1.0
+        )
+
+
+MAGNET = MagnetCylinder(diameter=0.01, height=0.01, remanence=1.3)
+WITH_MAGNET = Payload(
+    mass=0.01119, moment=MAGNET.remanence * np.pi / 4 * 1e-6 / (4e-7 * np.pi), magnet=MAGNET
+)
+
+
+def tilted(polynomial_field, **strengths):
+    """A field linear in place, with a uniform sideways part."""
+    t = lifting(**strengths)
+    t[1, 0, 0] += 0.004
+    t[0, 0, 1] += 0.02
+    return polynomial_field([t])
+
+
+def test_a_rigid_magnet_in_a_linear_field_is_an_aligned_dipole(polynomial_field):
+    """Its volume's mean of B is B at the centre, and of (grad B)^T M the same: exact."""
+    source, places = tilted(polynomial_field), np.array([[0.003, -0.002, 0.004], [0.0, 0.005, -0.006]])
+    rigid, aligned = (
+        magnet_balance(source, np.ones(1), WITH_MAGNET, places[0], moment) for moment in ("rigid", "aligned")
+    )
+    np.testing.assert_allclose(rigid.magnetic_force(places), aligned.magnetic_force(places), rtol=1e-6)
+    np.testing.assert_allclose(rigid.stiffness(places[0]), aligned.stiffness(places[0]), rtol=2e-3, atol=1e-4)
+
+
+def test_a_rigid_upright_magnet_feels_its_size(polynomial_field, vertical_part):
+    """B_z = x^4 + ... harmonic: the mean of d B_z/dx over the cylinder by a fine sum, against the volume rule."""
+    g = np.zeros((5, 1))
+    g[4, 0] = 1e3
+    source, place = polynomial_field([vertical_part(g), lifting()]), np.array([[0.004, 0.0, 0.0]])
+    upright = magnet_balance(source, np.ones(2), WITH_MAGNET, place[0], "rigid upright")
+    middle = (np.arange(40) + 0.5) / 40
+    z, r, angle = np.meshgrid(
+        0.01 * (middle - 0.5), 0.005 * np.sqrt(middle), 2 * np.pi * middle, indexing="ij"
+    )
+    inside = np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=-1).reshape(-1, 3)
+    mean = source.gradient(place + inside, np.ones(2))[:, 2].mean(axis=0)
+    np.testing.assert_allclose(
+        upright.magnetic_force(place)[0], WITH_MAGNET.moment * mean, rtol=3e-3, atol=1e-9
+    )
+
+
+def test_a_low_centre_of_mass_uprights_the_magnet(polynomial_field):
+    """n is parallel to m B + w l e_z."""
+    source, place, lever = tilted(polynomial_field), np.zeros((1, 3)), 0.05
+    balance = magnet_balance(source, np.ones(1), WITH_MAGNET, place[0], "rigid", lever)
+    expected = WITH_MAGNET.moment * source.field(place, np.ones(1))[0] + [0.0, 0.0, WEIGHT * lever]
+    np.testing.assert_allclose(balance.axes(place)[0], expected / np.linalg.norm(expected), atol=1e-9)
+
+
+def test_models_by_name(polynomial_field):
+    source = tilted(polynomial_field)
+    with pytest.raises(InputError, match="loose"):
+        stationary_points(source, np.ones(1), PAYLOAD, 0.0, moment="loose")
+    with pytest.raises(InputError, match="must have a magnet"):
+        stationary_points(source, np.ones(1), PAYLOAD, 0.0, moment="rigid")
