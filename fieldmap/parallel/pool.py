@@ -1,5 +1,6 @@
 """Other processes: a scheduler of dask, our own on this machine or one that is there already. The only door to dask."""
 
+import itertools
 import logging
 import os
 import threading
@@ -26,6 +27,9 @@ class Pool:
     def __init__(self, count: int, scheduler: str | None) -> None:
         self._cluster: distributed.LocalCluster | None = None
         self._threads: int | None = None
+        # A process of ours has one piece in hand, so that its death costs one. Somebody else's scheduler is given all:
+        # it may start workers by how many pieces wait.
+        self._at_once = count if scheduler is None else None
         if scheduler is None:
             self._threads = max(1, (os.cpu_count() or 1) // count)
             self._cluster = distributed.LocalCluster(
@@ -34,7 +38,7 @@ class Pool:
                 # No web page, hence no port; and states of the iron may take what memory there is.
                 dashboard_address=None,
                 memory_limit=0,
-                silence_logs=logging.ERROR,
+                silence_logs=logging.CRITICAL,
             )
             self._client = distributed.Client(self._cluster)
         else:
@@ -57,17 +61,27 @@ class Pool:
     ) -> Iterator[Outcome[R]]:
         """Outcomes, as they come."""
         shared = () if common is None else (common,)
-        futures = {
-            self._client.submit(_work, index, function, shared, item, self._threads, pure=False): index
-            for index, item in enumerate(items)
-        }
+        waiting = enumerate(items)
+        under_way: dict[distributed.Future, int] = {}
+
+        def submit(count: int | None) -> list[distributed.Future]:
+            futures = []
+            for index, item in itertools.islice(waiting, count):
+                arguments = (index, function, shared, item, self._threads)
+                futures.append(self._client.submit(_work, *arguments, pure=False))
+                under_way[futures[-1]] = index
+            return futures
+
         try:
-            for future in distributed.as_completed(list(futures)):
-                index, error = futures[future], future.exception()
-                yield future.result() if error is None else Outcome(index, None, _died(error))
-                future.release()
+            done = distributed.as_completed(submit(self._at_once))
+            for future in done:
+                error = future.exception()
+                outcome = future.result() if error is None else Outcome(under_way[future], None, _died(error))
+                del under_way[future]
+                done.update(submit(1))
+                yield outcome
         finally:
-            self._client.cancel(list(futures))
+            self._client.cancel(list(under_way))
 
 
 def _work(

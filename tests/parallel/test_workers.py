@@ -114,8 +114,8 @@ def test_a_killed_process_costs_only_its_piece(two, tmp_path):
     assert two.results(work, list(range(8))) == [item**2 for item in range(8)]
     begun = log.read_text().split()
     assert begun.count("3") == 2
-    # What was under way elsewhere was not begun again; the dead one had one piece in hand, and results not yet sent.
-    assert len(begun) <= 8 + 3
+    # The dead one had one piece in hand, and perhaps a result that was not fetched yet.
+    assert len(begun) <= 8 + 2
 
 
 def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
