@@ -19,7 +19,7 @@ from collections.abc import Callable  # noqa: E402
 import numpy as np  # noqa: E402
 
 from fieldmap.device.current_division import divide_currents  # noqa: E402
-from fieldmap.kernels.reduced_iron import blended_start, newton  # noqa: E402
+from fieldmap.kernels.reduced_iron import newton  # noqa: E402
 from fieldmap.lookup import interpolate  # noqa: E402
 from fieldmap.lookup.current_model import CurrentModel  # noqa: E402
 from fieldmap.store import read_map  # noqa: E402
@@ -71,9 +71,10 @@ def main() -> None:
     follower = CurrentModel(model, data.coil_names, follow=True)
     along = path(model)
     print(f"{len(model.weights)} points, {len(model.constant)} modes, {len(model.output)} fields")
-    print(f"start from known states  {milliseconds(lambda: starts(current_model, sets), len(sets)):.3f}")
-    for start, words in ((None, "this start"), (0, "the nearest")):
-        mean = np.mean([steps(current_model, currents, start) for currents in sets])
+    foretell = milliseconds(lambda: [current_model._foretold(i) for i in sets], len(sets))
+    print(f"start from known states  {foretell:.3f} ms")
+    for near, words in ((False, "this start"), (True, "the nearest state")):
+        mean = np.mean([steps(current_model, currents, near) for currents in sets])
         print(f"Newton steps from {words}: {mean:.2f}")
     everything = milliseconds(lambda: [current_model.weights(i) for i in sets], len(sets))
     print(f"weights of the fields, any currents         {everything:.3f} ms")
@@ -85,20 +86,15 @@ def main() -> None:
     print(f"field and gradient at a point, same currents {lookup:.4f} ms")
 
 
-def starts(model: CurrentModel, sets: np.ndarray) -> list[np.ndarray]:
-    """Where Newton's method begins."""
-    data = model.model
-    known = (data.known_currents, data.known_amplitudes, model._slopes, model._range)
-    return [blended_start(currents, *known) for currents in sets]
-
-
-def steps(model: CurrentModel, currents: np.ndarray, start: int | None) -> int:
+def steps(model: CurrentModel, currents: np.ndarray, near: bool) -> int:
     """Newton steps from the usual start, or from the nearest known state."""
     data = model.model
-    away = (((data.known_currents - currents) / model._range) ** 2).sum(axis=1)
-    begin = starts(model, currents[None])[0] if start is None else data.known_amplitudes[away.argmin()]
+    begin, factor = model._foretold(currents)
+    if near:
+        away = (((data.known_currents - currents) / model._range) ** 2).sum(axis=1)
+        begin = data.known_amplitudes[away.argmin()]
     iron = (data.gradients, model._single, *model._laws, data.air, data.constant)
-    return newton(data.source @ currents, *iron, begin, np.zeros_like(data.air), 1e-7, 60)[1]
+    return newton(data.source @ currents, *iron, begin, factor, 1e-7, 60)[1]
 
 
 if __name__ == "__main__":

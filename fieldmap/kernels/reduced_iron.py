@@ -7,9 +7,12 @@ the air's and the vacuum's part A (r, r), symmetric and positive,
     R(a) = G^T (w m h) + r0 - A a = 0,      K = G^T w (db/dh - 1) G + A,
 
 is the residual and tangent of a convex functional: w > 0 and db/dh >= 1 make K positive. Vectors of the sample
-points are stored with their three components one after the other: G is (3 p, r). K is summed in single precision, which
-a direction to go in does not need more than; R, and with it the result, is in double precision. Near the solution K is
-kept from step to step.
+points are stored with their three components one after the other: G is (3 p, r).
+
+K is summed in single precision, which a direction to go in does not need more than, and kept from step to step near the
+solution; what it misses is learned from the steps (`fieldmap.kernels.kept_tangent`). Of h and R the first values are in
+double precision and the changes by the steps in single precision, which is exact enough where the steps are small;
+where they were not, both are evaluated anew before the result is believed.
 """
 
 import math
@@ -17,11 +20,14 @@ import math
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.kept_tangent import PAIRS, direction, keep_pair, solve_factored
 from fieldmap.kernels.magnetisation_law import flux_density
 
 _TINY, _ROUNDING = 1e-14, 1e-7
 # Below this relative decrement the tangent is kept for the next steps, as long as each leaves less than `_GAIN` of it.
-_NEAR, _GAIN = 0.1, 0.3
+_NEAR, _GAIN = 0.1, 0.6
+# Error of h and R after steps in single precision, as a share of the largest relative decrement among them.
+_SINGLE = 1e-6
 
 
 @njit(cache=True)
@@ -37,7 +43,7 @@ def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, 
         vector[3 * p], vector[3 * p + 1], vector[3 * p + 2] = m * x, m * y, m * z
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _tangent_factor(h, single, isotropic, along, air, rows, factor):
     """factor (r, r), lower: that of Cholesky of K; rows (3 p, r), single precision, is overwritten."""
     for p in range(isotropic.size):
@@ -60,31 +66,14 @@ def _tangent_factor(h, single, isotropic, along, air, rows, factor):
             factor[i, j] = math.sqrt(max(value, _ROUNDING * whole)) if i == j else value / factor[j, j]
 
 
-@njit(cache=True, error_model="numpy")
-def _solve(factor, right, out):
-    """out (r,) = K^-1 right."""
-    count = right.size
-    for i in range(count):
-        value = right[i]
-        for k in range(i):
-            value -= factor[i, k] * out[k]
-        out[i] = value / factor[i, i]
-    for i in range(count - 1, -1, -1):
-        out[i] /= factor[i, i]
-        for k in range(i):
-            out[k] -= factor[i, k] * out[i]
-
-
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _energy(factor, amplitude):
     """a . K a."""
-    total = 0.0
-    for k in range(amplitude.size):
-        value = 0.0
-        for i in range(k, amplitude.size):
-            value += factor[i, k] * amplitude[i]
-        total += value * value
-    return total
+    product = np.zeros(amplitude.size)
+    for i in range(amplitude.size):
+        for k in range(i + 1):
+            product[k] += factor[i, k] * amplitude[i]
+    return np.dot(product, product)
 
 
 @njit(cache=True)
@@ -114,79 +103,68 @@ def newton(
     """
     a, change = start.copy(), np.empty_like(start)
     h = source - np.dot(gradients, a)
-    trial, vector = np.empty_like(h), np.empty_like(h)
+    trial, vector, moved = np.empty_like(h), np.empty_like(h), np.empty_like(h)
     isotropic, along = np.empty(weights.size), np.empty(weights.size)
     rows = np.empty(single.shape, np.float32)
-    _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
-    decrement, before = np.inf, np.inf
+    changes, responses, count = np.empty((PAIRS, a.size)), np.empty((PAIRS, a.size)), 0
+    tables = (weights, law, offset, knots, coefficients)
+    _magnetise(h, *tables, vector, isotropic, along)
+    residual = np.dot(vector, gradients) + constant - np.dot(air, a)
+    decrement, before, farthest, largest = np.inf, np.inf, 0.0, 1e-300
     known = factor[0, 0] > 0.0
     for step in range(limit):
-        air_a = np.dot(air, a)
-        residual = np.dot(vector, gradients) + constant - air_a
         for _ in range(2):
             fresh = not known
             if fresh:
                 _tangent_factor(h, single, isotropic, along, air, rows, factor)
-            _solve(factor, residual, change)
+                count = 0
+            direction(factor, residual, changes, responses, count, change)
             slope = np.dot(residual, change)
-            decrement = math.sqrt(max(slope, 0.0) / max(_energy(factor, a), 1e-300))
+            # A thousandth of what there was counts as well: where the solution is zero, nothing is small beside it.
+            energy = _energy(factor, a)
+            largest = max(largest, energy)
+            decrement = math.sqrt(max(slope, 0.0) / max(energy, 1e-6 * largest))
             known = fresh or decrement < _GAIN * before
             if known:
                 break
         # A tangent from elsewhere may be far too stiff: one small step with it proves nothing.
-        proven = fresh or before < np.inf
-        before = decrement
-        if proven and decrement < tolerance:
-            return a + change, step + 1, decrement
+        if (fresh or before < np.inf) and decrement < tolerance:
+            if _SINGLE * farthest < tolerance:
+                return a + change, step + 1, decrement
+            h = source - np.dot(gradients, a)
+            _magnetise(h, *tables, vector, isotropic, along)
+            residual = np.dot(vector, gradients) + constant - np.dot(air, a)
+            before, farthest = np.inf, 0.0
+            continue
+        before, farthest = decrement, max(farthest, decrement)
         known = decrement < _NEAR
-        t = _step_length(
-            h,
-            np.dot(gradients, change),
-            np.dot(air_a - constant, change),
-            np.dot(np.dot(air, change), change),
-            slope,
-            weights,
-            law,
-            offset,
-            knots,
-            coefficients,
-            trial,
-            vector,
-            isotropic,
-            along,
-        )
+        step_h = np.dot(single, change.astype(np.float32)).astype(np.float64)
+        air_change = np.dot(air, change)
+        rest = np.dot(vector, step_h) - slope, np.dot(air_change, change)
+        t = _step_length(h, step_h, rest, slope, tables, trial, moved, isotropic, along)
         h, trial = trial, h
-        a += t * change
+        response = t * air_change - np.dot((moved - vector).astype(np.float32), single)
+        vector, moved = moved, vector
+        residual -= response
+        change *= t
+        a += change
+        count = keep_pair(change, response, changes, responses, count)
     return a, limit, decrement
 
 
 @njit(cache=True)
-def _step_length(
-    h,
-    step,
-    air_slope,
-    air_curvature,
-    start,
-    weights,
-    law,
-    offset,
-    knots,
-    coefficients,
-    trial,
-    vector,
-    isotropic,
-    along,
-):
-    """Where the functional is least along a step: trial = h - t `step`, t in (0, 1]; `start`: its slope at 0.
+def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
+    """Where the functional is least along a step: trial = h - t `step`, t in (0, 1].
 
-    vector, isotropic, along: what `_magnetise` makes of `trial`.
+    rest: slope at 0 and second derivative of what does not depend on h; start: the functional's slope at 0. vector,
+    isotropic, along: what `_magnetise` makes of `trial`.
     """
     low, high, low_value, high_value, t = 0.0, 1.0, start, 0.0, 1.0
     for attempt in range(12):
         for k in range(h.size):
             trial[k] = h[k] - t * step[k]
-        _magnetise(trial, weights, law, offset, knots, coefficients, vector, isotropic, along)
-        value = np.dot(vector, step) - air_slope - t * air_curvature
+        _magnetise(trial, *tables, vector, isotropic, along)
+        value = np.dot(vector, step) - rest[0] - t * rest[1]
         if attempt == 0:
             if value > 0.0 or abs(value) <= 0.3 * abs(start):
                 return 1.0
@@ -217,7 +195,7 @@ def tangent_factor(source, gradients, single, weights, law, offset, knots, coeff
 def sensitivities(
     sources, gradients, single, weights, law, offset, knots, coefficients, air, amplitudes, unit_source
 ):
-    """Derivatives (s, r, c) of the amplitudes (s, r) of states by the currents.
+    """Derivatives (s, r, c) of the amplitudes (s, r) of states by the currents, and Cholesky factors (s, r, r) of K.
 
     sources (3 p, s): the coils' field of every state at the sample points; unit_source (3 p, c): that of one ampere in
     every coil; the rest as for `newton`. K da/dI = G^T w (db/dh - 1) s.
@@ -227,17 +205,17 @@ def sensitivities(
     vector = np.empty(gradients.shape[0])
     isotropic, along = np.empty(weights.size), np.empty(weights.size)
     rows = np.empty(single.shape, np.float32)
-    factor, column = np.empty((modes, modes)), np.empty(modes)
+    factors, column = np.zeros((states, modes, modes)), np.empty(modes)
     unit = unit_source.astype(np.float32)
     for s in range(states):
         h = sources[:, s] - np.dot(gradients, amplitudes[s])
         _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
-        _tangent_factor(h, single, isotropic, along, air, rows, factor)
+        _tangent_factor(h, single, isotropic, along, air, rows, factors[s])
         right = np.dot(rows.T, unit)
         for c in range(coils):
-            _solve(factor, right[:, c].astype(np.float64), column)
+            solve_factored(factors[s], right[:, c].astype(np.float64), column)
             out[s, :, c] = column
-    return out
+    return out, factors
 
 
 @njit(cache=True)

@@ -30,18 +30,18 @@ class _Path:
     states: tuple[tuple[Array, Array], ...] = ()
     factor: Array | None = None
 
-    def ahead(self, currents: Array) -> Array | None:
-        """Amplitudes to begin with: the last ones, and a step further where the currents go on as they did."""
-        if not self.states:
+    def ahead(self, currents: Array) -> tuple[Array, Array] | None:
+        """Amplitudes to begin with, the last ones or a step further where the currents go on as they did; a factor."""
+        if not self.states or self.factor is None:
             return None
         last_currents, last = self.states[-1]
         if len(self.states) < 2:
-            return last
+            return last, self.factor.copy()
         before_currents, before = self.states[0]
         step = last_currents - before_currents
         length = float(step @ step)
         share = float((currents - last_currents) @ step) / length if length > 0.0 else 0.0
-        return np.asarray(last + min(max(share, 0.0), 2.0) * (last - before))
+        return last + min(max(share, 0.0), 2.0) * (last - before), self.factor.copy()
 
 
 class CurrentModel:
@@ -74,16 +74,21 @@ class CurrentModel:
         result = np.array([self._row(row) for row in rows]).reshape(*currents.shape[:-1], -1)
         return np.concatenate([currents, result], axis=-1)
 
-    def amplitudes(self, currents: Array, start: Array | None = None, factor: Array | None = None) -> Array:
-        """Amplitudes (r,) of the modes at currents (c,), from `start` (r,) or from what the known states foretell.
+    def amplitudes(self, currents: Array) -> Array:
+        """Amplitudes (r,) of the modes at currents (c,), begun from what the known states foretell."""
+        return self._solve(currents, *self._foretold(currents))
 
-        factor (r, r): of a tangent near the solution, see `fieldmap.kernels.reduced_iron.newton`; overwritten with
-        that of the last tangent.
-        """
+    def _foretold(self, currents: Array) -> tuple[Array, Array]:
+        """Amplitudes (r,) to begin with, and the factor (r, r) of the tangent of the nearest known state."""
+        slopes, factors = self._tangents
+        known = self.model.known_currents
+        start = blended_start(currents, known, self.model.known_amplitudes, slopes, self._range)
+        nearest = (((currents - known) / self._range) ** 2).sum(axis=1).argmin()
+        return start, factors[nearest].copy()
+
+    def _solve(self, currents: Array, start: Array, factor: Array) -> Array:
+        """Amplitudes (r,), begun from `start`; factor: see `fieldmap.kernels.reduced_iron.newton`, overwritten."""
         model = self.model
-        if start is None:
-            known, amplitudes = model.known_currents, model.known_amplitudes
-            start = blended_start(currents, known, amplitudes, self._slopes, self._range)
         found, _, decrement = newton(
             model.source @ currents,
             model.gradients,
@@ -92,7 +97,7 @@ class CurrentModel:
             model.air,
             model.constant,
             start,
-            np.zeros_like(model.air) if factor is None else factor,
+            factor,
             _TOLERANCE,
             _MOST_STEPS,
         )
@@ -109,21 +114,20 @@ class CurrentModel:
         return np.asarray(found)
 
     @cached_property
-    def _slopes(self) -> Array:
-        """Derivatives (s, r, c) of the known states' amplitudes by the currents."""
+    def _tangents(self) -> tuple[Array, Array]:
+        """Of the known states: derivatives (s, r, c) of the amplitudes by the currents, factors (s, r, r) of K."""
         model = self.model
         known = (model.known_currents, model.known_amplitudes)
-        return np.asarray(
-            sensitivities(
-                np.ascontiguousarray(model.source @ known[0].T),
-                model.gradients,
-                self._single,
-                *self._laws,
-                model.air,
-                known[1],
-                model.source,
-            )
+        slopes, factors = sensitivities(
+            np.ascontiguousarray(model.source @ known[0].T),
+            model.gradients,
+            self._single,
+            *self._laws,
+            model.air,
+            known[1],
+            model.source,
         )
+        return slopes, factors
 
     def _row(self, currents: Array) -> Array:
         if not self._holds(currents):
@@ -133,15 +137,14 @@ class CurrentModel:
 
     def _followed(self, currents: Array) -> Array:
         """The amplitudes, begun from the last ones."""
-        path = self._path
-        factor = np.zeros_like(self.model.air) if path.factor is None else path.factor.copy()
+        start, factor = self._path.ahead(currents) or self._foretold(currents)
         try:
-            found = self.amplitudes(currents, path.ahead(currents), factor)
+            found = self._solve(currents, start, factor)
         except NotConverged:
-            factor = np.zeros_like(self.model.air)
-            found = self.amplitudes(currents, None, factor)
+            start, factor = self._foretold(currents)
+            found = self._solve(currents, start, factor)
         # One assignment: another thread sees the old path or the new one, never a mixture.
-        self._path = _Path((*path.states[-1:], (currents.copy(), found)), factor)
+        self._path = _Path((*self._path.states[-1:], (currents.copy(), found)), factor)
         return found
 
     def _holds(self, currents: Array) -> bool:

@@ -89,7 +89,7 @@ def test_sensitivities_are_the_derivatives_of_the_solution(problem):
 
     where = np.array([[0.3, 0.1], [2e-4, 1e-4]])
     known = np.array([amplitude(currents) for currents in where])
-    found = sensitivities(unit @ where.T, *iron(problem)[:-1], known, unit)
+    found, _ = sensitivities(unit @ where.T, *iron(problem)[:-1], known, unit)
     for state, currents in enumerate(where):
         for coil in range(2):
             step = 1e-4 * np.eye(2)[coil] * np.abs(currents).max()
@@ -111,6 +111,15 @@ def test_a_start_is_exact_where_the_amplitudes_are_straight_lines():
     amplitudes[[0, 1, 2, 4, 5, 6]] += 1.0
     at_known = blended_start(known[3], known, amplitudes, slopes, np.ones(2))
     np.testing.assert_allclose(at_known, amplitudes[3], rtol=1e-12)
+
+
+def test_without_currents_the_iron_is_left_without_field(problem):
+    """However far the start: the solution is zero, and nothing is small beside it."""
+    start, factor = solved(problem | {"constant": np.zeros(MODES)}, 0.3)[0], np.zeros((MODES, MODES))
+    solved(problem, 0.3, factor=factor)
+    found, _, decrement = solved(problem | {"constant": np.zeros(MODES)}, 0.0, start=start, factor=factor)
+    assert decrement < 1e-9
+    assert np.abs(found).max() < 1e-10 * np.abs(start).max()
 
 
 def test_too_few_steps_are_told(problem):
