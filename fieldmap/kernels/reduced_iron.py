@@ -159,11 +159,12 @@ def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
     rest: slope at 0 and second derivative of what does not depend on h; start: the functional's slope at 0. vector,
     isotropic, along: what `_magnetise` makes of `trial`.
     """
+    weights, law, offset, knots, coefficients = tables
     low, high, low_value, high_value, t = 0.0, 1.0, start, 0.0, 1.0
     for attempt in range(12):
         for k in range(h.size):
             trial[k] = h[k] - t * step[k]
-        _magnetise(trial, *tables, vector, isotropic, along)
+        _magnetise(trial, weights, law, offset, knots, coefficients, vector, isotropic, along)
         value = np.dot(vector, step) - rest[0] - t * rest[1]
         if attempt == 0:
             if value > 0.0 or abs(value) <= 0.3 * abs(start):
