@@ -5,7 +5,21 @@ we make of it lies here, one function per part. `compare` puts the two side by s
 and `view`, each imported when its row is asked for.
 """
 
-from fieldmap.thesis.comparison import Comparison, compare
-from fieldmap.thesis.registry import PARTS, Ours, row_names
+from fieldmap.thesis.comparison import Comparison
+from fieldmap.thesis.computation import PartResult, attempt_rows, compare
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import PARTS, ROWS, Answers, Ours, row_names
 
-__all__ = ["PARTS", "Comparison", "Ours", "compare", "row_names"]
+__all__ = [
+    "PARTS",
+    "ROWS",
+    "Answers",
+    "Comparison",
+    "Curves",
+    "Ours",
+    "PartResult",
+    "Series",
+    "attempt_rows",
+    "compare",
+    "row_names",
+]

@@ -1,12 +1,13 @@
 """Printed numbers beside ours."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from fieldmap.thesis.printed import PrintedNumber, read_part
-from fieldmap.thesis.registry import Ours, function_of, parts_of, row_of
+from fieldmap.thesis.printed import PrintedNumber, PrintedPart
+from fieldmap.thesis.registry import Ours, row_of
 
 
 @dataclass(frozen=True)
@@ -34,30 +35,29 @@ class Comparison:
     assumptions: tuple[str, ...]
 
 
-def compare(rows: Iterable[str] = ()) -> list[Comparison]:
-    """Every number that the thesis prints for these rows (all rows if none is given) beside ours.
-
-    rows: names such as "S7". Raises InputError for a row that is not there.
-
-    >>> [number] = [c for c in compare(["S7"]) if c.name == "global_deviation[0]"]
-    >>> print(number.thesis, round(number.ours, 7), number.unit, number.agrees)
-    0.00706 0.0070569 mm True
-    """
-    return [comparison for part in parts_of(rows) for comparison in _compare_part(part)]
-
-
-def _compare_part(part: str) -> list[Comparison]:
-    printed = read_part(part)
-    answers = function_of(part)(printed.inputs)
+def compared(part: str, printed: PrintedPart, answers: Mapping[str, Any]) -> tuple[Comparison, ...]:
+    """Every printed number of a part beside the answer of the same name."""
     if answers.keys() != printed.numbers.keys():
         raise LookupError(f"{part}: computed and printed differ: {set(answers) ^ set(printed.numbers)}")
-    comparisons = []
+    comparisons: list[Comparison] = []
     for name, numbers in printed.numbers.items():
         answer = answers[name] if isinstance(answers[name], Ours) else Ours(answers[name])
-        values = np.asarray(answer.value, dtype=float).ravel()
-        for number, value in zip(numbers, values, strict=True):
-            comparisons.append(_side_by_side(part, printed.title, number, float(value), answer.assumptions))
-    return comparisons
+        comparisons += _table(part, printed.title, numbers, answer)
+    return tuple(comparisons)
+
+
+def agreeing(comparisons: Iterable[Comparison]) -> tuple[int, int]:
+    """How many sharp numbers agree to the printed digits, and how many sharp numbers without a misprint there are."""
+    sharp = [c for c in comparisons if c.kind == "sharp" and not c.misprint]
+    return sum(bool(c.agrees) for c in sharp), len(sharp)
+
+
+def _table(part: str, title: str, numbers: Iterable[PrintedNumber], answer: Ours) -> list[Comparison]:
+    values = np.asarray(answer.value, dtype=float).ravel()
+    return [
+        _side_by_side(part, title, number, float(value), answer.assumptions)
+        for number, value in zip(numbers, values, strict=True)
+    ]
 
 
 def _side_by_side(

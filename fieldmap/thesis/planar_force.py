@@ -17,7 +17,8 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 
 Array = NDArray[np.float64]
 HALF_WIDTH = 0.15
@@ -105,7 +106,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def constants(inputs: dict[str, Any]) -> dict[str, Any]:
+def constants(inputs: dict[str, Any]) -> Answers:
     """Table 4-2: constants of (4-5) along the line of Fig. 4-5."""
     depth = (1e-3 * inputs["depth_mm"],)
     fit = horizontal_fit(depth, inputs["a_m"])
@@ -122,7 +123,31 @@ def constants(inputs: dict[str, Any]) -> dict[str, Any]:
         f"root mean square error on that line: {fit.rms:.3f} N with our constants, {theirs:.3f} N with Table 4-2's",
     )
     formula = fit.formula
-    return {"L0": Ours(formula.inductance, words), "b": Ours(formula.b, words), "c": Ours(formula.c, words)}
+    numbers = {
+        "L0": Ours(formula.inductance, words),
+        "b": Ours(formula.b, words),
+        "c": Ours(formula.c, words),
+    }
+    return Answers(numbers, _formula_curves(printed, formula, depth[0]))
+
+
+def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: float) -> tuple[Curves, ...]:
+    """Figs 4-5 and 4-7: the force along x computed, with the printed constants, and with ours."""
+    x = np.linspace(-HALF_WIDTH, HALF_WIDTH, 200)
+    z = np.full_like(x, depth)
+    figures = []
+    for pair, title in (
+        ((1.0, 0.0), "Fig. 4-5: left electromagnet alone"),
+        ((1.5, 0.5), "Fig. 4-7: currents 3:1"),
+    ):
+        lines = (
+            Series("computed", 1e3 * x, force(pair, x, z)[:, 0]),
+            Series("(4-7), our constants", 1e3 * x, added(fitted, pair, x, z)),
+            Series("(4-7), Table 4-2", 1e3 * x, added(printed, pair, x, z), "thesis"),
+        )
+        remark = f"{1e3 * depth:g} mm below the pole piece."
+        figures.append(Curves(title, "x (mm)", "$F_x$ (N)", lines, remark))
+    return tuple(figures)
 
 
 def superposition(inputs: dict[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,8 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 
 Array = NDArray[np.float64]
 WINDOW = 0.165
@@ -77,7 +78,7 @@ def _both(compute: Any) -> tuple[Ours, Ours]:
     return answers[0], answers[1]
 
 
-def current_ratio(inputs: dict[str, Any]) -> dict[str, Any]:
+def current_ratio(inputs: dict[str, Any]) -> Answers:
     """Table 2-3."""
     z, nominal = -1e-3 * inputs["depth_mm"], inputs["nominal_current_A"]
 
@@ -91,11 +92,18 @@ def current_ratio(inputs: dict[str, Any]) -> dict[str, Any]:
     states = [saturating(ratio, nominal) for ratio in inputs["exact_ratios"]]
     moved = [1e3 * reached_from_the_middle(state, state.currents, z) for state in states]
     words = (*states[0].report.assumptions, _DRAWN, _FOLLOWED)
-    return {
+    numbers = {
         "equilibrium": box,
         "equilibrium_in_open_space": free,
         "equilibrium_with_curve": Ours(moved, words),
     }
+    return Answers(numbers, _ratio_curves(z, nominal))
+
+
+def _ratio_curves(z: float, nominal: float) -> tuple[Curves, ...]:
+    ratios = ((1.0, "1:1"), (11 / 9, "1:1.22"), (1.5, "1:1.5"), (3.0, "1:3"))
+    lines = tuple((label, currents(ratio, nominal), -z) for ratio, label in ratios)
+    return _flux_density_along_x("Figs 2-9, 2-10: 100 mm below the pole piece", lines)
 
 
 @cache
@@ -106,7 +114,7 @@ def saturating(ratio: float, nominal: float) -> PlanarState:
     return solve_planar_state(device, currents(ratio, nominal))
 
 
-def depth(inputs: dict[str, Any]) -> dict[str, Any]:
+def depth(inputs: dict[str, Any]) -> Answers:
     """Table 2-4."""
     amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
 
@@ -114,7 +122,13 @@ def depth(inputs: dict[str, Any]) -> dict[str, Any]:
         return [1e3 * reached_from_the_middle(solved, amperes, -1e-3 * mm) for mm in inputs["depths_mm"]]
 
     box, free = _both(positions)
-    return {"equilibrium": box, "equilibrium_in_open_space": free}
+    return Answers({"equilibrium": box, "equilibrium_in_open_space": free}, _depth_curves(amperes))
+
+
+def _depth_curves(amperes: Array) -> tuple[Curves, ...]:
+    depths = (0.07, 0.085, 0.1, 0.125, 0.15, 0.2)
+    lines = tuple((f"{1e3 * depth:g} mm deep", amperes, depth) for depth in depths)
+    return _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines)
 
 
 def gradients(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -177,3 +191,27 @@ def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) 
         return float(solved.derivatives([[top, -depth]], amperes)[1].imag[0])
 
     return float(brentq(highest, near, far, xtol=1e-7))
+
+
+def _flux_density_along_x(title: str, lines: tuple[tuple[str, Array, float], ...]) -> tuple[Curves, ...]:
+    """B_z along x, with the box and in open space; label, currents and depth (m) of each line."""
+    remark = "Dots: equilibria reached from x = 0, at maxima of the field."
+    figures = []
+    for solved, words in ((unit(True), "box without flux"), (unit(False), "open space")):
+        series = tuple(piece for line in lines for piece in _line_and_equilibrium(solved, *line))
+        figures.append(Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", series, remark))
+    return tuple(figures)
+
+
+def _line_and_equilibrium(
+    solved: PlanarSolution, label: str, amperes: Array, depth: float
+) -> tuple[Series, ...]:
+    def flux_density(x: Array) -> Array:
+        return 1e3 * solved.field(np.column_stack([x, np.full_like(x, -depth)]), amperes)[:, 1]
+
+    x = np.linspace(-WINDOW, WINDOW, 300)
+    line = Series(label, 1e3 * x, flux_density(x))
+    at = np.array([reached_from_the_middle(solved, amperes, -depth)])
+    if np.isnan(at[0]):
+        return (line,)
+    return line, Series(label, 1e3 * at, flux_density(at), points=True)

@@ -3,6 +3,7 @@
 import tomllib
 from dataclasses import dataclass, field
 from decimal import Decimal
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -38,20 +39,35 @@ class PrintedNumber:
 
 @dataclass(frozen=True)
 class PrintedPart:
-    """One data file: title, inputs by name, and names of the printed quantities -> their numbers in C order."""
+    """One data file: title, inputs by name, and names of the printed quantities -> their numbers in C order.
+
+    explanations: name of a printed quantity, or "" for the part -> why ours differs. map: the recipe whose map it
+    needs, or "". seconds: of processor time that the part takes, about.
+    """
 
     title: str
     inputs: dict[str, Any]
     numbers: dict[str, tuple[PrintedNumber, ...]] = field(default_factory=dict)
+    explanations: dict[str, str] = field(default_factory=dict)
+    map: str = ""
+    seconds: float = 1.0
+
+
+def data_file(part: str) -> Path:
+    """Where the data of a part lie."""
+    return shipped_folder("thesis") / f"{part}.toml"
 
 
 def read_part(part: str) -> PrintedPart:
     """The data of a part, from thesis/PART.toml."""
-    path = shipped_folder("thesis") / f"{part}.toml"
-    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    content = tomllib.loads(data_file(part).read_text(encoding="utf-8"))
     inputs = {name: _number_or_array(entry["value"]) for name, entry in content.get("inputs", {}).items()}
     numbers = {entry["name"]: tuple(_entries(entry)) for entry in content["printed"]}
-    return PrintedPart(content["title"], inputs, numbers)
+    entries = [{"name": ""} | content, *content["printed"]]
+    explanations = {entry["name"]: entry["explanation"] for entry in entries if "explanation" in entry}
+    return PrintedPart(
+        content["title"], inputs, numbers, explanations, content.get("map", ""), content.get("seconds", 1.0)
+    )
 
 
 def _number_or_array(value: Any) -> Any:

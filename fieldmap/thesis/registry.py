@@ -1,11 +1,12 @@
 """Which rows there are, and the function that computes each part of them."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.thesis.curves import Curves
 
 PARTS = {
     "S3": "fieldmap.thesis.magnets:sphere_and_microrobot",
@@ -38,8 +39,34 @@ PARTS = {
 """Part -> module:function. A part is a row, or a row and what of it: "S16_controller". Its data is thesis/PART.toml.
 
 The function takes the inputs of the data file, name -> number or array in the units of the file, and returns the
-name of every printed number -> our number (an array for a table), or `Ours` where something is assumed.
+name of every printed number -> our number (an array for a table), or `Ours` where something is assumed; or `Answers`,
+which hold that and figures and explanations besides. Where the data file says `map = "division"`, inputs["map"] is
+that recipe's map, opened.
 """
+ROWS = {
+    "S1": "field of a loop, a solenoid and a thick coil",
+    "S2": "force and torque on a dipole and on a finite magnet",
+    "S3": "dipole moment; data of the sphere and of the microrobot",
+    "S4": "single electromagnet with an iron core",
+    "S5": "drive unit in two dimensions",
+    "S6": "lumped levitation model",
+    "S7": "frames and transform of the position sensors",
+    "S8": "measuring and driving chain",
+    "S9": "analytic force formulas in two dimensions",
+    "S10": "analytic force formulas in three dimensions",
+    "S11": "drive unit in three dimensions: field and gradient of its coils",
+    "S12": "levitation current over depth",
+    "S13": "current division",
+    "S14": "equilibrium shift in three dimensions",
+    "S15": "workspace and saturation of the amplifiers",
+    "S16": "vertical plant and its controller, identified",
+    "S17": "horizontal plants and their controllers, identified",
+    "S18": "closed loop of three axes on the map",
+    "S19": "trajectories",
+    "S20": "linear-quadratic regulator and Kalman estimator",
+    "S21": "what the thesis recommends next",
+}
+"""Every system of the thesis, whether or not it has parts yet."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +75,19 @@ class Ours:
 
     value: Any
     assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What a part computes, where it is more than numbers.
+
+    numbers: name of every printed number -> our number or `Ours`. curves: figures. explanations: name of a printed
+    number, or "" for the whole part -> why ours differs, in words; added to what the data file explains.
+    """
+
+    numbers: Mapping[str, Any]
+    curves: tuple[Curves, ...] = ()
+    explanations: Mapping[str, str] = field(default_factory=dict)
 
 
 def row_of(part: str) -> str:
@@ -80,7 +120,7 @@ def parts_of(rows: Iterable[str]) -> list[str]:
     return [part for row in known for part in PARTS if row_of(part) == row and (not wanted or row in wanted)]
 
 
-def function_of(part: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, Any]]:
     """The function that computes a part."""
     module, _, name = PARTS[part].partition(":")
     return getattr(import_module(module), name)

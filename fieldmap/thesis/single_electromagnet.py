@@ -12,7 +12,8 @@ from fieldmap.device import read_device
 from fieldmap.iron import solve_linear
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 
 Array = NDArray[np.float64]
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"
@@ -77,13 +78,13 @@ def windings(inputs: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def levitation(inputs: dict[str, Any]) -> dict[str, Any]:
+def levitation(inputs: dict[str, Any]) -> Answers:
     """Where the sphere levitates; how far the two windings' fields differ (Fig. 2-4)."""
     depth = 1e-3 * np.linspace(inputs["near_mm"], inputs["far_mm"], 80)
     exact, simplified = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
     difference = np.abs(simplified.flux_density / exact.flux_density - 1).max()
     words = (*solved(EXACT).report.assumptions, *_ASSUMED)
-    return {
+    numbers = {
         "depth_exact": Ours(1e3 * levitation_depth(EXACT), words),
         "depth_simplified": Ours(
             1e3 * levitation_depth(SIMPLIFIED),
@@ -91,3 +92,38 @@ def levitation(inputs: dict[str, Any]) -> dict[str, Any]:
         ),
         "difference_of_the_windings": Ours(100 * float(difference), words),
     }
+    return Answers(numbers, (_field_curves(), _gradient_curves(), _force_curves()))
+
+
+def _field_curves() -> Curves:
+    depth = np.linspace(0.5e-3, 0.1, 200)
+    windings = ((EXACT, "500 turns, 1 A"), (SIMPLIFIED, "5 turns, 100 A"))
+    series = tuple(
+        Series(label, 1e3 * depth, 1e3 * axis_curves(name, depth).flux_density) for name, label in windings
+    )
+    title, remark = "Fig. 2-4: exact and simplified winding", "The two lines lie on each other."
+    return Curves(title, "depth below the core (mm)", "$B_z$ (mT)", series, remark)
+
+
+def _gradient_curves() -> Curves:
+    depth = np.linspace(0.5e-3, 0.1, 200)
+    series = Series("500 turns, 1 A", 1e3 * depth, axis_curves(EXACT, depth).gradient)
+    return Curves(
+        "Fig. 2-5: gradient on the axis, z upwards",
+        "depth below the core (mm)",
+        r"$\partial B_z/\partial z$ (T/m)",
+        (series,),
+        log_y=True,
+    )
+
+
+def _force_curves() -> Curves:
+    depth, at = np.linspace(0.03, 0.06, 120), levitation_depth(EXACT)
+    weight = 1e3 * _payload(EXACT).mass * GRAVITY
+    series = (
+        Series("magnetic force", 1e3 * depth, 1e3 * axis_curves(EXACT, depth).force),
+        Series("weight", 1e3 * depth[[0, -1]], np.full(2, weight)),
+        Series(f"balance at {1e3 * at:.1f} mm", np.array([1e3 * at]), np.array([weight]), points=True),
+        Series("the thesis's 44 mm", np.array([44.0]), np.array([weight]), "thesis", points=True),
+    )
+    return Curves("Fig. 2-6: force on the 1 mm sphere", "depth below the core (mm)", "force (mN)", series)

@@ -7,14 +7,21 @@ import pytest
 from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_names
-from fieldmap.thesis import PARTS, compare, row_names
-from fieldmap.thesis.printed import KINDS, half_unit, read_part
+from fieldmap.thesis import PARTS, ROWS, Answers, Curves, Series, compare, row_names
+from fieldmap.thesis.computation import attempt_part, compute_part
+from fieldmap.thesis.maps_at_hand import MapMissing
+from fieldmap.thesis.printed import KINDS, PrintedPart, half_unit, read_part
+from fieldmap.thesis.registry import row_of
 
 ALL = compare()
 
 
 def test_files_and_functions_belong_together():
     assert sorted(PARTS) == shipped_names("thesis")
+
+
+def test_every_part_belongs_to_a_system_of_the_thesis():
+    assert {row_of(part) for part in PARTS} <= set(ROWS)
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -69,3 +76,72 @@ def test_table_names_every_row(capsys):
 def test_bad_row_on_the_command_line(capsys):
     assert main(["thesis", "S0"]) == 2
     assert "S0" in capsys.readouterr().err
+
+
+@pytest.fixture
+def replaced(monkeypatch):
+    """Put another function, and another data file, in the place of S7's."""
+
+    def replace(function, **data):
+        printed = read_part("S7")
+        changed = PrintedPart(**{**vars(printed), **data})
+        monkeypatch.setattr("fieldmap.thesis.computation.function_of", lambda part: function)
+        monkeypatch.setattr("fieldmap.thesis.computation.read_part", lambda part: changed)
+        return printed
+
+    return replace
+
+
+def ones(printed):
+    return {name: [1.0] * len(numbers) for name, numbers in printed.numbers.items()}
+
+
+def test_answers_bring_figures_and_explanations(replaced):
+    figure = Curves("title", "x (mm)", "y (T)", (Series("line", [0.0, 1.0], [2.0, 3.0]),))
+    names = list(read_part("S7").numbers)
+    printed = replaced(
+        lambda inputs: Answers(
+            ones(read_part("S7")), (figure,), {names[0]: "It is computed.", "": "All of it."}
+        ),
+        explanations={names[0]: "It is printed."},
+    )
+    result = compute_part("S7")
+    assert len(result.comparisons) == sum(map(len, printed.numbers.values()))
+    assert result.curves == (figure,)
+    assert result.explanations == {names[0]: "It is printed. It is computed.", "": "All of it."}
+
+
+def test_an_explanation_of_nothing_is_refused(replaced):
+    replaced(lambda inputs: Answers(ones(read_part("S7")), explanations={"nothing": "text"}))
+    with pytest.raises(LookupError, match="nothing"):
+        compute_part("S7")
+
+
+def test_a_missing_map_is_named_with_the_command_that_makes_it(replaced, tmp_path):
+    replaced(lambda inputs: {}, map="quick")
+    with pytest.raises(MapMissing, match="fieldmap map quick"):
+        compare(["S7"], tmp_path)
+    result = attempt_part("S7", tmp_path)
+    assert (result.state, result.remedy) == ("no map", "fieldmap map quick")
+    assert compare((), tmp_path) == []
+
+
+def test_a_part_that_fails_says_why_and_takes_nothing_with_it(replaced, capsys):
+    def failing(inputs):
+        raise ZeroDivisionError("by nought")
+
+    replaced(failing)
+    assert attempt_part("S7").state == "failed"
+    assert main(["thesis", "S7", "S3"]) == 1
+    out, err = capsys.readouterr()
+    assert "ZeroDivisionError: by nought" in err
+    assert "0 of 0 sharp numbers" in out
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [(([0, 1], [0]), "must be"), (([[0.0]], [[0.0]]), "must be"), (([0], [0], "mine"), "kind")],
+)
+def test_a_series_that_cannot_be_drawn(series, message):
+    with pytest.raises(ValueError, match=message):
+        Series("line", *series)

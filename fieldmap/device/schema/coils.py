@@ -111,7 +111,9 @@ class PathCoilKeys(_RoundedKeys):
     """Closed plane path with rounded corners."""
 
     kind: Literal["path"] = Field(description="closed plane path with rounded corners")
-    corners_mm: SimplePolygon = Field(description="[[x, y], ...] corners of the middle line, counter-clockwise")
+    corners_mm: SimplePolygon = Field(
+        description="[[x, y], ...] corners of the middle line, counter-clockwise"
+    )
     corner_radius_mm: Length = Field(description="radius of every corner, at the winding's middle line")
 
     @field_validator("corners_mm")

@@ -1,0 +1,53 @@
+"""Figures as data: what is drawn over what, in which units, and whose it is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+SERIES_KINDS = ("ours", "thesis", "measured")
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One line or set of points of a figure.
+
+    name: what it is, for the legend; series of the same name get the same colour. x, y (n,): in the units of the
+    figure's labels; NaN interrupts a line. kind: "ours", "thesis" (computed or printed there) or "measured" (there).
+    points: marks in the place of a line.
+    """
+
+    name: str
+    x: Array
+    y: Array
+    kind: str = "ours"
+    points: bool = False
+
+    def __post_init__(self) -> None:
+        x, y = np.asarray(self.x, dtype=float), np.asarray(self.y, dtype=float)
+        if x.ndim != 1 or x.shape != y.shape:
+            raise ValueError(f"Series {self.name!r}: x and y must be (n,); received {x.shape} and {y.shape}")
+        if self.kind not in SERIES_KINDS:
+            raise ValueError(
+                f"Series {self.name!r}: kind must be one of {SERIES_KINDS}; received {self.kind!r}"
+            )
+        object.__setattr__(self, "x", x)
+        object.__setattr__(self, "y", y)
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """One figure. Labels carry the unit: "depth below the core (mm)". remark: a sentence below it; log_y: y by decades.
+
+    >>> measured = Series("depth 10 mm", [0.0, 1.0], [0.1, 2.3], kind="measured", points=True)
+    >>> Curves("Fig. 6-5", "x control signal (1)", "x (mm)", (measured,)).series[0].x.tolist()
+    [0.0, 1.0]
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...]
+    remark: str = ""
+    log_y: bool = False

@@ -1,0 +1,71 @@
+"""Figures of rows: what is drawn is what was given, and what is marked lies where the numbers say."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from fieldmap.thesis import Curves, Series
+from fieldmap.thesis.computation import compute_part
+from fieldmap.view.figures import draw_curves, save_curves
+
+X = np.array([0.0, 1.0, 2.0])
+PLAIN = Curves(
+    "title",
+    "x (mm)",
+    "B (mT)",
+    (
+        Series("10 mm", X, X**2),
+        Series("10 mm", X, 2 * X, "thesis"),
+        Series("20 mm", X, 3 * X, "measured", points=True),
+    ),
+)
+
+
+def drawn(curves):
+    axes = Figure().add_subplot()
+    draw_curves(axes, curves)
+    return axes
+
+
+def test_colour_says_which_and_style_whose():
+    first, second, third = drawn(PLAIN).lines
+    assert first.get_color() == second.get_color() != third.get_color()
+    assert [line.get_linestyle() for line in (first, second, third)] == ["-", "--", "None"]
+    np.testing.assert_array_equal(second.get_data(), (X, 2 * X))
+
+
+def test_labels_and_legend():
+    axes = drawn(PLAIN)
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) == ("x (mm)", "B (mT)", "title")
+    words = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert words == ["10 mm (ours)", "10 mm (thesis)", "20 mm (measured)"]
+
+
+def test_one_line_needs_no_legend_and_decades_are_a_choice():
+    axes = drawn(Curves("t", "x (mm)", "y (T)", (Series("line", X, X + 1),), log_y=True))
+    assert axes.get_legend() is None
+    assert axes.get_yscale() == "log"
+
+
+def test_a_figure_becomes_a_picture(tmp_path):
+    assert save_curves(PLAIN, tmp_path / "figure.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("part", ["S4_levitation", "S5_current_ratio", "S5_depth", "S9_constants"])
+def test_every_axis_has_its_unit(part):
+    for curves in compute_part(part).curves:
+        assert curves.x_label.endswith(")")
+        assert curves.y_label.endswith(")")
+
+
+def test_the_sphere_is_marked_where_force_and_weight_cross():
+    force, weight, mark, _ = compute_part("S4_levitation").curves[2].series
+    assert np.interp(mark.x[0], force.x, force.y) == pytest.approx(mark.y[0], rel=1e-5)
+    assert weight.y[0] == mark.y[0]
+    assert 44 < mark.x[0] < 45
+
+
+def test_equilibria_are_marked_on_the_maxima():
+    box = compute_part("S5_current_ratio").curves[0].series
+    for curve, mark in list(zip(box[::2], box[1::2], strict=True))[1:]:
+        assert abs(curve.x[np.argmax(curve.y)] - mark.x[0]) < 2 * np.diff(curve.x).max()
