@@ -17,9 +17,9 @@ OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
 _TOLERANCE = 1e-7
 _MOST_STEPS = 60
 # Currents may lie outside the domain by this share of its range: rounding of what the user computed.
-_MARGIN = 1e-9
+MARGIN = 1e-9
 # Currents are taken for a division if they differ from one by no more than this share of u.
-_LARGEST_MISMATCH = 1e-6
+LARGEST_MISMATCH = 1e-6
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
@@ -177,7 +177,7 @@ class CurrentModel:
         if currents.mean() == 0.0:
             return Problem("currents", "must have a mean, as their division has", "mean 0", _REMEDY)
         found = undivide_currents(currents, exponent)
-        if found.mismatch > _LARGEST_MISMATCH:
+        if found.mismatch > LARGEST_MISMATCH:
             must_hold = f"must be a division of u, x and y with n = {exponent:g}, which the map was made for"
             return Problem("currents", must_hold, f"currents off it by {found.mismatch:.1e} of u", _REMEDY)
         signals = np.array([found.u, found.x, found.y])
@@ -191,6 +191,6 @@ class CurrentModel:
     def _beyond(self, values: Array) -> int | None:
         """Number of the first value beyond the domain."""
         low, high = self.model.lower, self.model.upper
-        margin = _MARGIN * (high - low)
+        margin = MARGIN * (high - low)
         beyond = np.flatnonzero((values < low - margin) | (values > high + margin))
         return int(beyond[0]) if beyond.size else None

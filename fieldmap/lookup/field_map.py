@@ -7,23 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.interpolants import (
-    OUTSIDE_RULES,
-    Form,
-    Jump,
-    cell_form,
-    contract,
-    global_form,
-    hermite_form,
-    jump_between_cells,
-    set_size,
-)
+from fieldmap.interpolants import Form, Jump, contract, jump_between_cells, set_size
 from fieldmap.kernels import lookup as kernels
+from fieldmap.kernels.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Limits
 from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
 from fieldmap.lookup.checks import checked_currents, checked_vectors
+from fieldmap.lookup.choices import FORMS, check_choices
 from fieldmap.lookup.compiled import closed_to_new_types
-from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
+from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.demand import demand_of
 from fieldmap.lookup.dipole_wrench import dipole_wrench
 from fieldmap.lookup.doors import (
@@ -42,8 +35,6 @@ Array = NDArray[np.float64]
 
 _empty = np.empty
 
-FORMS = {"harmonic": cell_form, "hermite": hermite_form, "global": global_form}
-
 
 class FieldMap:
     """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
@@ -55,7 +46,7 @@ class FieldMap:
     derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
     a small model of the iron once for every change of the currents (docs/theory/current_dependence.md), and what
     currents beyond its domain do is said by outside_currents: "raise", "nan", or "evaluate" without a known error.
-    follow_currents: begin that solve from the last one, see `open_map`.
+    follow_currents, tabulate_currents: begin that solve from the last one, or replace it by a table: see `open_map`.
 
     Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of
     `coil_names`. A point (3,) gives a result without the leading axis. Outside the box from `lower` to `upper`:
@@ -81,6 +72,7 @@ class FieldMap:
         threads: int | None = None,
         outside_currents: str = "raise",
         follow_currents: bool = False,
+        tabulate_currents: bool = False,
     ) -> None:
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
@@ -90,6 +82,7 @@ class FieldMap:
         reduced = data.reduced_model
         rules = (outside_currents, follow_currents)
         self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, *rules)
+        self._table = tabulate(self._model, data) if tabulate_currents else None
         self._start()
 
     def _start(self) -> None:
@@ -174,6 +167,11 @@ class FieldMap:
         not used to train it. None where the field is linear in the currents."""
         return self._info.current_error
 
+    @property
+    def current_table(self) -> CurrentTable | None:
+        """The table in the place of that model, with its own error; None unless asked for."""
+        return self._table
+
     def at(self, currents: ArrayLike) -> FieldAtCurrents:
         """The field at these currents (n_coils,): contracted now, once. The last one is kept."""
         amperes = checked_currents(currents, self.coil_names, 0)
@@ -189,14 +187,17 @@ class FieldMap:
             self._last = (key, fixed)
         return fixed
 
-    def compiled(self, currents: ArrayLike | None = None) -> tuple[Any, Array]:
+    def compiled(self, currents: ArrayLike | None = None) -> tuple[Any, Any]:
         """(function, data) to call from your own numba functions, without Python objects.
 
         With currents: B, G = function(data, x, y, z). Without: B, G = function(data, currents, x, y, z), the
-        currents a float64 array (n_coils,) that may change from call to call. B is a tuple of three in T, G one
+        currents a float64 array (n_coils,) that may change from call to call; of saturating iron only with
+        tabulate_currents. B is a tuple of three in T, G one
         of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
         outside="clamp"; a compiled function cannot raise OutsideMapError.
         """
+        if currents is None and self._table is not None:
+            return tabulated_at_currents, (self._form.unit, self._table.arrays)
         if currents is None:
             self._require_superposition("compiled without currents")
             return kernels.at_currents, self._form.unit
@@ -348,14 +349,15 @@ class FieldMap:
     def _weights(self, currents: Array) -> Array:
         """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, or what the
         model of saturating iron makes of them. The last single set is kept."""
-        if self._model is None:
+        model = self._table or self._model
+        if model is None:
             return currents
         if currents.ndim == 2:
-            return self._model.weights(currents)
+            return model.weights(currents)
         key = currents.tobytes()
         known, weights = self._last_weights
         if known != key:
-            weights = self._model.weights(currents)
+            weights = model.weights(currents)
             self._last_weights = (key, weights)
         return weights
 
@@ -368,7 +370,7 @@ class FieldMap:
             )
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: self.__dict__[name] for name in ("_info", "_box", "_form", "_model")}
+        return {name: self.__dict__[name] for name in ("_info", "_box", "_form", "_model", "_table")}
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
@@ -384,21 +386,3 @@ class FieldMap:
 
 def _never(*_: object) -> int:
     return 1
-
-
-def check_choices(kind: str, outside: str, outside_currents: str) -> None:
-    """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
-    problems = []
-    choices = (
-        ("kind", kind, list(FORMS)),
-        ("outside", outside, list(OUTSIDE_RULES)),
-        ("outside_currents", outside_currents, list(OUTSIDE_CURRENTS)),
-    )
-    for name, value, allowed in choices:
-        if value not in allowed:
-            names = " or ".join(f'"{choice}"' for choice in allowed)
-            problems.append(
-                Problem(f"open_map, {name}", f"is {names}", repr(value), "choose one that exists")
-            )
-    if problems:
-        raise InputError(*problems)

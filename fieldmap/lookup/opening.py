@@ -2,7 +2,8 @@
 
 from os import PathLike
 
-from fieldmap.lookup.field_map import FieldMap, check_choices
+from fieldmap.lookup.choices import check_choices
+from fieldmap.lookup.field_map import FieldMap
 from fieldmap.store import MapData, read_map
 
 
@@ -13,6 +14,7 @@ def open_map(
     threads: int | None = None,
     outside_currents: str = "raise",
     follow_currents: bool = False,
+    tabulate_currents: bool = False,
 ) -> FieldMap:
     """Read and check the map file at `path` and make it ready for lookups.
 
@@ -22,15 +24,18 @@ def open_map(
     threads: for large batches, by default one per processor. outside_currents: what currents beyond the domain of a
     map of saturating iron give, "raise" (OutsideMapError), "nan", or "evaluate", without a statement of the error
     there. follow_currents: of such a map, begin each change of the currents from the last, which is quicker along a
-    trajectory; results then depend on earlier calls, by 1e-6 at most. Raises MapFileError if the file is no complete,
-    undamaged map and InputError for an unknown kind or outside rule, or if no single polynomial holds the map
-    ("global").
+    trajectory; results then depend on earlier calls, by 1e-6 at most. tabulate_currents: of such a map over a current
+    division, tabulate the model once, which takes seconds; any change of the currents then costs microseconds, also
+    from compiled code, and `current_table.error` says how far the table is from the model. Raises MapFileError if the
+    file is no complete, undamaged map and InputError for an unknown kind or outside rule, if no single polynomial
+    holds the map ("global"), or if there is nothing to tabulate.
 
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
     check_choices(kind, outside, outside_currents)
-    return interpolate(read_map(path), kind, outside, threads, outside_currents, follow_currents)
+    rules = outside_currents, follow_currents, tabulate_currents
+    return interpolate(read_map(path), kind, outside, threads, *rules)
 
 
 def interpolate(
@@ -40,6 +45,7 @@ def interpolate(
     threads: int | None = None,
     outside_currents: str = "raise",
     follow_currents: bool = False,
+    tabulate_currents: bool = False,
 ) -> FieldMap:
     """A map in memory made ready for lookups; arguments as in `open_map`."""
-    return FieldMap(data, outside, kind, threads, outside_currents, follow_currents)
+    return FieldMap(data, outside, kind, threads, outside_currents, follow_currents, tabulate_currents)

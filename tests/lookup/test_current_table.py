@@ -1,0 +1,207 @@
+"""The table of a map over a current division, against the model that it is made from and a law known in closed form."""
+
+import pickle
+from types import SimpleNamespace
+
+import numba
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+import fieldmap.lookup.current_table as tables
+from fieldmap.device.current_division import divide_currents, undivide_currents
+from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.kernels.current_table import (
+    BEYOND,
+    FOUND,
+    NOT_A_DIVISION,
+    signals,
+    table_weights,
+    tabulated_at_currents,
+)
+from fieldmap.lookup import interpolate
+from fieldmap.store import FieldError, Grid, MapData, ReducedModel
+
+LOWER, UPPER, N = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25
+INSIDE = divide_currents(1.63, 0.117, -0.212, N)
+
+
+def test_signals_of_currents_are_those_of_the_checked_function():
+    rng = np.random.default_rng(1)
+    for currents in (*divide_currents(*(LOWER + rng.random((20, 3)) * (UPPER - LOWER)).T, N), rng.random(6)):
+        found = undivide_currents(currents, N)
+        expected = (found.u, found.x, found.y, found.mismatch)
+        np.testing.assert_allclose(signals(currents, N), expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.fixture(scope="module")
+def knots():
+    """Uneven ones, four at each end."""
+    inner = (np.array([1.3, 1.4, 1.9]), np.array([-0.1, 0.0, 0.02]), np.array([0.1]))
+    pairs = zip(LOWER, inner, UPPER, strict=True)
+    return [np.concatenate([[low] * 4, between, [high] * 4]) for low, between, high in pairs]
+
+
+def test_the_kernel_evaluates_the_tensor_product_of_b_splines(knots):
+    rng = np.random.default_rng(2)
+    coefficients = rng.standard_normal((*(len(t) - 4 for t in knots), 3))
+    table = (np.array([N]), np.array([1e-9]), LOWER, UPPER, *knots, coefficients)
+    corners = [(LOWER[0], LOWER[1], LOWER[2]), (UPPER[0], LOWER[1], UPPER[2]), (1.4, 0.0, 0.1)]
+    for values in (*corners, *(LOWER + rng.random((20, 3)) * (UPPER - LOWER))):
+        bases = [BSpline(t, np.eye(len(t) - 4), 3)(v) for t, v in zip(knots, values, strict=True)]
+        expected = np.einsum("a,b,c,abck->k", *bases, coefficients)
+        out = np.empty(9)
+        currents = divide_currents(*values, N)
+        # Rounding may put the signals of a corner just outside.
+        wide = (*table[:2], LOWER - 1e-9, UPPER + 1e-9, *table[4:])
+        assert table_weights(wide, currents, out) == FOUND
+        np.testing.assert_array_equal(out[:6], currents)
+        np.testing.assert_allclose(out[6:], expected, rtol=1e-6, atol=1e-6)
+
+
+def test_currents_that_the_table_does_not_hold_give_nan(knots):
+    table = (np.array([N]), np.array([1e-6]), LOWER, UPPER, *knots, np.ones((7, 7, 5, 1)))
+    out = np.empty(7)
+    for currents, status in (
+        (INSIDE + 0.01 * np.eye(6)[2], NOT_A_DIVISION),
+        (np.full(6, np.nan), NOT_A_DIVISION),
+        (np.zeros(6), NOT_A_DIVISION),
+        (divide_currents(2.3, 0.0, 0.0, N), BEYOND),
+        (divide_currents(1.5, -0.41, 0.0, N), BEYOND),
+    ):
+        assert table_weights(table, currents, out) == status
+        assert np.isnan(out).all()
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Two fields of iron whose weights follow the currents by a law of one point: b = 2000 h up to 1 mT, then h + c."""
+    rng = np.random.default_rng(5)
+    grid = Grid([-0.01] * 3, [0.01] * 3, (3, 3, 3))
+    slope = rng.normal(size=(8, 3, 3))
+    slope += slope.transpose(0, 2, 1)
+    slope -= np.eye(3) * np.trace(slope, axis1=1, axis2=2)[:, None, None] / 3
+    flux = 0.02 * rng.normal(size=(8, 1, 3)) + np.einsum("kij,pj->kpi", slope, grid.points())
+    points = 40
+    gradients = rng.standard_normal((3 * points, 3))
+    reduced = ReducedModel(
+        gradients=gradients,
+        source=1e-3 * rng.standard_normal((3 * points, 6)),
+        weights=rng.random(points) + 0.1,
+        law=np.zeros(points, np.int64),
+        law_offset=np.array([0, 2]),
+        law_knots=np.array([0.0, 1e-3]),
+        law_coefficients=np.array([[0.0, 0.0, 2000.0, 0.0], [0.0, 0.0, 1.0, 2.0]]),
+        air=0.02 * np.eye(3),
+        constant=np.zeros(3),
+        output=10.0 * rng.standard_normal((2, 3)),
+        known_currents=np.ones((1, 6)),
+        known_amplitudes=np.full((1, 3), 1e-4),
+        lower=LOWER,
+        upper=UPPER,
+        division_exponent=np.array([N]),
+        reference_weights=np.ones(2),
+    )
+    return MapData(
+        grid,
+        tuple("123456"),
+        np.ones(6),
+        flux_density=flux.reshape(8, 3, 3, 3, 3),
+        gradient=np.broadcast_to(slope[:, None, None, None], (8, 3, 3, 3, 3, 3)),
+        reduced_model=reduced,
+        current_error=FieldError(1e-9, 1e-9),
+    )
+
+
+@pytest.fixture(scope="module")
+def pair(data):
+    """The map by its model, and by its table."""
+    return interpolate(data), interpolate(data, tabulate_currents=True)
+
+
+def random_currents(count, seed=7):
+    shares = np.random.default_rng(seed).random((count, 3))
+    return divide_currents(*(LOWER + shares * (UPPER - LOWER)).T, N)
+
+
+def test_the_table_is_as_near_to_the_model_as_it_says(pair):
+    model, table = pair
+    error = table.current_table.error
+    assert (
+        table.current_table.nodes == tables.SIZES[-1]
+    )  # an error of 1e-9 T was asked for, and is out of reach
+    corners = np.stack(np.meshgrid(*[[-0.01, 0.01]] * 3), axis=-1).reshape(-1, 3)
+    worst = 0.0
+    for currents in random_currents(60):
+        off = table.field(corners, currents) - model.field(corners, currents)
+        worst = max(worst, np.linalg.norm(off, axis=1).max())
+    size = np.abs(model.field(corners, INSIDE)).max()
+    assert 1e-12 * size < worst < 1.5 * error.flux_density < 0.01 * size
+
+
+def test_more_nodes_are_nearer_with_the_order_of_cubic_splines(data, monkeypatch):
+    """Fourth order where the law is smooth: here linear iron far below its knee, curved by nothing but the division."""
+    smooth = MapData(**{**vars(data), "reduced_model": weak(data.reduced_model)})
+    errors = []
+    for nodes in ((5, 9, 9), (9, 17, 17)):
+        monkeypatch.setattr(tables, "SIZES", (nodes,))
+        monkeypatch.setattr(tables, "_GRADING", 1.0)
+        errors.append(interpolate(smooth, tabulate_currents=True).current_table.error.flux_density)
+    # The signals enter the currents as a polynomial of degree 1 in u, 3 in x and 2 in y: the splines are exact.
+    size = np.abs(interpolate(smooth).field([0.01, 0.01, 0.01], INSIDE)).max()
+    assert max(errors) < 1e-6 * size
+
+
+def weak(model):
+    """The same iron, a millionth of the field: it does not saturate."""
+    changed = {"source": 1e-6 * model.source, "output": 1e6 * model.output}
+    return ReducedModel(**{**{name: getattr(model, name) for name in model.__dataclass_fields__}, **changed})
+
+
+def test_compiled_code_changes_the_currents_too(pair):
+    _, table = pair
+    function, held = table.compiled()
+    assert function is tabulated_at_currents
+
+    @numba.njit
+    def sum_along(function, held, currents):
+        total = 0.0
+        for row in range(len(currents)):
+            flux, slope = function(held, currents[row], 0.002, -0.003, 0.004)
+            total += flux[2] + slope[2][2]
+        return total
+
+    currents = random_currents(50)
+    point = np.array([0.002, -0.003, 0.004])
+    expected = sum(table.field(point, i)[2] + table.gradient(point, i)[2, 2] for i in currents)
+    assert sum_along(function, held, currents) == pytest.approx(expected, rel=1e-12)
+    assert np.isnan(function(held, np.arange(6.0), *point)[0]).all()
+
+
+def test_outside_the_table_the_model_decides(data, pair):
+    _, table = pair
+    beyond = divide_currents(2.4, 0.1, 0.1, N)
+    with pytest.raises(OutsideMapError, match="their u"):
+        table.field([0, 0, 0], beyond)
+    loose = interpolate(data, tabulate_currents=True, outside_currents="evaluate")
+    by_model = interpolate(data, outside_currents="evaluate")
+    np.testing.assert_array_equal(loose.field([0, 0, 0], beyond), by_model.field([0, 0, 0], beyond))
+    rows = np.stack([INSIDE, beyond])
+    np.testing.assert_array_equal(loose.field(np.zeros((2, 3)), rows)[1], by_model.field([0, 0, 0], beyond))
+
+
+def test_a_tabulated_map_is_pickled_with_its_table(pair):
+    _, table = pair
+    again = pickle.loads(pickle.dumps(table))
+    np.testing.assert_array_equal(again.field([0, 0, 0], INSIDE), table.field([0, 0, 0], INSIDE))
+
+
+def test_other_maps_have_nothing_to_tabulate(data):
+    linear = MapData(
+        data.grid, data.coil_names, np.ones(6), flux_density=data.flux_density[:6], gradient=data.gradient[:6]
+    )
+    with pytest.raises(InputError, match="linear iron"):
+        interpolate(linear, tabulate_currents=True)
+    box = SimpleNamespace(model=SimpleNamespace(division_exponent=np.empty(0)))
+    with pytest.raises(InputError, match="independent currents"):
+        tables.tabulate(box, data)
