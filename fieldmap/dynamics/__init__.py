@@ -3,6 +3,25 @@
 Depends on: errors, arguments, kernels, device, store, lookup, levitation, control, instruments.
 """
 
+from fieldmap.dynamics.blocks import (
+    AxisReading,
+    ControllerBlock,
+    constant_block,
+    pid_block,
+    regulator_block,
+    stacked,
+    state_block,
+)
+from fieldmap.dynamics.closed_loop import (
+    Division,
+    Machine,
+    Mixing,
+    Schedule,
+    simulate_closed_loop,
+    simulate_many,
+)
+from fieldmap.dynamics.drives import CoilDrive, drive_of_device
+from fieldmap.dynamics.iron import FieldOfCurrents, linearised, superposed, tabled
 from fieldmap.dynamics.motion import (
     FixedCurrentsRun,
     angular_momentum,
@@ -11,19 +30,43 @@ from fieldmap.dynamics.motion import (
     move_adaptively,
     state_of,
 )
+from fieldmap.dynamics.outcome import Event, LoopRun
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
+from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 
 __all__ = [
+    "AxisReading",
+    "CoilDrive",
+    "ControllerBlock",
+    "Division",
     "Drag",
+    "Event",
+    "FieldOfCurrents",
     "FixedCurrentsRun",
+    "LoopRun",
+    "Machine",
+    "Mixing",
     "Plate",
     "RigidBody",
+    "Schedule",
+    "Sensors",
     "Walls",
     "angular_momentum",
     "body_of_payload",
+    "constant_block",
+    "drive_of_device",
     "energy",
+    "linearised",
     "move",
     "move_adaptively",
+    "pid_block",
+    "regulator_block",
+    "simulate_closed_loop",
+    "simulate_many",
+    "stacked",
+    "state_block",
     "state_of",
+    "superposed",
+    "tabled",
 ]

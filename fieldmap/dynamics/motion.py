@@ -12,7 +12,7 @@ from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.kernels.map_block import INSIDE
-from fieldmap.kernels.motion.layout import MASS, SPIN, STATE, TURN, VELOCITY
+from fieldmap.kernels.motion.layout import SPIN, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.magnet import magnet_energy
 from fieldmap.kernels.motion.step import fixed_currents, rates
 
@@ -83,8 +83,8 @@ def move(
     rows = round(duration / (step * every)) + 1
     states = np.empty((rows, STATE))
     block = field.compiled()[1]
-    moving = body.moving(drag, plate, walls)
-    filled, status, touched = fixed_currents((block, 1), _WEIGHTS, moving, start, step, every, rule, states)
+    numbers = body.numbers(drag, plate, walls)
+    filled, status, touched = fixed_currents(block, 1, _WEIGHTS, numbers, start, step, every, rule, states)
     time = step * every * np.arange(filled)
     return FixedCurrentsRun(time, states[:filled], bool(status == INSIDE), bool(touched))
 
@@ -106,11 +106,11 @@ def move_adaptively(
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)
-    inside, moving, load = (field.compiled()[1], 1), body.moving(drag, plate), np.empty(6)
+    block, numbers, load = field.compiled()[1], body.numbers(drag, plate), np.empty(6)
 
     def slope(_: float, y: Array) -> Array:
         out = np.full(STATE, np.nan)
-        if rates(inside, _WEIGHTS, moving, y, load, out) != INSIDE:
+        if rates(block, 1, _WEIGHTS, numbers, y, load, out) != INSIDE:
             out[:] = np.nan
         return out
 
@@ -139,9 +139,9 @@ def energy(field: Fixed, body: RigidBody, states: ArrayLike) -> Array:
     """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
     block = field.compiled()[1]
-    numbers, points, moments = body.moving()[:3]
-    magnetic = [magnet_energy(block, 1, _WEIGHTS, points, moments, row) for row in rows]
-    kinetic = 0.5 * numbers[MASS] * (rows[:, VELOCITY : VELOCITY + 3] ** 2).sum(axis=1)
+    numbers = body.numbers()
+    magnetic = [magnet_energy(block, 1, _WEIGHTS, numbers, row) for row in rows]
+    kinetic = 0.5 * body.mass * (rows[:, VELOCITY : VELOCITY + 3] ** 2).sum(axis=1)
     turning = 0.5 * (rows[:, SPIN : SPIN + 3] ** 2) @ body.inertia
     return kinetic + turning + np.array(magnetic) + body.mass * body.gravity * rows[:, 2]
 

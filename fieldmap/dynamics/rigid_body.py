@@ -1,7 +1,6 @@
 """A rigid body with a magnet in it, as data."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,8 +9,21 @@ from fieldmap.arguments import check_not_negative, check_positive, check_signal
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.motion.layout import BODY, GRAVITY, INERTIA, MASS
-from fieldmap.kernels.motion.plate import PLATE
+from fieldmap.kernels.motion.layout import (
+    CONTACT,
+    DIPOLE,
+    DRAG,
+    FIRST,
+    FORCE,
+    GRAVITY,
+    INERTIA,
+    LOSSY,
+    MAGNETS,
+    MASS,
+    PLATE,
+    SKIN,
+    TORQUE,
+)
 from fieldmap.levitation.conventions import GRAVITY as FREE_FALL
 from fieldmap.lookup import FiniteMagnet
 
@@ -45,6 +57,7 @@ class RigidBody:
     def __post_init__(self) -> None:
         check_positive("RigidBody", mass=self.mass)
         check_not_negative("RigidBody", gravity=self.gravity)
+        object.__setattr__(self, "skin", np.reshape(np.array(self.skin, float), (-1, 3)))
         for name in ("inertia", "magnet_at", "seen_at"):
             given = np.array(check_signal(f"RigidBody({name})", getattr(self, name), columns=3))
             object.__setattr__(self, name, given)
@@ -57,37 +70,29 @@ class RigidBody:
             )
             raise InputError(problem)
 
-    def numbers(self, force: ArrayLike = (0, 0, 0), torque: ArrayLike = (0, 0, 0)) -> Array:
-        """In the order of fieldmap.kernels.motion.layout, with a force and torque that disturb the body."""
-        numbers = np.zeros(BODY)
-        numbers[MASS], numbers[INERTIA : INERTIA + 3] = self.mass, self.inertia
-        numbers[GRAVITY + 2] = -self.gravity
-        numbers[7:10], numbers[10:13] = force, torque
-        return numbers
-
-    def moving(
+    def numbers(
         self,
         drag: Drag | None = None,
         plate: Plate | None = None,
         walls: Walls | None = None,
         force: ArrayLike = (0, 0, 0),
         torque: ArrayLike = (0, 0, 0),
-    ) -> tuple[Any, ...]:
-        """Everything about the body and its surroundings, as fieldmap.kernels.motion.step takes it."""
+    ) -> Array:
+        """Everything about the body and its surroundings, in the order of fieldmap.kernels.motion.layout."""
+        skin = _nowhere() if walls is None else self.skin
+        numbers = np.zeros(FIRST)
+        numbers[MASS], numbers[INERTIA : INERTIA + 3] = self.mass, self.inertia
+        numbers[GRAVITY + 2] = -self.gravity
+        numbers[FORCE : FORCE + 3], numbers[TORQUE : TORQUE + 3] = force, torque
         resistance = (drag or Drag()).numbers
-        points = np.ascontiguousarray(self.magnet.points + self.magnet_at)
-        moments = np.ascontiguousarray(self.magnet.moments, dtype=float)
-        return (
-            self.numbers(force, torque),
-            points,
-            moments,
-            resistance,
-            int(resistance.any()),
-            np.zeros(PLATE) if plate is None else plate.numbers,
-            np.concatenate([moments.sum(axis=0), self.magnet_at]),
-            (walls or Walls()).numbers(self.mass),
-            _nowhere() if walls is None else np.ascontiguousarray(self.skin, dtype=float),
-        )
+        numbers[DRAG : DRAG + 15], numbers[LOSSY] = resistance.ravel(), float(resistance.any())
+        if plate is not None:
+            numbers[PLATE : PLATE + 8] = plate.numbers
+        numbers[DIPOLE : DIPOLE + 6] = *self.magnet.moments.sum(axis=0), *self.magnet_at
+        numbers[CONTACT : CONTACT + 9] = (walls or Walls()).numbers(self.mass)
+        numbers[MAGNETS], numbers[SKIN] = len(self.magnet.points), len(skin)
+        dipoles = np.hstack([self.magnet.points + self.magnet_at, self.magnet.moments])
+        return np.concatenate([numbers, dipoles.ravel(), np.ravel(skin)])
 
 
 def body_of_payload(

@@ -99,7 +99,7 @@ class Plate:
             )
             raise InputError(problem)
         columns = [
-            plate_force(numbers, *where, tuple(dipole), tuple(v), (0.0, 0.0, 0.0))[0] for v in np.eye(3)
+            plate_force(numbers, 0, *where, tuple(dipole), tuple(v), (0.0, 0.0, 0.0))[0] for v in np.eye(3)
         ]
         return -np.array(columns).T
 

@@ -11,6 +11,13 @@ from fieldmap.lookup.actuation import (
 from fieldmap.lookup.at_currents import FieldAtCurrents
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
+from fieldmap.lookup.iron_response import (
+    division_domain,
+    iron_weights,
+    saturates,
+    tangent_block,
+    unit_block,
+)
 from fieldmap.lookup.opening import interpolate, open_map
 from fieldmap.lookup.soft_sphere import soft_sphere_force
 
@@ -21,12 +28,17 @@ __all__ = [
     "FiniteMagnet",
     "Jump",
     "capability",
+    "division_domain",
     "field_actuation",
     "finite_magnet",
     "gradient_actuation",
     "interpolate",
+    "iron_weights",
     "open_map",
+    "saturates",
     "soft_sphere_force",
+    "tangent_block",
+    "unit_block",
     "volume_rule",
     "wrench_actuation",
 ]

@@ -4,10 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
+from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics import RigidBody
 from fieldmap.lookup import FiniteMagnet, interpolate
-from fieldmap.store import Grid, MapData
+from fieldmap.store import Grid, MapData, ReducedModel
 
 
 def axial_field(points, b0, b1, b2):
@@ -71,3 +73,59 @@ def axial():
         inertia=TOP["inertia"],
         mass=TOP["mass"],
     )
+
+
+def _law():
+    """B(H) of iron that begins at mu_r 30 and saturates at 1 T, as a table with continuous second derivative."""
+    knots = np.linspace(0.0, 3.0, 400)
+    b = knots + np.tanh(29.0 * knots)
+    coefficients = np.zeros((400, 4))
+    spline = CubicSpline(knots, b, bc_type=((1, 30.0), (1, 1.0)))
+    coefficients[:-1] = spline.c.T
+    coefficients[-1] = 0.0, 0.0, 1.0, b[-1]
+    return np.array([0, 400]), knots, coefficients
+
+
+def saturating_map(kind="harmonic"):
+    """Six coils and three fields of an iron that saturates, over the division with n = 1.25: a model made up."""
+    rng = np.random.default_rng(11)
+    fields = rng.uniform([0.001, -0.05, -0.5], [0.01, 0.05, 0.5], (9, 3))
+    grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
+    points, n_points, modes = grid.points(), 12, 3
+    lower, upper = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])
+    square = rng.normal(size=(modes, modes))
+    offset, knots, coefficients = _law()
+    known = divide_currents(*np.array([(lower + upper) / 2]).T, 1.25)
+    model = ReducedModel(
+        gradients=0.3 * rng.normal(size=(3 * n_points, modes)),
+        source=0.01 * rng.uniform(0.5, 1.5, size=(3 * n_points, 6)),
+        weights=0.1 + rng.random(n_points),
+        law=np.zeros(n_points, np.int64),
+        law_offset=offset,
+        law_knots=knots,
+        law_coefficients=coefficients,
+        air=square @ square.T + np.eye(modes),
+        constant=np.zeros(modes),
+        output=rng.normal(size=(3, modes)),
+        known_currents=known,
+        known_amplitudes=np.zeros((1, modes)),
+        lower=lower,
+        upper=upper,
+        division_exponent=np.array([1.25]),
+        reference_weights=np.ones(3),
+    )
+    data = MapData(
+        grid,
+        tuple("123456"),
+        np.ones(6),
+        flux_density=np.array([axial_field(points, *c) for c in fields]).reshape(9, 5, 5, 5, 3),
+        gradient=np.array([axial_gradient(points, *c) for c in fields]).reshape(9, 5, 5, 5, 3, 3),
+        reduced_model=model,
+    )
+    # Beside the division the model is asked too, by the test.
+    return interpolate(data, kind=kind, outside_currents="evaluate")
+
+
+@pytest.fixture(scope="session")
+def saturating():
+    return saturating_map

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fieldmap.kernels.motion.layout import BODY, INERTIA, STATE
+from fieldmap.kernels.motion.layout import FIRST, INERTIA, STATE
 from fieldmap.kernels.motion.rotation import free_turn, normalise, to_body, to_map, turn_matrix
 from fieldmap.kernels.motion.step import X0, X1
 
@@ -25,7 +25,7 @@ def test_the_matrix_of_a_quaternion_turns_and_turns_back():
 
 
 def test_a_spin_about_a_principal_axis_turns_by_its_angle():
-    body = np.zeros(BODY)
+    body = np.zeros(FIRST)
     body[INERTIA : INERTIA + 3] = 1e-6, 2e-6, 2.5e-6
     for axis in range(3):
         spin = np.zeros(3)

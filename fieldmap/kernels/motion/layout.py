@@ -1,9 +1,25 @@
-"""Where things lie in the arrays of a moving body."""
+"""Where things lie in the two flat arrays of a moving body: its state, and everything that does not change with it.
+
+One array each, because a compiled function that takes tuples of arrays apart pays for every array in them.
+"""
 
 POSITION, VELOCITY, TURN, SPIN = 0, 3, 6, 10
 STATE = 13
 
-# Numbers of a body (BODY,): mass, three principal moments of inertia, acceleration of gravity (3), force (3) and
+# The body and its surroundings: mass, three principal moments of inertia, acceleration of gravity (3), force (3) and
 # torque (3) that disturb it, both in the frame of the map.
 MASS, INERTIA, GRAVITY, FORCE, TORQUE = 0, 1, 4, 7, 10
-BODY = 13
+# Drag (5, 3): linear (N s/m) along the axes of the map; linear and quadratic (N s^2/m^2) along those of the body;
+# linear (N m s) and quadratic (N m s^2) of its turning. LOSSY: 1 if any of it is not zero.
+DRAG, LOSSY = 13, 28
+# A conducting plate: conductivity (0: none), thickness, a point of its face (3), the face's normal (3), which points to
+# the side of the magnet; and what it sees of the magnet: moment (3) and place (3) in the frame of the body.
+PLATE, DIPOLE = 29, 37
+CONDUCTIVITY, THICKNESS, FACE, NORMAL = 0, 1, 2, 5
+# Walls: stiffness (N/m) and damping (N s/m) of the penalty, friction coefficient, slip speed below which friction is
+# viscous (m/s), height of floor and ceiling (m; infinite: none), radius of the tube (m; infinite: none), its axis (2).
+CONTACT = 43
+STIFFNESS, DAMPING, FRICTION, SLIP, FLOOR, CEILING, RADIUS, AXIS = 43, 44, 45, 46, 47, 48, 49, 50
+# How many dipoles the magnet has and how many points the surface; then six numbers a dipole, its point and its moment,
+# and three a point of the surface, all in the frame of the body, about its centre of mass.
+MAGNETS, SKIN, FIRST = 52, 53, 54

@@ -1,29 +1,30 @@
 """Force and torque on a magnet that moves with a body: docs/theory/dynamics.md (7), (8).
 
-points (q, 3), moments (q, 3): dipoles in the frame of the body, about its centre of mass: one for a point dipole, the
-points of a volume rule for a finite magnet. block, weights: a map's coefficients and the weights of its fields (the
-currents, where they superpose); `fixed` is 1 for a block that is contracted at its currents already.
+body: its dipoles (layout), one for a point dipole, the points of a volume rule for a finite magnet. block, weights: a
+map's coefficients and the weights of its fields (the currents, where they superpose); `fixed` is 1 for a block that is
+contracted at its currents already.
 """
 
 from numba import njit
 
 from fieldmap.kernels.lookup import contracted_at, superposed_at
 from fieldmap.kernels.map_block import INSIDE, OUTER
-from fieldmap.kernels.motion.layout import POSITION
+from fieldmap.kernels.motion.layout import FIRST, MAGNETS, POSITION
 from fieldmap.kernels.motion.rotation import to_body, to_map, turn_matrix
 
 
 @njit(**OUTER)
-def magnet_wrench(block, fixed, weights, points, moments, state, load):
+def magnet_wrench(block, fixed, weights, body, state, load):
     """load (6,): force in the frame of the map, torque about the centre of mass in the frame of the body.
 
     Returns the status of the first point that is not inside the map, INSIDE if all are.
     """
     r = turn_matrix(state)
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for p in range(points.shape[0]):
-        ax, ay, az = to_map(r, points[p, 0], points[p, 1], points[p, 2])
-        mx, my, mz = to_map(r, moments[p, 0], moments[p, 1], moments[p, 2])
+    for p in range(int(body[MAGNETS])):
+        at = FIRST + 6 * p
+        ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
+        mx, my, mz = to_map(r, body[at + 3], body[at + 4], body[at + 5])
         x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
         if fixed:
             status, v = contracted_at(block, x, y, z)
@@ -44,13 +45,14 @@ def magnet_wrench(block, fixed, weights, points, moments, state, load):
 
 
 @njit(**OUTER)
-def magnet_energy(block, fixed, weights, points, moments, state):
+def magnet_energy(block, fixed, weights, body, state):
     """Interaction energy -m . B, J, NaN outside the map."""
     r = turn_matrix(state)
     energy = 0.0
-    for p in range(points.shape[0]):
-        ax, ay, az = to_map(r, points[p, 0], points[p, 1], points[p, 2])
-        mx, my, mz = to_map(r, moments[p, 0], moments[p, 1], moments[p, 2])
+    for p in range(int(body[MAGNETS])):
+        at = FIRST + 6 * p
+        ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
+        mx, my, mz = to_map(r, body[at + 3], body[at + 4], body[at + 5])
         x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
         if fixed:
             _, v = contracted_at(block, x, y, z)

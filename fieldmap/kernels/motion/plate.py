@@ -1,7 +1,6 @@
 """Eddy-current damping by a conducting plate of any thickness, slow motion: docs/theory/dynamics.md (12)..(18).
 
-plate (PLATE,): conductivity (0: no plate), thickness, a point of its face (3), the face's normal (3), which points to
-the side of the magnet. The plate reaches without end to all sides.
+The plate's numbers (layout) lie at PLATE of a body's array. It reaches without end to all sides.
 """
 
 import math
@@ -10,9 +9,7 @@ from numba import njit
 
 from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.map_block import INLINED
-
-CONDUCTIVITY, THICKNESS, FACE, NORMAL = 0, 1, 2, 5
-PLATE = 8
+from fieldmap.kernels.motion.layout import CONDUCTIVITY, FACE, NORMAL, THICKNESS
 
 
 @njit(**INLINED)
@@ -27,17 +24,19 @@ def layer_integrals(height, thickness):
 
 
 @njit(**INLINED)
-def plate_force(plate, x, y, z, m, v, rate):
+def plate_force(numbers, at, x, y, z, m, v, rate):
     """Force (3) on a dipole m (3) at a place, moving at v (3), and g (3), so that the torque is m x g: (16), (17).
 
-    rate (3): dm/dt. All in the frame of the map. On or behind the face the formula has no meaning and gives NaN.
+    numbers, at: the plate's begin at numbers[at]. rate (3): dm/dt. All in the frame of the map. On or behind the face
+    the formula has no meaning and gives NaN.
     """
-    nx, ny, nz = plate[NORMAL], plate[NORMAL + 1], plate[NORMAL + 2]
-    height = nx * (x - plate[FACE]) + ny * (y - plate[FACE + 1]) + nz * (z - plate[FACE + 2])
+    nx, ny, nz = numbers[at + NORMAL], numbers[at + NORMAL + 1], numbers[at + NORMAL + 2]
+    face = at + FACE
+    height = nx * (x - numbers[face]) + ny * (y - numbers[face + 1]) + nz * (z - numbers[face + 2])
     if not height > 0.0:
         return (math.nan, math.nan, math.nan), (math.nan, math.nan, math.nan)
-    a4, a3, a2 = layer_integrals(height, plate[THICKNESS])
-    k = MU0 * MU0 * plate[CONDUCTIVITY] / (8.0 * math.pi)
+    a4, a3, a2 = layer_integrals(height, numbers[at + THICKNESS])
+    k = MU0 * MU0 * numbers[at + CONDUCTIVITY] / (8.0 * math.pi)
     a4, a3, a2 = k * a4, k * a3, k * a2
     # Parts along the normal, then parts in the plane.
     mn = m[0] * nx + m[1] * ny + m[2] * nz

@@ -5,8 +5,8 @@ the rigid body (rotation). Kick half, flight, kick half is of second order and s
 symplectic. Three such steps of x1, x0, x1 times the length make one of fourth order (Yoshida, Phys. Lett. A 150, 262,
 1990). docs/theory/dynamics.md (21)..(24).
 
-moving: (body, points, moments, drag, lossy, plate, dipole, contact, skin), as the files beside this one describe them.
-field: (block, fixed). load (6,): force and torque at the present place, kept from step to step.
+body: the flat array of layout. block, fixed, weights: as for magnet_wrench. load (6,): force and torque at the present
+place, kept from step to step.
 """
 
 import numpy as np
@@ -15,18 +15,21 @@ from numba import njit
 from fieldmap.kernels.map_block import INLINED, INSIDE, OUTER
 from fieldmap.kernels.motion.contact import add_contact
 from fieldmap.kernels.motion.layout import (
+    CONDUCTIVITY,
     FORCE,
     GRAVITY,
     INERTIA,
+    LOSSY,
     MASS,
+    PLATE,
     POSITION,
+    SKIN,
     SPIN,
     TORQUE,
     VELOCITY,
 )
 from fieldmap.kernels.motion.losses import losses, spin_of, velocity_of
 from fieldmap.kernels.motion.magnet import magnet_wrench
-from fieldmap.kernels.motion.plate import CONDUCTIVITY
 from fieldmap.kernels.motion.rotation import free_turn, normalise, to_body, turn_matrix
 
 X1 = 1.3512071919596578  # 1 / (2 - 2^(1/3))
@@ -34,13 +37,12 @@ X0 = 1.0 - 2.0 * X1
 
 
 @njit(**OUTER)
-def find_load(field, weights, moving, state, load):
+def find_load(block, fixed, weights, body, state, load):
     """Fill load (6,) at the state; the status of the map, and what is touched."""
-    body, points, moments, _, _, _, _, contact, skin = moving
-    status = magnet_wrench(field[0], field[1], weights, points, moments, state, load)
+    status = magnet_wrench(block, fixed, weights, body, state, load)
     touched = 0
     if status == INSIDE:
-        touched = add_contact(contact, skin, state, load) if skin.shape[0] else 0
+        touched = add_contact(body, state, load) if body[SKIN] > 0.0 else 0
         for k in range(3):
             load[k] += body[MASS] * body[GRAVITY + k] + body[FORCE + k]
         if body[TORQUE] != 0.0 or body[TORQUE + 1] != 0.0 or body[TORQUE + 2] != 0.0:
@@ -50,10 +52,9 @@ def find_load(field, weights, moving, state, load):
 
 
 @njit(**INLINED)
-def _changes(state, r, v, s, moving, load):
+def _changes(body, state, r, v, s, load):
     """Rates of velocity (3) and spin (3) at velocity v and spin s, without what the spin does by itself."""
-    body, _, _, drag, lossy, plate, dipole, _, _ = moving
-    force, torque = losses(state, r, v, s, drag, lossy, plate, dipole)
+    force, torque = losses(body, state, r, v, s)
     m = body[MASS]
     return (
         ((load[0] + force[0]) / m, (load[1] + force[1]) / m, (load[2] + force[2]) / m),
@@ -71,21 +72,20 @@ def _moved(v, a, h):
 
 
 @njit(**OUTER)
-def kick(moving, state, load, h, order):
+def kick(body, state, load, h, order):
     """Velocity and spin after a time h at rest in place and turn; with losses by a Runge-Kutta rule of `order`."""
-    body, _, _, _, lossy, plate, _, _, _ = moving
-    if lossy == 0 and plate[CONDUCTIVITY] == 0.0:
+    if body[LOSSY] == 0.0 and body[PLATE + CONDUCTIVITY] == 0.0:
         for k in range(3):
             state[VELOCITY + k] += h * load[k] / body[MASS]
             state[SPIN + k] += h * load[3 + k] / body[INERTIA + k]
         return
     r = turn_matrix(state)
     v, s = velocity_of(state), spin_of(state)
-    a, b = _changes(state, r, v, s, moving, load)
-    a2, b2 = _changes(state, r, _moved(v, a, 0.5 * h), _moved(s, b, 0.5 * h), moving, load)
+    a, b = _changes(body, state, r, v, s, load)
+    a2, b2 = _changes(body, state, r, _moved(v, a, 0.5 * h), _moved(s, b, 0.5 * h), load)
     if order == 4:
-        a3, b3 = _changes(state, r, _moved(v, a2, 0.5 * h), _moved(s, b2, 0.5 * h), moving, load)
-        a4, b4 = _changes(state, r, _moved(v, a3, h), _moved(s, b3, h), moving, load)
+        a3, b3 = _changes(body, state, r, _moved(v, a2, 0.5 * h), _moved(s, b2, 0.5 * h), load)
+        a4, b4 = _changes(body, state, r, _moved(v, a3, h), _moved(s, b3, h), load)
         for k in range(3):
             state[VELOCITY + k] += h / 6.0 * (a[k] + 2.0 * a2[k] + 2.0 * a3[k] + a4[k])
             state[SPIN + k] += h / 6.0 * (b[k] + 2.0 * b2[k] + 2.0 * b3[k] + b4[k])
@@ -96,51 +96,50 @@ def kick(moving, state, load, h, order):
 
 
 @njit(**INLINED)
-def fly(moving, state, h):
+def fly(body, state, h):
     """Free motion for a time h."""
     for k in range(3):
         state[POSITION + k] += h * state[VELOCITY + k]
-    free_turn(state, moving[0], h)
+    free_turn(state, body, h)
     normalise(state)
 
 
 @njit(**OUTER)
-def step_of_two(field, weights, moving, state, load, h):
+def step_of_two(block, fixed, weights, body, state, load, h):
     """One step of second order; `load` goes in as that at the beginning, comes out as that at the end.
 
     weights: those at the end of the step. Returns status and what is touched, at the end.
     """
-    kick(moving, state, load, 0.5 * h, 2)
-    fly(moving, state, h)
-    status, touched = find_load(field, weights, moving, state, load)
+    kick(body, state, load, 0.5 * h, 2)
+    fly(body, state, h)
+    status, touched = find_load(block, fixed, weights, body, state, load)
     if status == INSIDE:
-        kick(moving, state, load, 0.5 * h, 2)
+        kick(body, state, load, 0.5 * h, 2)
     return status, touched
 
 
 @njit(**OUTER)
-def step_of_four(field, weights, moving, state, load, h):
+def step_of_four(block, fixed, weights, body, state, load, h):
     """One step of fourth order; weights (3, n): those at the ends of its three parts. Else as `step_of_two`."""
     status, touched = INSIDE, 0
     for part in range(3):
         length = (X0 if part == 1 else X1) * h
-        kick(moving, state, load, 0.5 * length, 4)
-        fly(moving, state, length)
-        status, touched = find_load(field, weights[part], moving, state, load)
+        kick(body, state, load, 0.5 * length, 4)
+        fly(body, state, length)
+        status, touched = find_load(block, fixed, weights[part], body, state, load)
         if status != INSIDE:
             return status, touched
-        kick(moving, state, load, 0.5 * length, 4)
+        kick(body, state, load, 0.5 * length, 4)
     return status, touched
 
 
 @njit(**OUTER)
-def rates(field, weights, moving, state, load, out):
+def rates(block, fixed, weights, body, state, load, out):
     """Time derivative (13,) of a state: the right-hand side for an integrator of another kind. Status of the map."""
-    status, _ = find_load(field, weights, moving, state, load)
+    status, _ = find_load(block, fixed, weights, body, state, load)
     r = turn_matrix(state)
     v, s = velocity_of(state), spin_of(state)
-    a, b = _changes(state, r, v, s, moving, load)
-    body = moving[0]
+    a, b = _changes(body, state, r, v, s, load)
     w, x, y, z = state[6], state[7], state[8], state[9]
     i1, i2, i3 = body[INERTIA], body[INERTIA + 1], body[INERTIA + 2]
     for k in range(3):
@@ -156,22 +155,22 @@ def rates(field, weights, moving, state, load, out):
 
 
 @njit(**OUTER)
-def fixed_currents(field, weights, moving, state, h, every, order, states):
+def fixed_currents(block, fixed, weights, body, state, h, every, order, states):
     """A motion at weights that do not change: states (rows, 13) after every `every` steps, the first after none.
 
     Returns rows filled, the status of the map and what was touched by then. `state` is advanced.
     """
     load = np.empty(6)
-    status, touched = find_load(field, weights, moving, state, load)
+    status, touched = find_load(block, fixed, weights, body, state, load)
     three = np.empty((3, weights.shape[0]))
     three[:] = weights
     states[0] = state
     for row in range(1, states.shape[0]):
         for _ in range(every):
             if order == 4:
-                status, now = step_of_four(field, three, moving, state, load, h)
+                status, now = step_of_four(block, fixed, three, body, state, load, h)
             else:
-                status, now = step_of_two(field, weights, moving, state, load, h)
+                status, now = step_of_two(block, fixed, weights, body, state, load, h)
             touched |= now
             if status != INSIDE:
                 return row, status, touched

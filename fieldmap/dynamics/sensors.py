@@ -1,0 +1,66 @@
+"""The position sensors of a rig, as compiled loops take them."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.arguments import check_count, check_not_negative, check_numbers
+from fieldmap.instruments import Rig, SensorFrame
+from fieldmap.levitation.conventions import SENSOR_ZERO_DEPTH
+
+Array = NDArray[np.float64]
+
+
+def _ideal() -> Array:
+    return np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
+
+
+@dataclass(frozen=True, eq=False)
+class Sensors:
+    """Two sensors that cross in the horizontal plane and one for the depth; ideal unless more is given.
+
+    frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the
+    third reads 0, m; it reads downward. deviations (3,): noise of what each shows, m. rigs: measuring chain of each.
+    voltage_noise: of their input converters, V. scan_rate: 1/s, 0 for sensors that show what is at each sample;
+    averages, latency: as in `Micrometer`.
+    """
+
+    frame: SensorFrame | None = None
+    zero_depth: float = SENSOR_ZERO_DEPTH
+    deviations: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
+    voltage_noise: float = 0.0
+    scan_rate: float = 0.0
+    averages: int = 1
+    latency: int = 0
+    assumptions: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        check_numbers("Sensors", zero_depth=self.zero_depth)
+        check_not_negative(
+            "Sensors",
+            scan_rate=self.scan_rate,
+            voltage_noise=self.voltage_noise,
+            latency=self.latency,
+            **{f"deviations[{k}]": value for k, value in enumerate(self.deviations)},
+        )
+        check_count("Sensors", averages=self.averages)
+
+    @property
+    def numbers(self) -> tuple[Any, ...]:
+        """As fieldmap.kernels.motion.sensing takes them."""
+        into, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, -self.zero_depth])
+        if self.frame is not None:
+            shift[:2] = self.frame.to_local([0.0, 0.0, 0.0])[:2]
+            for k in range(2):
+                into[:2, k] = (self.frame.to_local(np.eye(3)[k]) - self.frame.to_local(np.zeros(3)))[:2]
+        chains = np.array([_ideal() if rig is None else rig.chain for rig in self.rigs])
+        period = 1.0 / self.scan_rate if self.scan_rate else 0.0
+        scan = np.array([period, float(self.averages), float(self.latency)])
+        return into, shift, chains, np.ascontiguousarray(np.linalg.inv(into)), scan
+
+    def scans(self, duration: float) -> int:
+        """How many scans fall into a run."""
+        return int(np.floor(duration * self.scan_rate + 1e-9)) + 1 if self.scan_rate else 0

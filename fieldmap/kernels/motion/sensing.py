@@ -1,0 +1,72 @@
+"""What the controller sees of a moving body: sensors along their own axes, scanned, with noise, through converters.
+
+sensing: (into, shift, chains, back, scan). into (3, 3), shift (3,): an ideal sensor reads into p + shift; back (3, 3):
+the inverse of into. chains (3, 10): see fieldmap.kernels.instruments, positions in readings. scan (3,): time
+from scan to scan, s (0: no scanning, the sensor shows what is at the moment of sampling), scans whose mean is shown,
+scans by which a mean comes late.
+"""
+
+import math
+
+from numba import njit
+
+from fieldmap.kernels.instruments import measure
+from fieldmap.kernels.map_block import OUTER
+from fieldmap.kernels.motion.layout import POSITION
+from fieldmap.kernels.motion.rotation import to_map, turn_matrix
+
+
+@njit(**OUTER)
+def sensed_point(state, seen_at, out):
+    """out (3,): where the point of the body that is seen lies in the map."""
+    arm = to_map(turn_matrix(state), seen_at[0], seen_at[1], seen_at[2])
+    for k in range(3):
+        out[k] = state[POSITION + k] + arm[k]
+
+
+@njit(**OUTER)
+def add_scans(scan, before, after, start, h, first, scans, into, shift):
+    """Add to scans (m, 3), which hold noise, what sensors see between start and start + h; the number of the next.
+
+    before, after (3,): the sensed point at both ends; first: number of the next scan. Number k is taken at k scan[0].
+    """
+    k = first
+    while k < scans.shape[0] and k * scan[0] <= start + h + 1e-12:
+        share = (k * scan[0] - start) / h
+        for i in range(3):
+            value = shift[i]
+            for j in range(3):
+                value += into[i, j] * (before[j] + share * (after[j] - before[j]))
+            scans[k, i] += value
+        k += 1
+    return k
+
+
+@njit(**OUTER)
+def shown(scan, time, scans, axis):
+    """What a scanning sensor shows at a time: as fieldmap.kernels.instruments.held_scans."""
+    averages, latency = int(scan[1]), int(scan[2])
+    last = math.floor(time / scan[0] + 1e-9) - latency
+    last = min(last - (last + 1) % averages, scans.shape[0] - 1)
+    if last < averages - 1:
+        return scans[0, axis]
+    total = 0.0
+    for n in range(last - averages + 1, last + 1):
+        total += scans[n, axis]
+    return total / averages
+
+
+@njit(**OUTER)
+def see(sensing, point, time, noise, voltage_noise, scans, read, out):
+    """out (3,): the position that the controller sees of the sensed point (3,). noise, voltage_noise (3,)."""
+    into, shift, chains, back, scan = sensing
+    for i in range(3):
+        if scan[0] > 0.0:
+            value = shown(scan, time, scans, i)
+        else:
+            value = shift[i] + noise[i]
+            for j in range(3):
+                value += into[i, j] * point[j]
+        read[i] = measure(value, voltage_noise[i], chains[i]) - shift[i]
+    for i in range(3):
+        out[i] = back[i, 0] * read[0] + back[i, 1] * read[1] + back[i, 2] * read[2]

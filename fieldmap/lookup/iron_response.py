@@ -1,0 +1,104 @@
+"""How the fields of a map follow the currents, for compiled callers whose currents change at every call.
+
+A linear map superposes one field per coil. A map of saturating iron has fields of its own behind those of the coils,
+whose weights w(i) its reduced model gives; what is here are these weights, their slopes, and the map linear in the
+currents that touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f - J_f . i0) B_f.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.interpolants import set_size
+from fieldmap.kernels import map_block
+from fieldmap.kernels.reduced_iron import sensitivities
+from fieldmap.lookup.checks import checked_currents
+from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.field_map import FieldMap
+
+Array = NDArray[np.float64]
+
+
+def unit_block(field_map: FieldMap) -> Array:
+    """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1."""
+    return field_map._form.unit
+
+
+def saturates(field_map: FieldMap) -> bool:
+    """Whether the field is not the sum of its coils' fields."""
+    return field_map._model is not None
+
+
+def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
+    """Lowest and highest (u, x, y) of a map of saturating iron over a division of six currents, and the exponent n of
+    the division; None for any other map."""
+    model = field_map._model
+    if model is None or not model.model.division_exponent.size:
+        return None
+    return model.model.lower, model.model.upper, float(model.model.division_exponent[0])
+
+
+def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array]:
+    """Weights (s, f) of the iron's fields at currents (s, n), A, and their slopes (s, f, n), 1/A.
+
+    Raises InputError for a map that superposes, OutsideMapError for currents beyond its domain.
+    """
+    model = _model(field_map)
+    amperes = checked_currents(currents, field_map.coil_names, len(np.atleast_2d(currents)))
+    rows = np.ascontiguousarray(np.atleast_2d(amperes))
+    for row in rows:
+        model.weights(row)  # raises where the currents lie outside
+    amplitudes = np.array([model.amplitudes(row) for row in rows])
+    slopes = _slopes(model, rows, amplitudes)
+    return amplitudes @ model.model.output.T, np.einsum("fr,src->sfc", model.model.output, slopes)
+
+
+def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
+    """A block of n_coils + 1 fields whose sum with weights (i, 1) touches the map at currents (n_coils,), A.
+
+    Raises InputError for a map that superposes.
+    """
+    amperes = checked_currents(currents, field_map.coil_names, 0)
+    values, slopes = iron_weights(field_map, amperes[None])
+    n = len(amperes)
+    mix = np.zeros((n + 1, n + values.shape[1]))
+    mix[:n, :n], mix[:n, n:] = np.eye(n), slopes[0].T
+    mix[n, n:] = values[0] - slopes[0] @ amperes
+    return _mixed(unit_block(field_map), mix)
+
+
+def _mixed(block: Array, mix: Array) -> Array:
+    """The block of sets mix (new, old) @ those of `block`."""
+    size = set_size(block)
+    sets = block[map_block.HEADER :].reshape(-1, mix.shape[1], size)
+    header = block[: map_block.HEADER].copy()
+    header[map_block.SETS] = len(mix)
+    return np.concatenate([header, np.einsum("ab,pbs->pas", mix, sets, optimize=True).ravel()])
+
+
+def _model(field_map: FieldMap) -> CurrentModel:
+    if field_map._model is None:
+        must_hold = "must be a map of saturating iron"
+        problem = Problem(
+            "iron_weights(field_map)", must_hold, "one whose fields superpose", "use the currents themselves"
+        )
+        raise InputError(problem)
+    return field_map._model
+
+
+def _slopes(model: CurrentModel, currents: Array, amplitudes: Array) -> Array:
+    """Derivatives (s, r, n) of the amplitudes (s, r) by the currents (s, n)."""
+    m = model.model
+    return np.asarray(
+        sensitivities(
+            np.ascontiguousarray(m.source @ currents.T),
+            m.gradients,
+            m.gradients.astype(np.float32),
+            m.weights,
+            m.law,
+            *m.laws,
+            m.air,
+            amplitudes,
+            m.source,
+        )
+    )

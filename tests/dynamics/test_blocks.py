@@ -1,0 +1,115 @@
+"""Every controller as a linear block, sample by sample against the controllers that the control room runs."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from fieldmap.control import PID, Regulator, RunningPID, RunningRegulator, kalmd
+from fieldmap.dynamics import AxisReading, constant_block, pid_block, regulator_block, stacked, state_block
+from fieldmap.errors import InputError
+from fieldmap.kernels.motion.controller import control
+
+DEPTH = AxisReading("z", -1e3, -77.0)
+
+
+@njit
+def run_block(controller, signals, forward, memory, outputs):
+    scratch = np.empty(memory.shape[0] + outputs.shape[1])
+    for n in range(signals.shape[0]):
+        control(controller, signals[n], forward[n], memory, scratch, outputs[n])
+
+
+def outputs_of(block, signals, forward=None):
+    outputs = np.empty((len(signals), block.outputs))
+    ahead = np.zeros_like(outputs) if forward is None else forward
+    run_block(block.arrays, signals, ahead, block.memory.copy(), outputs)
+    return outputs
+
+
+def positions(samples=60):
+    """Signals (n, 7) about a depth of 10 mm that wander enough to reach the limits of what follows."""
+    places = 1e-3 * np.random.default_rng(3).normal(size=(samples, 6)).cumsum(axis=0)
+    return np.column_stack([places - np.tile([0, 0, 0.087], 2), np.ones(samples)])
+
+
+@pytest.mark.parametrize("integration", ["rectangular", "trapezoidal"])
+@pytest.mark.parametrize("anti_windup", ["none", "hold", "track"])
+@pytest.mark.parametrize("derivative", ["error", "measurement"])
+@pytest.mark.parametrize("minus", [True, False])
+def test_a_pid_block_is_the_pid(integration, anti_windup, derivative, minus):
+    pid = PID(
+        0.5,
+        0.05,
+        0.004,
+        2e-3,
+        -1.0,
+        1.5,
+        integration,
+        anti_windup,
+        derivative=derivative,
+        acts_on_minus_error=minus,
+    )
+    signals = positions()
+    running = RunningPID(pid)
+    wanted = [running.step(-1e3 * row[2] - 77.0, -1e3 * row[5] - 77.0) for row in signals]
+    found = outputs_of(pid_block(pid, DEPTH), signals)[:, 0]
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    assert np.sum(np.isin(found, [-1.0, 1.5])) > 10
+
+
+def test_a_pid_block_at_rest_stays_at_its_output():
+    signals = np.tile([0, 0, -0.0871, 0, 0, -0.087, 1.0], (5, 1))
+    pid = PID(0.5, np.inf, 0.004, 2e-3, derivative="measurement", acts_on_minus_error=True)
+    np.testing.assert_allclose(outputs_of(pid_block(pid, DEPTH, 3.3, signals[0]), signals), 3.3, atol=1e-12)
+
+
+@pytest.mark.parametrize("estimate", ["predicted", "filtered", "delayed"])
+@pytest.mark.parametrize("equilibrium_at", ["reference", "measured"])
+def test_a_regulator_block_is_the_regulator(estimate, equilibrium_at):
+    A, B, C = np.array([[1.9, -0.91], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.array([[-0.03, 0.0298]])
+    estimator = kalmd(A - np.eye(2), B, C, 1.0, 1e-4, 2e-3)
+    regulator = Regulator(
+        np.array([3.0, -2.0, 5.0]),
+        estimator,
+        2e-3,
+        (3.0, 0.1),
+        equilibrium_at,
+        estimate,
+        0.69,
+        2.0,
+        7.0,
+    )
+    signals = positions()
+    running = RunningRegulator(regulator)
+    wanted = [running.step(-1e3 * row[2] - 77.0, -1e3 * row[5] - 77.0) for row in signals]
+    found = outputs_of(regulator_block(regulator, DEPTH), signals)[:, 0]
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+    assert 5 < np.sum(np.isin(found, [2.0, 7.0])) < 55
+
+
+def test_blocks_side_by_side_do_not_hear_each_other():
+    one = pid_block(PID(1.0, 0.1, 0.0, 2e-3, -0.5, 0.5, anti_windup="hold"), AxisReading("x", 1e3))
+    two = pid_block(PID(0.3, 0.2, 0.01, 2e-3, anti_windup="track", lower=-1.0, upper=1.0), DEPTH)
+    three = state_block([[0.5]], np.eye(1, 7), [[2.0]], np.zeros((1, 7)))
+    signals = positions()
+    together = outputs_of(stacked(one, constant_block(0.7), two, three), signals)
+    apart = [outputs_of(block, signals)[:, 0] for block in (one, two, three)]
+    np.testing.assert_allclose(together[:, [0, 2, 3]].T, apart, atol=1e-12)
+    np.testing.assert_array_equal(together[:, 1], 0.7)
+
+
+def test_feedforward_is_added_before_the_limits_and_kept_from_observers():
+    block = state_block([[0.0]], np.zeros((1, 7)), [[0.0]], np.eye(1, 7), E=[[1.0]], lower=-1.0, upper=2.0)
+    signals = np.zeros((4, 7))
+    signals[:, 0] = [0.5, 1.5, -3.0, 0.5]
+    outputs = outputs_of(block, signals, np.ones((4, 1)))
+    np.testing.assert_allclose(outputs[:, 0], [1.5, 2.0, -1.0, 1.5])
+
+
+@pytest.mark.parametrize(
+    "shapes",
+    [((2, 2), (1, 7), (1, 2), (1, 7)), ((1, 1), (1, 7), (2, 1), (1, 7)), ((1, 1), (1, 7), (1, 1), (1, 6))],
+)
+def test_matrices_that_do_not_fit_are_named(shapes):
+    with pytest.raises(InputError, match="state_block"):
+        state_block(*[np.zeros(shape) for shape in shapes])
