@@ -1,6 +1,9 @@
 """`fieldmap thesis`: the numbers that the thesis prints, beside ours."""
 
 import sys
+from collections.abc import Iterable, Iterator
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -14,6 +17,17 @@ def thesis(
         typer.Argument(metavar="[ROW]...", help="S7, for example; all rows if none is given."),
     ] = None,
     json: Json = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            "--report",
+            metavar="FOLDER",
+            help="Write index.html, report.md, numbers.csv and plots there; asked again, it goes on from what is done.",
+        ),
+    ] = None,
+    maps: Annotated[
+        Path, typer.Option("--maps", metavar="FOLDER", help="Where the maps lie that rows need.")
+    ] = Path("maps/out"),
 ) -> None:
     """Print the numbers of the thesis beside ours: what agrees, what does not, and what was assumed.
 
@@ -23,14 +37,45 @@ def thesis(
     from fieldmap.cli.printing import print_json
     from fieldmap.cli.progress import Progress
     from fieldmap.thesis import attempt_rows
+    from fieldmap.thesis.computation import attempt_part
 
     with Progress("thesis") as progress:
-        results = list(attempt_rows(rows or (), progress))
+        if report is not None:
+            results = reported(rows or (), report, maps, progress)
+        else:
+            results = list(attempt_rows(rows or (), progress, partial(attempt_part, maps=maps)))
     if json:
         print_json([number for result in results for number in result.comparisons])
+    elif report is not None:
+        print(report / "index.html")
     else:
         _print_tables(results)
     _close(results, bool(rows))
+
+
+def reported(rows: Iterable[str], folder: Path, maps: Path, progress: Any) -> list[Any]:
+    """Write the report of these rows into a folder, and return what became of their parts."""
+    from fieldmap.thesis import attempt_rows
+    from fieldmap.thesis.kept import keeping
+    from fieldmap.thesis.registry import parts_of
+    from fieldmap.thesis.report import prepare_folder, write_report
+    from fieldmap.view.figures import save_curves
+
+    parts_of(rows)
+    prepare_folder(folder)
+    results: list[Any] = []
+
+    def passing() -> Iterator[Any]:
+        for result in attempt_rows(rows, progress, keeping(folder / "finished", maps)):
+            results.append(result)
+            yield result
+
+    try:
+        write_report(folder, passing(), save_curves)
+    except KeyboardInterrupt:
+        print("finished rows are kept; the same command goes on from here", file=sys.stderr)
+        raise
+    return results
 
 
 def _close(results: list[Any], named: bool) -> None:

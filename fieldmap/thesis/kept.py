@@ -1,0 +1,105 @@
+"""Finished parts kept in a folder, so that an interrupted report goes on: one JSON file each, under a fingerprint.
+
+The fingerprint covers everything that decides the numbers: the package's code (but for `view` and `cli`, which no
+part can import), the device files, the part's data, its map, and the versions of the numerical libraries.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.adapters.whole_files import write_whole
+from fieldmap.shipped import PACKAGE, shipped_folder
+from fieldmap.thesis.comparison import Comparison
+from fieldmap.thesis.computation import PartResult, attempt_part
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.maps_at_hand import FOLDER, map_path
+from fieldmap.thesis.printed import data_file, read_part
+
+_WITHOUT_INFLUENCE = ("view", "cli")
+_LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")
+
+
+def keeping(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
+    """`attempt_part` that takes a part from the folder where it is kept under the same fingerprint, and keeps it there
+    once it is done."""
+
+    def attempt(part: str) -> PartResult:
+        path = folder / f"{part}.json"
+        try:
+            mark = fingerprint(part, maps)
+        except OSError:
+            mark = ""
+        kept = read_kept(path, mark) if mark else None
+        if kept is not None:
+            return kept
+        result = attempt_part(part, maps)
+        if mark and result.state == "done":
+            folder.mkdir(parents=True, exist_ok=True)
+            write_whole(path, _as_text(result, mark).encode())
+        return result
+
+    return attempt
+
+
+def fingerprint(part: str, maps: Path = FOLDER) -> str:
+    """What decides the numbers of a part, as 64 hexadecimal digits; "" where its map is missing."""
+    printed = read_part(part)
+    digest = hashlib.sha256(_of_the_package().encode() + data_file(part).read_bytes())
+    if printed.map:
+        path = maps / f"{printed.map}.h5"
+        if not path.is_file():
+            return ""
+        digest.update(_of_a_map(map_path(printed.map, maps).resolve(), path.stat().st_mtime_ns).encode())
+    return digest.hexdigest()
+
+
+def read_kept(path: Path, mark: str) -> PartResult | None:
+    """The part kept in a file, or None if there is none, another fingerprint, or no such file as was written."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return _from_plain(content["result"]) if content["fingerprint"] == mark else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+@cache
+def _of_the_package() -> str:
+    files = [
+        path
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path.relative_to(PACKAGE).parts[0] not in _WITHOUT_INFLUENCE
+    ]
+    files += sorted(shipped_folder("geometry").rglob("*.toml"))
+    digest = hashlib.sha256("".join(version(name) for name in _LIBRARIES).encode())
+    for path in files:
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _of_a_map(path: Path, changed: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _as_text(result: PartResult, mark: str) -> str:
+    plain = asdict(result)
+    return json.dumps({"fingerprint": mark, "result": plain}, default=_list_of_array)
+
+
+def _list_of_array(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else dict(value)
+
+
+def _from_plain(plain: dict[str, Any]) -> PartResult:
+    comparisons = (Comparison(**{**c, "assumptions": tuple(c["assumptions"])}) for c in plain["comparisons"])
+    curves = (Curves(**{**c, "series": tuple(Series(**s) for s in c["series"])}) for c in plain["curves"])
+    return PartResult(**{**plain, "comparisons": tuple(comparisons), "curves": tuple(curves)})

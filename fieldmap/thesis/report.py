@@ -1,0 +1,174 @@
+"""The report: index.html and report.md from templates, every number in numbers.csv, figures in plots/."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from fieldmap.adapters.whole_files import write_whole
+from fieldmap.errors import InputError, Problem
+from fieldmap.thesis.comparison import Comparison, agreeing
+from fieldmap.thesis.computation import PartResult
+from fieldmap.thesis.curves import Curves
+from fieldmap.thesis.registry import ROWS, row_names
+from fieldmap.thesis.words import deviation_in_words, minutes, powers, resting_on
+
+Draw = Callable[[Curves, Path], Any]
+COLUMNS = (
+    "row",
+    "name",
+    "quantity",
+    "unit",
+    "thesis",
+    "ours",
+    "deviation",
+    "kind",
+    "agrees",
+    "misprint",
+    "place",
+    "assumptions",
+    "command",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One section of the report: the parts of a row with the file names of their figures."""
+
+    id: str
+    system: str
+    parts: tuple[tuple[PartResult, tuple[str, ...]], ...]
+
+    @property
+    def numbers(self) -> list[Comparison]:
+        """All numbers of the row."""
+        return [number for part, _ in self.parts for number in part.comparisons]
+
+    @property
+    def sharp(self) -> str:
+        """How many sharp numbers agree: "5 of 5", or "" where there are none."""
+        agree, of = agreeing(self.numbers)
+        return f"{agree} of {of}" if of else ""
+
+    @property
+    def misprints(self) -> int:
+        """How many printed numbers cannot be right."""
+        return sum(bool(number.misprint) for number in self.numbers)
+
+    @property
+    def largest(self) -> Comparison | None:
+        """The number farthest from the thesis, misprints and sharp numbers that agree left out."""
+        rest = [n for n in self.numbers if n.deviation is not None and not n.misprint and not n.agrees]
+        return max(rest, key=lambda n: abs(n.deviation or 0.0), default=None)
+
+    @property
+    def state(self) -> str:
+        """ "done", "failed", "no map", or "partly" where some of its parts have numbers."""
+        states = {part.state for part, _ in self.parts}
+        if len(states) == 1:
+            return states.pop()
+        return "partly" if "done" in states else "failed"
+
+    @property
+    def seconds(self) -> float:
+        """Processor time, s."""
+        return sum(part.seconds for part, _ in self.parts)
+
+    @property
+    def command(self) -> str:
+        """What makes this row."""
+        return command_of(self.id, sorted({part.map for part, _ in self.parts if part.map}))
+
+
+def command_of(row: str, maps: Iterable[str]) -> str:
+    """The command line that computes a row, after those that make its maps."""
+    return " && ".join([*(f"fieldmap map {recipe}" for recipe in maps), f"fieldmap thesis {row}"])
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make the folder of a report. Raises InputError where that cannot be done."""
+    try:
+        (folder / "plots").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        problem = Problem(
+            str(folder), "must be a folder that can be made and written", reason, "choose another"
+        )
+        raise InputError(problem) from None
+
+
+def write_report(folder: Path, results: Iterable[PartResult], draw: Draw) -> Path:
+    """Write index.html, report.md, numbers.csv and plots/*.png, and return the path of index.html.
+
+    results: drawn and taken one by one, so a generator may compute them. draw(curves, path) saves a figure as PNG.
+    The texts appear when all is done, each whole; figures appear as their rows are done.
+    """
+    drawn = [(result, _figures(result, folder, draw)) for result in results]
+    rows = _rows(drawn)
+    numbers = [number for row in rows for number in row.numbers]
+    agree, sharp = agreeing(numbers)
+    known = {
+        "rows": rows,
+        "planned": {row: system for row, system in ROWS.items() if row not in row_names()},
+        "problems": [part for part, _ in drawn if part.problem],
+        "agree": agree,
+        "sharp": sharp,
+        "numbers": len(numbers),
+        "seconds": sum(row.seconds for row in rows),
+        "version": version("fieldmap"),
+        "today": date.today().isoformat(),
+    }
+    for template, name in (("report.md.j2", "report.md"), ("report.html.j2", "index.html")):
+        write_whole(folder / name, _environment().get_template(template).render(known).encode())
+    write_whole(folder / "numbers.csv", _csv(rows).encode())
+    return folder / "index.html"
+
+
+def _figures(result: PartResult, folder: Path, draw: Draw) -> tuple[str, ...]:
+    names = tuple(f"plots/{result.part}_{k}.png" for k in range(1, len(result.curves) + 1))
+    for curves, name in zip(result.curves, names, strict=True):
+        draw(curves, folder / name)
+    return names
+
+
+def _rows(drawn: Sequence[tuple[PartResult, tuple[str, ...]]]) -> list[Row]:
+    names = dict.fromkeys(part.row for part, _ in drawn)
+    return [Row(name, ROWS[name], tuple(pair for pair in drawn if pair[0].row == name)) for name in names]
+
+
+def _csv(rows: Iterable[Row]) -> str:
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for row in rows:
+        for n in row.numbers:
+            agrees = "" if n.agrees is None else str(n.agrees).lower()
+            deviation = "" if n.deviation is None else n.deviation
+            start = (row.id, n.name, n.quantity, n.unit, n.thesis, n.ours, deviation, n.kind, agrees)
+            table.writerow((*start, n.misprint, n.place, "; ".join(n.assumptions), row.command))
+    return text.getvalue()
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("fieldmap.thesis"),
+        autoescape=lambda name: bool(name and name.endswith(".html.j2")),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    environment.filters |= {
+        "number": lambda value: f"{value:.6g}",
+        "deviation": deviation_in_words,
+        "minutes": minutes,
+        "resting": resting_on,
+        "powers": powers,
+        "cell": lambda text: str(text).replace("|", "\\|"),
+    }
+    return environment

@@ -1,0 +1,243 @@
+"""The report of a few quick rows: its links, its numbers, and what becomes of rows that fail or are interrupted."""
+
+import csv
+import json
+from html.parser import HTMLParser
+
+import pytest
+
+from fieldmap.cli import main
+from fieldmap.errors import InputError
+from fieldmap.thesis import ROWS, Curves, Series, attempt_rows, kept, row_names
+from fieldmap.thesis.computation import PartResult, attempt_part, compute_part
+from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
+
+QUICK = ["S3", "S6", "S9"]
+
+
+class Page(HTMLParser):
+    """Images, links, anchors and the cells of every table row; unclosed tags are remembered."""
+
+    VOID = ("meta", "link", "img", "br")
+
+    def __init__(self, text):
+        super().__init__()
+        self.images, self.links, self.anchors, self.rows, self.open = [], [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "img":
+            self.images.append(given["src"])
+        if tag == "a":
+            self.links.append(given["href"])
+        if "id" in given:
+            self.anchors.append(given["id"])
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "td" in self.open or "th" in self.open:
+            self.rows[-1][-1] += f"{data} "
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    target = tmp_path_factory.mktemp("report")
+    assert main(["thesis", *QUICK, "--report", str(target)]) == 0
+    return target
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return Page((folder / "index.html").read_text())
+
+
+@pytest.fixture(scope="module")
+def numbers(folder):
+    with (folder / "numbers.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_nothing_is_linked_that_is_not_there(folder, page):
+    assert len(page.images) == len(set(page.images)) == 2
+    assert all((folder / image).read_bytes()[:4] == b"\x89PNG" for image in page.images)
+    for link in page.links:
+        assert link[1:] in page.anchors if link.startswith("#") else (folder / link).is_file()
+    assert page.open == []
+
+
+def test_the_page_asks_nothing_of_the_network(folder):
+    assert "://" not in (folder / "index.html").read_text()
+
+
+def test_the_table_of_numbers_has_every_number(numbers):
+    assert tuple(numbers[0]) == COLUMNS
+    direct = [
+        n for part in ("S3", "S6", "S9_constants", "S9_superposition") for n in compute_part(part).comparisons
+    ]
+    assert [(n["row"], n["name"]) for n in numbers] == [(n.id, n.name) for n in direct]
+    assert [float(n["ours"]) for n in numbers] == pytest.approx([n.ours for n in direct], rel=1e-9)
+    assert all(n["place"] and n["unit"] and n["command"] == f"fieldmap thesis {n['row']}" for n in numbers)
+
+
+def test_every_number_of_the_table_stands_on_the_page(folder, page, numbers):
+    shown = [row for row in page.rows if len(row) == 7 and row[0].strip() != "number"]
+    assert len(shown) == len(numbers)
+    text = (folder / "report.md").read_text()
+    for cells, number in zip(shown, numbers, strict=True):
+        assert number["name"] in cells[0]
+        for column, cell in (("thesis", cells[2]), ("ours", cells[3])):
+            assert cell.strip() == f"{float(number[column]):.6g}"
+            assert f"| {cell.strip()} |" in text
+
+
+def test_the_summary_has_a_line_for_each_row(page):
+    lines = [row for row in page.rows if len(row) == 8][1:]
+    assert [line[0].strip() for line in lines] == QUICK
+    assert [line[6].strip() for line in lines] == ["done"] * 3
+    assert lines[0][3].strip() == "6 of 6"
+
+
+def test_rows_without_numbers_are_listed(folder):
+    text = (folder / "report.md").read_text()
+    for row in set(ROWS) - set(row_names()):
+        assert f"- {row}: {ROWS[row]}" in text
+
+
+def test_explanations_misprints_and_assumptions_are_on_the_page(folder):
+    text = (folder / "index.html").read_text()
+    for part in ("S6", "S9_constants"):
+        result = compute_part(part)
+        for words in result.explanations.values():
+            assert words[:40] in text.replace("&#39;", "'")
+        for number in result.comparisons:
+            assert number.misprint.replace("'", "&#39;") in text
+
+
+def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
+    monkeypatch.setattr(kept, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again"))
+    before = (folder / "numbers.csv").read_text()
+    assert main(["thesis", *QUICK, "--report", str(folder)]) == 0
+    assert (folder / "numbers.csv").read_text() == before
+
+
+def test_kept_results_come_back_as_they_were(folder):
+    attempt = kept.keeping(folder / "finished")
+    fresh, again = compute_part("S9_constants"), attempt("S9_constants")
+    assert again.comparisons == fresh.comparisons
+    assert again.explanations == fresh.explanations
+    assert [c.title for c in again.curves] == [c.title for c in fresh.curves]
+    assert again.curves[1].series[2].y.tolist() == fresh.curves[1].series[2].y.tolist()
+
+
+def test_a_kept_result_of_other_code_or_a_broken_file_is_not_taken(tmp_path):
+    attempt = kept.keeping(tmp_path)
+    attempt("S3")
+    path = tmp_path / "S3.json"
+    content = json.loads(path.read_text())
+    assert kept.read_kept(path, content["fingerprint"]) is not None
+    assert kept.read_kept(path, "0" * 64) is None
+    path.write_text(path.read_text()[:100])
+    assert kept.read_kept(path, content["fingerprint"]) is None
+
+
+def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
+    def interrupted(part, maps):
+        if part == "S7":
+            raise KeyboardInterrupt
+        return attempt_part(part, maps)
+
+    monkeypatch.setattr(kept, "attempt_part", interrupted)
+    assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 130
+    assert "goes on from here" in capsys.readouterr().err
+    assert not (tmp_path / "index.html").exists()
+    assert sorted(path.stem for path in (tmp_path / "finished").iterdir()) == ["S3", "S6"]
+    computed = []
+
+    def counting(part, maps):
+        computed.append(part)
+        return attempt_part(part, maps)
+
+    monkeypatch.setattr(kept, "attempt_part", counting)
+    assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 0
+    assert computed == ["S7"]
+
+
+def test_a_row_that_fails_and_one_without_its_map_are_listed(tmp_path):
+    figure = Curves("t", "x (mm)", "y (T)", (Series("<line>", [0.0], [1.0]),))
+    results = [
+        attempt_part("S3"),
+        PartResult("S6", "lumped", problem="ZeroDivisionError: by <nought>"),
+        PartResult("S7", "sensors", problem="no map", remedy="fieldmap map division", map="division"),
+        PartResult("S8_converter", "cards", curves=(figure,)),
+    ]
+    prepare_folder(tmp_path)
+    drawn = []
+    write_report(tmp_path, iter(results), lambda curves, path: drawn.append((curves, path.write_bytes(b""))))
+    page = Page((tmp_path / "index.html").read_text())
+    states = {row[0].strip(): row[6].strip() for row in page.rows if len(row) == 8}
+    assert [states[row] for row in ("S3", "S6", "S7", "S8")] == ["done", "failed", "no map", "done"]
+    assert "problems" in page.anchors
+    assert "by &lt;nought&gt;" in (tmp_path / "index.html").read_text()
+    assert "`fieldmap map division && fieldmap thesis S7`" in (tmp_path / "report.md").read_text()
+    assert drawn[0][0] is figure
+    assert page.images == ["plots/S8_converter_1.png"]
+
+
+def test_exit_code_of_a_failing_row(tmp_path, monkeypatch, capsys):
+    def failing(part, maps):
+        if part == "S6":
+            return PartResult(part, "lumped", problem="ZeroDivisionError: by nought")
+        return attempt_part(part, maps)
+
+    monkeypatch.setattr(kept, "attempt_part", failing)
+    assert main(["thesis", "S3", "S6", "--report", str(tmp_path)]) == 1
+    assert "S6: failed: ZeroDivisionError" in capsys.readouterr().err
+    assert (tmp_path / "index.html").is_file()
+    assert not (tmp_path / "finished" / "S6.json").exists()
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="must be a folder"):
+        prepare_folder(tmp_path / "file")
+    assert main(["thesis", "S3", "--report", str(tmp_path / "file")]) == 2
+    assert main(["thesis", "S0", "--report", str(tmp_path / "new")]) == 2
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_fingerprint_covers_code_data_and_map(tmp_path, monkeypatch):
+    mark = kept.fingerprint("S3")
+    assert mark != kept.fingerprint("S6")
+    monkeypatch.setattr(kept, "_of_the_package", lambda: "other code")
+    assert kept.fingerprint("S3") != mark
+
+
+def test_progress_knows_how_much_is_done():
+    seen = []
+    parts = [
+        result.part
+        for result in attempt_rows(
+            ["S3", "S4"], lambda *words: seen.append(words), lambda part: PartResult(part, "")
+        )
+    ]
+    assert [part for part, _ in seen] == parts == ["S3", "S4_windings", "S4_levitation"]
+    assert [round(share, 3) for _, share in seen] == [0.0, round(1 / 7, 3), round(2 / 7, 3)]
+
+
+def test_what_is_far_from_the_thesis_is_explained_in_words():
+    """Quick rows only; the whole table is held to it by the report itself."""
+    for part in ("S5_current_ratio", "S5_depth", "S6", "S9_constants", "S9_superposition", "S16_root_locus"):
+        result = compute_part(part)
+        for number in result.comparisons:
+            far = number.deviation is not None and abs(number.deviation) > 0.1 and not number.misprint
+            name = number.name.partition("[")[0]
+            assert not far or {"", name} & set(result.explanations), f"{part}: {number.name}"
