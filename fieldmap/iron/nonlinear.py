@@ -200,6 +200,10 @@ class NonlinearSolver:
         return state_error(self.device, solution.currents, solution.state.iron, coarser, complement)
 
     @cached_property
+    def _assumptions(self) -> tuple[str, ...]:
+        return material_assumptions(self.device) + geometry_notes(self.device)
+
+    @cached_property
     def _complement(self) -> Complement:
         return Complement(self._iron)
 
@@ -224,7 +228,7 @@ class NonlinearSolver:
             matrix_bytes=self._iron.mutual.bytes,
             storage=self._iron.mutual.storage,
             seconds=seconds,
-            assumptions=material_assumptions(self.device) + geometry_notes(self.device),
+            assumptions=self._assumptions,
             symmetry=self._iron.symmetry,
             largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
             beyond_table=int((largest > high).sum()),

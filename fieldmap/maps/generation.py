@@ -14,14 +14,16 @@ from fieldmap.device.model import Device, PermanentMagnet
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
 from fieldmap.maps.certificate import certified_bounds, solver_points
+from fieldmap.maps.evaluation import DividedFields
 from fieldmap.maps.fingerprint import fingerprint, library_versions
-from fieldmap.maps.interpolation import UnitFields, interpolation_error
+from fieldmap.maps.interpolation import interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
 from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_device
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
 from fieldmap.maps.stopwatch import Stopwatch
+from fieldmap.parallel import Workers, same_arithmetic
 from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer, read_info
 
 Progress = Callable[[str, float], None]
@@ -35,17 +37,22 @@ def generate(
     output: str | PathLike[str] | None = None,
     resume: bool = True,
     progress: Progress | None = None,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> Path:
     """Make the map that a recipe asks for and return the path of its file.
 
     recipe: path of a recipe file, or the name of a shipped one. output: the file to write, by default
     maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
     that was stopped, and leave a finished map alone, if everything that decides the numbers is the same;
-    False begins anew. progress(message, fraction) is called as the work goes on.
+    False begins anew. progress(message, fraction) is called as the work goes on. workers: how many processes of this
+    machine solve and evaluate, 1 for this one alone; scheduler: address of a dask scheduler whose workers do it
+    (docs/cluster.md). The numbers are the same bit for bit, whoever computes them.
 
     The file appears under its name only when it is complete. Raises RecipeError, DeviceFileError,
     GeometryError (a box that cuts iron or a winding) or InputError (an output that cannot be written) before
-    any long work and without leaving a file; NotConverged if the solver fails.
+    any long work and without leaving a file; InputError for workers that cannot be had; NotConverged if the solver
+    fails, or where iron saturates at more than half of the states.
 
     >>> import fieldmap as fm
     >>> fm.generate("quick")                                                      # doctest: +SKIP
@@ -65,20 +72,23 @@ def generate(
     if resume and _is_done(target, info):
         say("complete already", 1.0)
         return target
-    if order.currents is None:
-        _generate_linear(order, placed, info, target, resume, say)
-    else:
-        _generate_saturating(order, order.currents, placed, info, target, resume, say)
+    with same_arithmetic(), Workers(workers, scheduler) as team:
+        if order.currents is None:
+            _generate_linear(order, placed, info, target, resume, team, say)
+        else:
+            _generate_saturating(order, order.currents, placed, info, target, resume, team, say)
     say("complete", 1.0)
     return target
 
 
 def _generate_linear(
-    recipe: Recipe, device: Device, info: MapInfo, target: Path, resume: bool, say: Progress
+    recipe: Recipe, device: Device, info: MapInfo, target: Path, resume: bool, workers: Workers, say: Progress
 ) -> None:
+    spent = Stopwatch(workers)
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
-        _fill(writer, _solution(device, recipe, writer, say), dict, say)
+        solution = DividedFields(_solution(device, recipe, writer, say), workers)
+        _fill(writer, solution, spent.read, say)
 
 
 def _generate_saturating(
@@ -88,6 +98,7 @@ def _generate_saturating(
     info: MapInfo,
     target: Path,
     resume: bool,
+    workers: Workers,
     say: Progress,
 ) -> None:
     if not resume:
@@ -99,13 +110,15 @@ def _generate_saturating(
         info.grid,
         target,
         info.provenance.fingerprint,
+        workers,
         lambda message, share: say(message, SOLVE + share * (TRAINED - SOLVE)),
     )
     info = replace(info, reduced_model=trained.model, current_error=trained.error)
-    spent = Stopwatch(*trained.spent)
+    spent = Stopwatch(workers, *trained.spent)
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
-        _fill(writer, trained.fields, lambda: {**trained.about, **spent.read()}, say)
+        fields = DividedFields(trained.fields, workers)
+        _fill(writer, fields, lambda: {**trained.about, **spent.read()}, say)
     archive_path(target).unlink(missing_ok=True)
 
 
@@ -115,7 +128,7 @@ def _say_resumed(writer: MapWriter, say: Progress) -> None:
 
 
 def _fill(
-    writer: MapWriter, solution: UnitFields, about: Callable[[], Mapping[str, Any]], say: Progress
+    writer: MapWriter, solution: DividedFields, about: Callable[[], Mapping[str, Any]], say: Progress
 ) -> None:
     """Fields at the nodes, and the rest of the file; about(): what the report says beside the solver's."""
     _evaluate(solution, writer, say)
@@ -229,15 +242,24 @@ def _solution(device: Device, recipe: Recipe, writer: MapWriter, say: Progress) 
     return from_arrays(device, arrays, about)
 
 
-def _evaluate(solution: UnitFields, writer: MapWriter, say: Progress) -> None:
-    total, end = len(writer.chunks), _certificate_begins(writer.info)
+def _evaluate(solution: DividedFields, writer: MapWriter, say: Progress) -> None:
+    total, missing = len(writer.chunks), writer.missing
+    share = (_certificate_begins(writer.info) - EVALUATE) / total
     _, ny, nz = writer.info.grid.shape
-    for chunk in writer.missing:
-        share = EVALUATE + chunk.number / total * (end - EVALUATE)
-        say(f"field at the nodes, part {chunk.number + 1} of {total}", share)
-        flux, gradient = solution.unit_fields(writer.info.grid.points(chunk.first, chunk.last))
+    done = total - len(missing)
+
+    def tell() -> None:
+        if done < total:
+            say(f"field at the nodes, part {done + 1} of {total}", EVALUATE + done * share)
+
+    tell()
+    parts = [writer.info.grid.points(chunk.first, chunk.last) for chunk in missing]
+    for index, (flux, gradient) in solution.of_parts(parts):
+        chunk = missing[index]
         planes = (len(flux), chunk.last - chunk.first, ny, nz)
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
+        done += 1
+        tell()
 
 
 def _certificate_begins(info: MapInfo) -> float:
@@ -246,7 +268,7 @@ def _certificate_begins(info: MapInfo) -> float:
     return EVALUATE + (1 - EVALUATE) * nodes / (nodes + solver_points(info))
 
 
-def _finish(solution: UnitFields, about: Callable[[], Mapping[str, Any]], writer: MapWriter) -> None:
+def _finish(solution: DividedFields, about: Callable[[], Mapping[str, Any]], writer: MapWriter) -> None:
     parts = [writer.read(chunk) for chunk in writer.chunks]
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
     data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})

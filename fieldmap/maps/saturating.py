@@ -16,6 +16,7 @@ from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.reduction.states import SolvedStates
 from fieldmap.maps.reduction.training import Trained, train
 from fieldmap.maps.stopwatch import SPENT, Stopwatch
+from fieldmap.parallel import Common, Workers
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import FieldError, Grid, ReducedModel, StateArchive
 
@@ -69,16 +70,17 @@ def trained_map(
     grid: Grid,
     target: Path,
     fingerprint: str,
+    workers: Workers,
     say: Say,
 ) -> TrainedMap:
     """Solve the states, or go on with those in the archive beside `target`, and train on them.
 
-    Raises NotConverged if fewer than half of the states could be solved.
+    Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on.
     """
     with StateArchive(archive_path(target), fingerprint) as archive:
         kept = archive.kept()
         if kept is None:
-            archive.keep(*_train(device, plan, reference, grid, archive, say))
+            archive.keep(*_train(device, plan, reference, grid, archive, workers, say))
             # Read back, so that a resumed run gives the same bits.
             kept = archive.kept()
         assert kept is not None
@@ -86,13 +88,22 @@ def trained_map(
 
 
 def _train(
-    device: Device, plan: CurrentPlan, reference: Array, grid: Grid, archive: StateArchive, say: Say
+    device: Device,
+    plan: CurrentPlan,
+    reference: Array,
+    grid: Grid,
+    archive: StateArchive,
+    workers: Workers,
+    say: Say,
 ) -> tuple[dict[str, Array], dict[str, Any]]:
-    spent = Stopwatch()
-    solver = NonlinearSolver(
-        device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0)), "auto"
+    spent = Stopwatch(workers)
+    # An assembled solver is large: every process assembles its own, while this one does.
+    common = Common(_solver, device, plan.refinement)
+    workers.prepare(common)
+    solver = common.use(
+        _solver(device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0)))
     )
-    states = SolvedStates(archive)
+    states = SolvedStates(archive, common, workers)
     domain = plan.domain
     trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
     spent.add(states.earlier_seconds, states.earlier_processor_seconds)
@@ -101,6 +112,10 @@ def _train(
     arrays |= {f"face_{name}": getattr(solver.surface, name) for name in _FACES}
     about = _about(trained, states, middle.report) | spent.read()
     return arrays | {"charge": trained.charge}, about
+
+
+def _solver(device: Device, refinement: float, say: Say | None = None) -> NonlinearSolver:
+    return NonlinearSolver(device, refinement, say, "auto")
 
 
 def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict[str, Any]:

@@ -5,7 +5,7 @@ Depends on: errors, arguments, numba, threadpoolctl; dask.distributed where ther
 
 from fieldmap.parallel.arithmetic import same_arithmetic
 from fieldmap.parallel.common import Common
-from fieldmap.parallel.outcome import Outcome
+from fieldmap.parallel.outcome import Outcome, WorkerDied
 from fieldmap.parallel.workers import Workers
 
-__all__ = ["Common", "Outcome", "Workers", "same_arithmetic"]
+__all__ = ["Common", "Outcome", "WorkerDied", "Workers", "same_arithmetic"]

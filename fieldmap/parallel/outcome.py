@@ -12,6 +12,10 @@ from fieldmap.parallel.arithmetic import same_arithmetic
 R = TypeVar("R")
 
 
+class WorkerDied(FieldmapError):  # noqa: N818 - reads as what happened
+    """Every process that was given a piece of work died on it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome(Generic[R]):
     """index: of the item; value: what the function returned, or error: what it raised; seconds of the clock and of the

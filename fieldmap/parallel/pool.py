@@ -5,20 +5,23 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import distributed
 import numba
 
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import InputError, Problem
 from fieldmap.parallel.common import Common
-from fieldmap.parallel.outcome import Outcome, attempt
+from fieldmap.parallel.outcome import Outcome, WorkerDied, attempt
 
 R = TypeVar("R")
 # A scheduler that is there answers sooner.
 _ANSWERS_WITHIN_SECONDS = 20
 # Kernels have one set of threads per process: pieces of work take turns there, whatever number a worker accepts.
 _TURN = threading.Lock()
+# Processor time that this process took to make what is common; its next piece of work counts it.
+_UNCOUNTED: list[float] = []
 
 
 class Pool:
@@ -94,7 +97,10 @@ def _work(
     """One item, in the process that got it."""
     with _TURN:
         _set_threads(threads)
-        return attempt(index, _with_common, function, shared, item)
+        outcome = attempt(index, _with_common, function, shared, item)
+        spent = outcome.processor_seconds + sum(_UNCOUNTED)
+        _UNCOUNTED.clear()
+        return replace(outcome, processor_seconds=spent)
 
 
 def _with_common(function: Callable[..., Any], shared: tuple[Common[Any], ...], item: Any) -> Any:
@@ -104,7 +110,7 @@ def _with_common(function: Callable[..., Any], shared: tuple[Common[Any], ...], 
 def _make(common: Common[Any], threads: int | None) -> None:
     with _TURN:
         _set_threads(threads)
-        attempt(0, common.here)
+        _UNCOUNTED.append(attempt(0, common.here).processor_seconds)
 
 
 def _set_threads(threads: int | None) -> None:
@@ -128,5 +134,5 @@ def _died(error: BaseException) -> Exception:
     if isinstance(error, distributed.scheduler.KilledWorker):
         remedy = "see the workers' own messages: most often one needs more memory than it was given"
         received = "the death of every process that tried"
-        return FieldmapError(Problem("a piece of work", "a worker that survives it", received, remedy))
+        return WorkerDied(Problem("a piece of work", "a worker that survives it", received, remedy))
     return error if isinstance(error, Exception) else RuntimeError(repr(error))

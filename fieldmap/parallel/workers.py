@@ -37,6 +37,7 @@ class Workers:
             raise InputError(Problem("workers", "either workers or a scheduler", received, remedy))
         self._count, self._scheduler = count, scheduler
         self._pool: Any = None
+        self._processor_seconds = 0.0
 
     def __enter__(self) -> "Workers":
         if self._count > 1 or self._scheduler is not None:
@@ -62,6 +63,11 @@ class Workers:
         """Whether other processes do the work."""
         return self._pool is not None
 
+    @property
+    def processor_seconds(self) -> float:
+        """Spent in other processes so far, on what they finished."""
+        return self._processor_seconds
+
     def prepare(self, common: Common[Any]) -> None:
         """Let other processes make what they need for a `map` to come, while this one does something else."""
         if self._pool is not None:
@@ -77,7 +83,9 @@ class Workers:
         items and results must be picklable where other processes do the work: a function of a module, not a lambda.
         """
         if self._pool is not None:
-            yield from self._pool.map(function, items, common)
+            for outcome in self._pool.map(function, items, common):
+                self._processor_seconds += outcome.processor_seconds
+                yield outcome
             return
         for index, item in enumerate(items):
             shared = () if common is None else (common.here(),)

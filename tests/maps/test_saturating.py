@@ -19,64 +19,6 @@ from fieldmap.maps.reduction.basis import proper_modes
 from fieldmap.maps.saturating import archive_path
 from fieldmap.store import KeptState, StateArchive, read_map
 
-DEVICE = """
-format = 1
-name = "two_cores"
-title = "Two cores on a bar, a coil on each"
-
-[material.steel]
-kind = "froehlich"
-mu_r = 2000.0
-saturation_polarisation_T = 2.0
-
-[[body]]
-name = "bar"
-material = "steel"
-shape = "box"
-size_mm = [60.0, 12.0, 8.0]
-position_mm = [0.0, 0.0, 20.0]
-mesh_size_mm = 7.0
-
-[[body]]
-name = "left core"
-material = "steel"
-shape = "box"
-size_mm = [10.0, 10.0, 20.0]
-position_mm = [-22.0, 0.0, 0.0]
-mesh_size_mm = 7.0
-
-[[body]]
-name = "right core"
-material = "steel"
-shape = "box"
-size_mm = [10.0, 10.0, 20.0]
-position_mm = [22.0, 0.0, 0.0]
-mesh_size_mm = 7.0
-
-[[coil]]
-name = "left"
-kind = "circular"
-inner_radius_mm = 8.0
-outer_radius_mm = 13.0
-height_mm = 14.0
-turns = 4000
-position_mm = [-22.0, 0.0, 10.0]
-
-[[coil]]
-name = "right"
-kind = "circular"
-inner_radius_mm = 8.0
-outer_radius_mm = 13.0
-height_mm = 14.0
-turns = 4000
-position_mm = [22.0, 0.0, 10.0]
-
-[workspace]
-shape = "box"
-lower_mm = [-8.0, -8.0, -16.0]
-upper_mm = [8.0, 8.0, -6.0]
-"""
-
 RECIPE = """
 format = 1
 title = "Below two cores, saturating"
@@ -99,9 +41,9 @@ held_out = 4
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, two_cores):
     path = tmp_path_factory.mktemp("two_cores")
-    (path / "two_cores.toml").write_text(DEVICE)
+    (path / "two_cores.toml").write_text(two_cores)
     (path / "recipe.toml").write_text(RECIPE)
     return path
 
@@ -377,8 +319,8 @@ def test_the_opened_map_says_what_it_cannot_do(data, folder):
         ("held_out = 4", "held_out = 4\n[output]\nreference_current_A = 7.0", "within .currents."),
     ],
 )
-def test_recipes_that_make_no_sense_are_refused(folder, tmp_path, old, new, text):
-    (tmp_path / "two_cores.toml").write_text(DEVICE)
+def test_recipes_that_make_no_sense_are_refused(folder, tmp_path, two_cores, old, new, text):
+    (tmp_path / "two_cores.toml").write_text(two_cores)
     assert old in RECIPE
     (tmp_path / "recipe.toml").write_text(RECIPE.replace(old, new))
     with pytest.raises(RecipeError, match=text):

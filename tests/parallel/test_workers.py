@@ -93,7 +93,7 @@ def test_what_is_common_is_made_once_in_every_process_and_never_sent(two):
     assert [number for *_, number in found] == list(range(100, 112))
     made = {(process, identity) for process, identity, _ in found}
     assert len(made) == len({process for process, _ in made}) == 2
-    assert Common(make, 100, made="mine").here() == "mine"
+    assert common.use("mine") == common.here() == "mine"
 
 
 def test_a_killed_process_costs_only_its_piece(two, tmp_path):

@@ -1,6 +1,6 @@
 """The states that a model is trained on, chosen as they are solved, and those that it is tried on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,8 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.greedy import Proposal, SolvedModes
 from fieldmap.maps.reduction.plan import Plan
-from fieldmap.maps.reduction.snapshots import Snapshots, nothing, one_of
-from fieldmap.maps.reduction.states import SolvedStates
+from fieldmap.maps.reduction.snapshots import Snapshots, is_among, nothing, one_of
+from fieldmap.maps.reduction.states import SolvedStates, Wanted
 from fieldmap.maps.reduction.trial import Errors, Trial
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ _GRADIENT = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Solving:
-    """What solves states: the solver, the archive, where fields are compared, and whom to tell."""
+    """What solves states: the solver, the archive and the workers, where fields are compared, and whom to tell."""
 
     solver: NonlinearSolver
     states: SolvedStates
@@ -32,17 +32,14 @@ class Solving:
     plan: Plan
     say: Say
 
-    def one(
-        self,
-        number: int,
-        currents: Array,
-        start: Array | None,
-        where: tuple[str, float],
-        estimate: float = np.nan,
-    ) -> Array | None:
-        """Potential (n,) of a state, or None where the solver fails. where: text and share of the progress."""
-        self.say(*where)
-        return self.states.solve(self.solver, number, currents, self.plan.tolerance, start, estimate)
+    def training(self, wanted: Sequence[Wanted]) -> list[Array | None]:
+        """Potential (n,) of every state, or None where the solver fails; numbers as those of the states to train on."""
+        first, most = wanted[0].number if wanted else 0, self.plan.states
+
+        def tell(done: int) -> None:
+            self.say(f"state {first + done + 1} of at most {most}", 0.05 + 0.4 * (first + done) / most)
+
+        return self.states.solve(wanted, self.plan.tolerance, tell)
 
     def choose(self, modes: SolvedModes, pool: Array, first: int, count: int) -> Proposal:
         """The states numbered from `first`: those in the archive, or chosen of a pool."""
@@ -68,9 +65,12 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     """States to train on. After the first few, those that the estimate says the model lacks most; no more once the
     model foretells them as accurately as planned."""
     plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
-    for number, currents in enumerate(domain.sequence(0, min(_FIRST, plan.states))):
-        where = f"state {number + 1} of at most {plan.states}", 0.05 + 0.4 * number / plan.states
-        potential = solving.one(number, currents, training.nearest(currents), where)
+    first = domain.sequence(0, min(_FIRST, plan.states))
+    middle = solving.training([Wanted(0, first[0])])
+    # The others begin from the one in the middle, if that carries any current.
+    start = middle[0] if first[0].any() else None
+    others = [Wanted(number, currents, start) for number, currents in enumerate(first[1:], 1)]
+    for currents, potential in zip(first, middle + solving.training(others), strict=True):
         if potential is not None:
             training.add(currents, potential)
     done = _FIRST
@@ -94,10 +94,9 @@ def _round(solving: Solving, training: Snapshots, pool: Array, done: int, count:
     modes = SolvedModes(solving.solver, training, plan.modes)
     proposal = solving.choose(modes, pool, done, count)
     new = Snapshots(solving.solver, nothing)
-    chosen = zip(proposal.currents, proposal.starts.T, proposal.estimates, strict=True)
-    for number, (currents, start, estimate) in enumerate(chosen, done):
-        where = f"state {number + 1} of at most {plan.states}", 0.05 + 0.4 * number / plan.states
-        potential = solving.one(number, currents, start, where, float(estimate))
+    chosen = zip(proposal.currents, proposal.starts.T, proposal.estimates.tolist(), strict=True)
+    wanted = [Wanted(number, *state) for number, state in enumerate(chosen, done)]
+    for currents, potential in zip(proposal.currents, solving.training(wanted), strict=True):
         if potential is not None:
             new.add(currents, potential)
     if not new.solved:
@@ -118,16 +117,41 @@ def solve_tried(
 ) -> Snapshots:
     """The states of currents (s, c), numbered from `first`; images are taken where both are among them."""
     found = Snapshots(solving.solver, one_of(currents))
-    for k, values in enumerate(currents):
-        if found.number(values) is not None:
-            continue
-        known = solving.states.archive.get(first + k, values) is not None
-        start = None if known else modes.basis @ modes.amplitude(values)
-        where = f"state {k + 1} of {len(currents)} {text}", share + 0.2 * k / len(currents)
-        potential = solving.one(first + k, values, start, where)
-        if potential is not None:
-            found.add(values, potential)
+    left, gone = list(range(len(currents))), 0
+
+    def tell(done: int) -> None:
+        solving.say(
+            f"state {gone + done + 1} of {len(currents)} {text}", share + 0.2 * (gone + done) / len(currents)
+        )
+
+    while left:
+        batch = _no_images_of_each_other(solving.solver, left, currents)
+        wanted = [_from_modes(solving, modes, first + k, currents[k]) for k in batch]
+        for k, potential in zip(
+            batch, solving.states.solve(wanted, solving.plan.tolerance, tell), strict=True
+        ):
+            if potential is not None:
+                found.add(currents[k], potential)
+        # An image of one that failed is solved itself.
+        left = [k for k in left if k not in batch and found.number(currents[k]) is None]
+        gone = len(currents) - len(left)
     return found
+
+
+def _no_images_of_each_other(solver: NonlinearSolver, numbers: list[int], currents: Array) -> list[int]:
+    """Of the states of these numbers those that are images of none before them."""
+    chosen: list[int] = []
+    for k in numbers:
+        images = [image.currents(currents[j]) for j in chosen for image in solver.images]
+        if not images or not is_among(currents[k], np.array(images)).any():
+            chosen.append(k)
+    return chosen
+
+
+def _from_modes(solving: Solving, modes: SolvedModes, number: int, currents: Array) -> Wanted:
+    """A state that begins from what the modes say of it, unless it is there already."""
+    known = solving.states.archive.get(number, currents) is not None
+    return Wanted(number, currents, None if known else modes.basis @ modes.amplitude(currents))
 
 
 def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accuracy: float) -> Snapshots:

@@ -60,6 +60,8 @@ def train(
         "at random": solve_tried(solving, modes, at_random, plan.states, "at random", 0.5),
         "in corners": solve_tried(solving, modes, corners, plan.states + len(at_random), "in corners", 0.7),
     }
+    require_states(states)
+    require_some(tried, states)
     before = snapshots.solved
     tried["in corners"] = add_missing(modes, snapshots, tried["in corners"], plan.accuracy)
     if snapshots.solved > before:
@@ -102,6 +104,19 @@ def require_states(states: SolvedStates) -> None:
                 f"{len(states.failed)} of {states.count + len(states.failed)} failed; the first: "
                 f"{next(iter(states.failed.values()))}",
                 "make the range of the currents smaller, or refine the mesh",
+            )
+        )
+
+
+def require_some(tried: Mapping[str, Snapshots], states: SolvedStates) -> None:
+    """Raise NotConverged unless a state was solved that the model can be tried on: a map states its error."""
+    if not any(found.solved for found in tried.values()):
+        raise NotConverged(
+            Problem(
+                "training of the current dependence",
+                "a state that the model is tried on must be solved",
+                f"none; the last to fail: {list(states.failed.values())[-1]}",
+                "raise held_out, make the range of the currents smaller, or refine the mesh",
             )
         )
 

@@ -1,0 +1,154 @@
+"""Maps made by several processes: the bits of one process, whoever dies or is stopped on the way."""
+
+import subprocess
+import sys
+
+import h5py
+import pytest
+
+from fieldmap.maps import generate
+from fieldmap.maps.saturating import archive_path
+from fieldmap.store import partial_path
+
+LINEAR = """
+format = 1
+title = "Two cores, linear"
+device = "two_cores.toml"
+spacing_mm = [0.4, 2.0, 2.0]
+
+[iron]
+refinement = 0.7
+"""
+
+SATURATING = """
+format = 1
+title = "Two cores, saturating"
+device = "two_cores.toml"
+spacing_mm = [0.4, 2.0, 2.0]
+
+[iron]
+model = "saturating"
+refinement = 0.7
+
+[currents]
+lower_A = [0.5, -1.0]
+upper_A = 2.0
+states = 12
+accuracy = 1e-6
+modes = 20
+points = 100
+fields = 4
+held_out = 2
+"""
+
+# As in test_kill.py: processes of their own, with the kernels from the cache.
+BEGIN = """
+import os, signal, sys
+import psutil
+from distributed import LocalCluster
+from fieldmap.maps import generate
+
+folder = sys.argv[1]
+
+def at(moment, act):
+    waiting = [moment]
+    def tell(text, share):
+        print(text, flush=True)
+        if waiting and waiting[0] in text:
+            waiting.clear()
+            act()
+    return tell
+"""
+
+FINISHED = """
+def kill_a_worker():
+    workers = [p for p in psutil.Process().children() if any("spawn_main" in word for word in p.cmdline())]
+    assert len(workers) == 2
+    workers[0].kill()
+
+if __name__ == "__main__":
+    for name in ("linear", "saturating"):
+        generate(f"{folder}/{name}.toml", f"{folder}/one_{name}.h5")
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+        to = {"scheduler": cluster.scheduler_address}
+        generate(f"{folder}/linear.toml", f"{folder}/two_linear.h5", **to)
+        tell = at("state 5 of", kill_a_worker)
+        generate(f"{folder}/saturating.toml", f"{folder}/two_saturating.h5", progress=tell, **to)
+"""
+
+STOPPED = """
+if __name__ == "__main__":
+    tell = at("state 10 of", lambda: os.killpg(os.getpid(), signal.SIGINT))
+    try:
+        generate(f"{folder}/saturating.toml", f"{folder}/resumed.h5", workers=2, progress=tell)
+    except KeyboardInterrupt:
+        print("stopped, archive there:", os.path.exists(f"{folder}/resumed.h5.states"))
+    generate(f"{folder}/saturating.toml", f"{folder}/resumed.h5", progress=at("", print))
+"""
+
+
+def run(folder, name, rest):
+    script = folder / name
+    script.write_text(BEGIN + rest)
+    command = [sys.executable, script, folder]
+    # A group of its own, which is what Ctrl-C on a terminal reaches.
+    done = subprocess.run(command, capture_output=True, text=True, check=False, start_new_session=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, two_cores):
+    """Device and recipes, with every kernel compiled."""
+    path = tmp_path_factory.mktemp("workers")
+    files = {"two_cores.toml": two_cores, "linear.toml": LINEAR, "saturating.toml": SATURATING}
+    for name, text in files.items():
+        (path / name).write_text(text)
+    for name in ("linear", "saturating"):
+        generate(path / f"{name}.toml", path / "compiles.h5")
+    return path
+
+
+@pytest.fixture(scope="module")
+def told(folder):
+    """The maps of one process and of two workers; what was told of the last."""
+    return run(folder, "finished.py", FINISHED)
+
+
+def all_numbers(path):
+    found = {}
+
+    def note(name, item):
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fi":
+            found[name] = item[()].tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(note)
+    return found
+
+
+def same(one, other):
+    mine, theirs = all_numbers(one), all_numbers(other)
+    assert len(mine) > 25
+    assert mine.keys() == theirs.keys()
+    return [name for name in mine if mine[name] != theirs[name]] == []
+
+
+def test_two_workers_of_a_scheduler_give_the_bits_of_one_process(folder, told):
+    assert same(folder / "one_linear.h5", folder / "two_linear.h5")
+
+
+def test_a_worker_killed_in_the_middle_changes_no_bit(folder, told):
+    assert "state 5 of at most 12" in told
+    assert same(folder / "one_saturating.h5", folder / "two_saturating.h5")
+
+
+def test_an_interrupted_run_is_resumed_without_workers_to_the_same_bits(folder, told):
+    lines = run(folder, "stopped.py", STOPPED)
+    stop = lines.index("stopped, archive there: True")
+    states = [text for text in lines[stop:] if text.startswith("state")]
+    # Nine states at least were kept; the first that is told of is one of those still missing.
+    assert int(states[0].split()[1]) >= 10
+    assert same(folder / "one_saturating.h5", folder / "resumed.h5")
+    assert not archive_path(folder / "resumed.h5").exists()
+    assert not partial_path(folder / "resumed.h5").exists()
