@@ -50,6 +50,10 @@ class RecipeError(InputError):
     """A map recipe is wrong; `problems` lists every error of the file."""
 
 
+class StudyError(InputError):
+    """A study file is wrong; `problems` lists every error of the file."""
+
+
 class GeometryError(InputError):
     """Bodies, coils and workspace cannot be built, overlap, or touch where they must not."""
 

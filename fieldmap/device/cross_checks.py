@@ -74,13 +74,13 @@ def _sources_of_nothing(data: dict[str, Any], missing: set[str]) -> Iterator[Fin
     paths: list[str] | None = None
     for path, text in provenance.items():
         if isinstance(text, str) and path not in missing and not matches(data, path):
-            paths = _all_paths(data) if paths is None else paths
+            paths = all_paths(data) if paths is None else paths
             guess = closest(path, paths)
             remedy = f'did you mean "{guess}"?' if guess else "correct the path or remove the line"
             yield Finding(("provenance", path), "the key path must exist in this file", shown(path), remedy)
 
 
-def _all_paths(data: dict[str, Any]) -> list[str]:
+def all_paths(data: dict[str, Any]) -> list[str]:
     """Dotted paths of all keys, for a guess at what was meant."""
     paths: list[str] = []
     waiting: list[tuple[str | int, ...]] = [()]

@@ -34,10 +34,16 @@ def read_device(path_or_name: str | Path) -> Device:
     >>> device.coil_names
     ('1', '2', '3', '4', '5', '6')
     """
-    path = find_device_file(path_or_name)
-    document = load_document(path)
+    return device_of(load_document(find_device_file(path_or_name)))
+
+
+def device_of(document: Document) -> Device:
+    """The device of a file that has been parsed, or of its data after some keys were changed.
+
+    Files that it names lie relative to `document.path`. Raises DeviceFileError with one Problem for every error.
+    """
     if document.data.get("space") == "plane":
-        raise DeviceFileError(_in_the_plane(path))
+        raise DeviceFileError(_in_the_plane(document.path))
     contents, curves, included = checked_contents(document, DeviceFile)
     return _build(contents, document, curves, included)
 

@@ -1,0 +1,168 @@
+"""The results of a study as an xarray data set, as NetCDF and as CSV."""
+
+import csv
+import importlib
+import io
+import itertools
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.reader import device_of
+from fieldmap.errors import FieldmapError, Problem
+from fieldmap.studies.fingerprint import fingerprint, versions
+from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
+from fieldmap.studies.study import Axis, Study
+from fieldmap.studies.summary import VariantResult
+
+Array = NDArray[np.float64]
+_CONVENTIONS = (
+    "SI units. Right-handed frame, z up, origin on the centre of the pole disk's lower face. gradient: "
+    "dB_component/dx_direction."
+)
+_OF_THE_PAYLOAD = (
+    "the payload is a vertical point dipole at the magnet's centre and does not magnetise the iron",
+    "the currents are constant",
+)
+
+
+def require_xarray() -> Any:
+    """The module xarray. Raises FieldmapError, with the extra to install, where it or h5netcdf is missing."""
+    try:
+        importlib.import_module("h5netcdf")
+        return importlib.import_module("xarray")
+    except ImportError as error:
+        remedy = 'install them: pip install "fieldmap[studies]"'
+        raise FieldmapError(
+            Problem("fieldmap.studies", "xarray and h5netcdf must be installed", str(error), remedy)
+        ) from None
+
+
+def data_set(study: Study, results: Sequence[VariantResult]) -> Any:
+    """xarray.Dataset of all variants: one axis for each varied key (or `variant`), then `currents`: docs/studies.md."""
+    xarray = require_xarray()
+    leading = _leading(study)
+    variables = {}
+    for quantity in recorded(study.record.groups):
+        attributes = {"units": quantity.unit, "long_name": quantity.meaning}
+        variables[quantity.name] = ((*leading, *quantity.axes), _values(study, results, quantity), attributes)
+    reasons = np.array(
+        [[" || ".join(row.problems) for row in result.rows] for result in results], dtype=object
+    )
+    about = {"long_name": "why numbers of this variant are missing; empty where nothing failed"}
+    variables["problem"] = (leading, reasons.reshape(*study.shape, -1), about)
+    return xarray.Dataset(variables, coords=_coordinates(study), attrs=_attributes(study, results))
+
+
+def _leading(study: Study) -> tuple[str, ...]:
+    return (*(tuple(axis.name for axis in study.axes) or ("variant",)), "currents")
+
+
+def _lengths(study: Study) -> dict[str, int]:
+    return {"coil": len(study.coil_names), "point": len(study.record.points), "component": 3, "direction": 3}
+
+
+def _values(study: Study, results: Sequence[VariantResult], quantity: Quantity) -> Array:
+    """(axes of the variants, currents, axes of the quantity); NaN where there is no number."""
+    shape = tuple(_lengths(study)[axis] for axis in quantity.axes)
+    missing = np.full(shape, np.nan)
+    rows = [[row.numbers.get(quantity.name, missing) for row in result.rows] for result in results]
+    return np.array(rows, dtype=float).reshape(*study.shape, len(study.current_sets), *shape)
+
+
+def _coordinates(study: Study) -> dict[str, Any]:
+    found: dict[str, Any] = {"currents": ("currents", [entry.name for entry in study.current_sets])}
+    for axis in study.axes:
+        found[axis.name] = (axis.name, np.array(axis.values), _axis_attributes(axis))
+    if not study.axes:
+        found["variant"] = ("variant", [variant.name for variant in study.variants])
+    axes = {axis for quantity in recorded(study.record.groups) for axis in quantity.axes}
+    letters = ["x", "y", "z"]
+    found |= {axis: (axis, letters) for axis in ("component", "direction") if axis in axes}
+    if "coil" in axes:
+        found["coil"] = ("coil", list(study.coil_names))
+    if "point" in axes:
+        for k, letter in enumerate(letters):
+            found[f"point_{letter}"] = ("point", study.record.points[:, k], {"units": "m"})
+    return found
+
+
+def _axis_attributes(axis: Axis) -> dict[str, str]:
+    attributes = {"long_name": axis.key}
+    return attributes | {"units": axis.unit} if axis.unit else attributes
+
+
+def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str]:
+    carried = NEED_PAYLOAD & set(study.record.groups) or any(entry.common is None for entry in study.current_sets)
+    assumed = dict.fromkeys(text for result in results for text in result.assumptions)
+    device = device_of(study.device_document)
+    limit = study.record.current_limit
+    return {
+        "title": study.title,
+        "Conventions": "CF-1.10",
+        "comment": _CONVENTIONS,
+        "source": ", ".join(f"{name} {number}" for name, number in versions().items()),
+        "assumptions": "\n".join((*(_OF_THE_PAYLOAD if carried else ()), *assumed)),
+        "force_share": f"{study.record.force_share!r}",
+        "current_limit_A": "none" if limit is None else f"{limit!r}",
+        "iron": repr(study.iron),
+        "study": study.text,
+        "device": device.text,
+        "fingerprint": fingerprint(study),
+    }
+
+
+def write_netcdf(data: Any, path: Path) -> None:
+    """Write the data set; the file appears complete or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        data.to_netcdf(partial, engine="h5netcdf")
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def csv_text(study: Study, results: Sequence[VariantResult]) -> str:
+    """One line for each variant and set of currents; every number of the data set, units in the header.
+
+    A column is NAME [axis labels] (unit): `flux_density 1 z (T)` is B_z at the first point, `current 5 (A)` of coil 5.
+    """
+    columns = [
+        (quantity, at) for quantity in recorded(study.record.groups) for at in _entries(study, quantity)
+    ]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    axes = [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
+    names = [_column(study, quantity, at) for quantity, at in columns]
+    writer.writerow([*axes, "currents", *names, "problem"])
+    for variant, result in zip(study.variants, results, strict=True):
+        values = [axis.values[k] for axis, k in zip(study.axes, variant.place, strict=False)] or [
+            variant.name
+        ]
+        for entry, row in zip(study.current_sets, result.rows, strict=True):
+            cells = [_cell(row.numbers.get(quantity.name), at) for quantity, at in columns]
+            writer.writerow([*values, entry.name, *cells, " || ".join(row.problems)])
+    return out.getvalue()
+
+
+def _entries(study: Study, quantity: Quantity) -> Iterator[tuple[int, ...]]:
+    return itertools.product(*(range(_lengths(study)[axis]) for axis in quantity.axes))
+
+
+def _column(study: Study, quantity: Quantity, at: tuple[int, ...]) -> str:
+    labels = {"coil": study.coil_names, "component": "xyz", "direction": "xyz"}
+    words = [quantity.name]
+    for axis, k in zip(quantity.axes, at, strict=True):
+        words.append(str(k + 1) if axis == "point" else labels[axis][k])
+    return " ".join(words) + f" ({quantity.unit})"
+
+
+def _cell(value: Any, at: tuple[int, ...]) -> str:
+    for k in at:
+        value = None if value is None else value[k]
+    return "" if value is None else repr(float(value))

@@ -1,0 +1,90 @@
+"""The equilibrium area: where around an equilibrium the horizontal force is too small to matter.
+
+A disk "produces an equilibrium area as opposed to an equilibrium point" (thesis 6.1), in which nothing but drag stops a
+magnet. Here it is the part of the horizontal plane through the equilibrium in which the horizontal force stays below a
+share f of the weight, as far as straight lines from the equilibrium stay inside. While the force is proportional to the
+displacement, with stiffnesses k_x and k_y along the axes, it is an ellipse,
+
+    A = pi (f m g)^2 / (k_x k_y)                                                          docs/studies.md (1)
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.model import Payload
+from fieldmap.errors import FieldmapError, Problem
+from fieldmap.levitation import GRAVITY, Equilibrium, LevitationField, dipole_force
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = 64
+STEPS = 12
+BISECTIONS = 14
+# Steps go this far beyond where proportional forces would reach the limit, if the workspace does.
+FARTHER = 3.0
+
+
+def equilibrium_area(field: LevitationField, found: Equilibrium, payload: Payload, share: float) -> float:
+    """Area in m^2. share: of the weight, which the horizontal force stays below.
+
+    By 64 directions, in each the first crossing of the limit; half the mean of r^2 times 2 pi, whose error falls
+    faster than any power of the number of directions for a smooth outline. Raises FieldmapError where the equilibrium
+    is not stable in the plane, and where the workspace ends first.
+    """
+    plane = 0.5 * (found.stiffness + found.stiffness.T)[:2, :2]
+    if np.linalg.eigvalsh(plane)[0] <= 0.0:
+        raise FieldmapError(_not_stable(plane))
+    limit = share * payload.mass * GRAVITY
+    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    rays = np.column_stack([np.cos(angle), np.sin(angle)])
+    edge = _distance_to_edge(field, found.position[:2], rays)
+    expected = limit / np.linalg.norm(rays @ plane, axis=1)
+    radii = np.linspace(0.0, 1.0, STEPS + 1)[1:] * np.minimum(edge, FARTHER * expected)[:, None]
+
+    def excess(lengths: Array) -> Array:
+        """Horizontal force less the limit at lengths (64, k), N."""
+        points = np.empty((*lengths.shape, 3))
+        points[..., :2] = found.position[:2] + lengths[..., None] * rays[:, None]
+        points[..., 2] = found.position[2]
+        force = dipole_force(found.moment, field.gradient(points.reshape(-1, 3), found.currents))
+        return np.linalg.norm(force[:, :2], axis=1).reshape(lengths.shape) - limit
+
+    beyond = excess(radii) > 0.0
+    if not beyond.any(axis=1).all():
+        raise FieldmapError(_no_end(share))
+    first = beyond.argmax(axis=1)
+    rows = np.arange(DIRECTIONS)
+    high = radii[rows, first]
+    low = np.where(first > 0, radii[rows, first - 1], 0.0)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        out = excess(middle[:, None])[:, 0] > 0.0
+        low, high = np.where(out, low, middle), np.where(out, middle, high)
+    return float(np.pi * np.mean((0.5 * (low + high)) ** 2))
+
+
+def _distance_to_edge(field: LevitationField, start: Array, rays: Array) -> Array:
+    """How far the box goes from a point in its plane along the rays."""
+    with np.errstate(divide="ignore"):
+        to_lower = (np.asarray(field.lower)[:2] - start) / rays
+        to_upper = (np.asarray(field.upper)[:2] - start) / rays
+    return np.where(rays > 0.0, to_upper, np.where(rays < 0.0, to_lower, np.inf)).min(axis=1)
+
+
+def _not_stable(plane: Array) -> Problem:
+    stiffness = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(plane))
+    return Problem(
+        "equilibrium_area",
+        "the equilibrium must be stable in the horizontal plane",
+        f"stiffnesses {stiffness} N/m",
+        "choose a place farther from the iron, or other currents",
+    )
+
+
+def _no_end(share: float) -> Problem:
+    return Problem(
+        "equilibrium_area",
+        f"the horizontal force must reach {share:g} of the weight inside the workspace, along every direction",
+        "the workspace, or three times the distance foretold by the stiffness, ends before",
+        "make the workspace wider, or record.force_share smaller",
+    )

@@ -1,0 +1,108 @@
+"""What a study can record: names, units, axes, and what each number means."""
+
+from dataclasses import dataclass
+
+AXES = ("variant", "currents", "coil", "point", "component", "direction")
+"""Axes of the data set that are not varied keys."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One variable of the data set.
+
+    group: the word of record.quantities that asks for it. unit: SI, as UDUNITS writes it. axes: beyond those of the
+    variants and sets of currents. printed: (factor, unit) of tables and plots, which show it if it has no axes.
+    """
+
+    name: str
+    group: str
+    unit: str
+    meaning: str
+    axes: tuple[str, ...] = ()
+    printed: tuple[float, str] = (1.0, "")
+
+    @property
+    def printed_unit(self) -> str:
+        """Unit of tables and plots."""
+        return self.printed[1] or self.unit
+
+
+_AT = "at the equilibrium of these currents"
+_POINT = ("point", "component")
+QUANTITIES = (
+    Quantity(
+        "common_current", "currents", "A", "mean magnitude of the currents; the lift current where they carry"
+    ),
+    Quantity("current", "currents", "A", "current of each coil", ("coil",)),
+    Quantity("flux_density", "field", "T", "flux density B at the points", _POINT),
+    Quantity("gradient", "field", "T m-1", "dB_component/dx_direction at the points", (*_POINT, "direction")),
+    Quantity(
+        "force_per_ampere",
+        "force_per_ampere",
+        "N A-1",
+        "derivative by the mean current of the force on the payload, a vertical dipole, at the points",
+        _POINT,
+    ),
+    Quantity("equilibrium", "equilibrium", "m", f"position of the magnet's centre {_AT}", ("component",)),
+    Quantity("stiffness_x", "equilibrium", "N m-1", f"-dF_x/dx {_AT}"),
+    Quantity("stiffness_y", "equilibrium", "N m-1", f"-dF_y/dy {_AT}"),
+    Quantity("stiffness_z", "equilibrium", "N m-1", f"-dF_z/dz {_AT}: negative, unstable without control"),
+    Quantity(
+        "equilibrium_area",
+        "equilibrium_area",
+        "m2",
+        "area around the equilibrium, in its horizontal plane, in which the horizontal force is below force_share "
+        "of the weight, as far as straight lines from the equilibrium stay in it",
+        (),
+        (1e6, "mm2"),
+    ),
+    Quantity(
+        "reach_height",
+        "reach",
+        "m",
+        "lowest z of the workspace, on the vertical through the place that is carried, at which these currents, scaled "
+        "until a coil is at the limit, carry the payload",
+        (),
+        (1e3, "mm"),
+    ),
+    Quantity(
+        "reachable_share",
+        "reachable_share",
+        "1",
+        "share of the workspace in which some currents within the limit hold the payload",
+        (),
+        (100.0, "%"),
+    ),
+    Quantity("largest_flux_density", "iron", "T", "largest flux density of an element of the iron"),
+    Quantity(
+        "error_flux_density",
+        "error",
+        "1",
+        "estimated error of B in the workspace, relative to its largest value",
+        (),
+        (100.0, "%"),
+    ),
+    Quantity(
+        "error_gradient",
+        "error",
+        "1",
+        "estimated error of the gradient in the workspace, relative to its largest value",
+        (),
+        (100.0, "%"),
+    ),
+    Quantity("surface_faces", "error", "1", "faces of the mesh's surface"),
+)
+
+GROUPS = tuple(dict.fromkeys(quantity.group for quantity in QUANTITIES))
+NEED_PAYLOAD = frozenset({"force_per_ampere", "equilibrium", "equilibrium_area", "reach", "reachable_share"})
+NEED_LIMIT = frozenset({"reach", "reachable_share"})
+NEED_POINTS = frozenset({"field", "force_per_ampere"})
+
+
+def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
+    """The quantities of some groups, in the order of all.
+
+    >>> [quantity.name for quantity in recorded(("iron", "field"))]
+    ['flux_density', 'gradient', 'largest_flux_density']
+    """
+    return tuple(quantity for quantity in QUANTITIES if quantity.group in groups)

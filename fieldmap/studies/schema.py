@@ -1,0 +1,218 @@
+"""What a study file may hold: the tables of the TOML file, with their rules."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from fieldmap.device.findings import one_of, shown
+from fieldmap.device.schema.base import Name, Point, Positive, Table, Text, broken
+from fieldmap.studies.quantities import AXES, GROUPS
+
+FORMAT = 1
+LARGEST_CURRENT_A = 1e6
+
+AxisName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_]*$")]
+
+
+def _known_format(value: Any) -> Any:
+    if value != FORMAT or isinstance(value, bool):
+        remedy = "this version of fieldmap reads format 1 only: install the version that knows the file's"
+        raise broken("format must be 1", shown(value), remedy)
+    return value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _value(value: Any) -> Any:
+    """A number or a text: what a key of a device file can be set to."""
+    if not _is_number(value) and not (isinstance(value, str) and value):
+        raise broken("must be a finite number or a text", shown(value), "list plain values of the key")
+    return value
+
+
+def _amperes(value: Any) -> Any:
+    """One number for all coils, or one per coil, not all of them zero."""
+    if value is None:
+        return value
+    numbers = value if isinstance(value, list) else [value]
+    good = bool(numbers) and all(_is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers)
+    if not good or not any(numbers):
+        must_hold = "one number for all coils, or a list of one per coil, not all of them 0"
+        raise broken(must_hold, shown(value), "write for example amperes_A = 1.5")
+    return value
+
+
+def _permeability(value: Any) -> Any:
+    if value == "initial" or (_is_number(value) and value > 0):
+        return value
+    must_hold = '"initial" (the initial slope of the device\'s B-H table) or a positive relative permeability'
+    raise broken(must_hold, shown(value), 'write for example mu_r = "initial" or mu_r = 4000')
+
+
+def _quantity(value: Any) -> Any:
+    if value not in GROUPS:
+        raise broken(f"must be one of {one_of(list(GROUPS))}", shown(value), "choose from these")
+    return value
+
+
+Value = Annotated[Any, BeforeValidator(_value)]
+Amperes = Annotated[Any, BeforeValidator(_amperes)]
+
+
+class LinkedKeys(Table):
+    """Keys that follow a varied one: offset + factor * value."""
+
+    keys: Annotated[list[Text], Field(min_length=1)] = Field(description="key paths of the device file")
+    factor: float = Field(default=1.0, description="what the value is multiplied by")
+    offset: float = Field(default=0.0, description="what is added, in the unit of the key")
+
+
+class VaryKeys(Table):
+    """One axis of the grid of variants."""
+
+    name: AxisName = Field(description="name of the axis in tables and in the data set")
+    key: Text = Field(description='key path of the device file, for example "body.disk.radius_mm"')
+    values: Annotated[list[Value], Field(min_length=1)] = Field(description="the values that it takes")
+    linked: list[LinkedKeys] = Field(default=[], description="[[vary.linked]]: keys that follow")
+
+    @model_validator(mode="after")
+    def _one_kind_of_value(self) -> "VaryKeys":
+        texts = [isinstance(value, str) for value in self.values]
+        if any(texts) and not all(texts):
+            raise broken("values must be all numbers or all texts", shown(self.values), "separate them")
+        if len(set(self.values)) < len(self.values):
+            raise broken("every value must be listed once", shown(self.values), "remove the second one")
+        if self.linked and any(texts):
+            remedy = "leave [[vary.linked]] out, or write [[variant]] tables"
+            raise broken("keys can only follow numbers", shown(self.values), remedy)
+        return self
+
+
+class VariantKeys(Table):
+    """One variant by itself."""
+
+    name: Name = Field(description="name of the variant")
+    set: Annotated[dict[str, Value], Field(min_length=1)] = Field(description='"key.path" = value')
+
+
+class DivisionKeys(Table):
+    """Six currents by the division of one lift and two direction signals, thesis (6-2), (6-3)."""
+
+    u_A: Positive | None = Field(default=None, description="mean current; left out where it is looked for")
+    x: float = Field(default=0.0, description="direction signal along x")
+    y: float = Field(default=0.0, description="direction signal along y")
+    n: Positive = Field(default=1.0, description="how much more the two coils on the x axis follow x")
+
+
+class CurrentKeys(Table):
+    """One set of currents: given, or those that carry the payload at a place."""
+
+    name: Text = Field(description="name of the set")
+    amperes_A: Amperes = Field(default=None, description="one current for all coils, or one per coil")
+    shares: Amperes = Field(default=None, description="of each coil, where the currents are looked for")
+    division: DivisionKeys | None = Field(default=None, description="six currents of two direction signals")
+    carries_at_mm: Point | None = Field(default=None, description="where the currents carry the payload")
+
+    @model_validator(mode="after")
+    def _given_or_looked_for(self) -> "CurrentKeys":
+        divided = None if self.division is None else self.division.u_A
+        if self.carries_at_mm is None:
+            given = [self.amperes_A is not None, divided is not None]
+            if sum(given) != 1 or self.shares is not None:
+                must_hold = "a set of currents has amperes_A or a division with u_A, or carries_at_mm"
+                raise broken(must_hold, self._received(), "give one of them")
+        elif self.amperes_A is not None or divided is not None:
+            must_hold = "currents that carry the payload are looked for: only their shares can be given"
+            raise broken(must_hold, self._received(), "write shares, or a division without u_A")
+        elif self.shares is not None and self.division is not None:
+            raise broken("shares or a division", self._received(), "leave one of them out")
+        return self
+
+    def _received(self) -> str:
+        names = [key for key in type(self).model_fields if key != "name" and getattr(self, key) is not None]
+        return ", ".join(names) or "none of them"
+
+
+class IronKeys(Table):
+    """How the iron is modelled and how well it is solved."""
+
+    model: Literal["linear", "saturating"] = Field(
+        default="linear", description="constant permeability, or the B-H law of the device's materials"
+    )
+    mu_r: Annotated[Any, BeforeValidator(_permeability)] = Field(
+        default="initial", description='relative permeability of linear iron, or "initial"'
+    )
+    tolerance: Annotated[float, Field(gt=0, le=0.1)] = Field(default=1e-3, description="of the solver")
+    refinement: Annotated[float, Field(ge=0.1, le=10)] | None = Field(
+        default=None, description="divides the device's mesh sizes; 1 unless given"
+    )
+    accuracy: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        default=None, description="estimated error of B in the workspace at which refining stops"
+    )
+
+    @model_validator(mode="after")
+    def _one_that_chooses_the_mesh(self) -> "IronKeys":
+        if self.model == "saturating" and self.mu_r != "initial":
+            received = f"mu_r = {shown(self.mu_r)}"
+            raise broken("saturating iron follows its B-H law", received, "leave mu_r out")
+        if self.model == "linear" and self.accuracy is not None and self.refinement is not None:
+            must_hold = "with accuracy, the meshes of linear iron are chosen by their errors"
+            raise broken(must_hold, "accuracy and refinement", "leave one of them out")
+        return self
+
+
+class RecordKeys(Table):
+    """What is recorded of every variant at every set of currents."""
+
+    quantities: list[Annotated[str, BeforeValidator(_quantity)]] | None = Field(
+        default=None, description=f"of {', '.join(GROUPS)}; what the device allows if left out"
+    )
+    points_mm: list[Point] = Field(default=[], description="where field and force are recorded")
+    force_share: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.01, description="share of the weight that bounds the equilibrium area"
+    )
+    current_limit_A: Positive | None = Field(
+        default=None, description="of every coil; the driver's if left out"
+    )
+
+
+class StudyFile(Table):
+    """A study file."""
+
+    format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
+    title: Text = Field(description="one line about the study")
+    device: Text | None = Field(default=None, description="device file or name of a shipped device")
+    recipe: Text | None = Field(default=None, description="map recipe, whose device and iron are taken")
+    iron: IronKeys | None = Field(default=None, description="how the iron is modelled")
+    vary: list[VaryKeys] = Field(default=[], description="[[vary]]: all combinations of these values")
+    variant: list[VariantKeys] = Field(default=[], description="[[variant]]: one by one")
+    currents: Annotated[list[CurrentKeys], Field(min_length=1)] = Field(description="[[currents]] tables")
+    record: RecordKeys = Field(default=RecordKeys(), description="what is recorded")
+
+    @model_validator(mode="after")
+    def _one_of_each(self) -> "StudyFile":
+        for one, other in (("device", "recipe"), ("vary", "variant")):
+            there = [name for name in (one, other) if getattr(self, name)]
+            if len(there) != 1:
+                received = " and ".join(there) or "neither"
+                raise broken(f"a study has {one} or {other}", received, "give one of them")
+        if self.recipe is not None and self.iron is not None:
+            raise broken(
+                "iron is that of the recipe", "recipe and [iron]", "leave [iron] out, or name the device"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _names_of_their_own(self) -> "StudyFile":
+        for what in ("vary", "variant", "currents"):
+            names = [entry.name for entry in getattr(self, what)]
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise broken(f"every {what} needs a name of its own", one_of(twice), "rename one")
+        taken = [entry.name for entry in self.vary if entry.name in AXES]
+        if taken:
+            raise broken("the names of the data set's own axes are taken", one_of(taken), "rename it")
+        return self

@@ -1,0 +1,116 @@
+"""A study as data: variants of a device, sets of currents, and what is recorded of each."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.document import Document
+
+Array = NDArray[np.float64]
+Value = float | int | str
+
+_UNIT = re.compile(r"_(mm|deg|T_per_m|T|A_per_V|A_m2|A|V|ohm|mH|N_s_per_m|g_mm2|g)$")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One varied key: name in the data set, key path, values in the key's unit."""
+
+    name: str
+    key: str
+    values: tuple[Value, ...]
+
+    @property
+    def unit(self) -> str:
+        """The unit that is the last part of the key; "" for a text, "1" for a number without one.
+
+        >>> Axis("z", "body.disk.position_mm.3", (0.0,)).unit
+        'mm'
+        """
+        if isinstance(self.values[0], str):
+            return ""
+        words = [step for step in self.key.split(".") if not step.isdigit()]
+        found = _UNIT.search(words[-1]) if words else None
+        return found[1].replace("_per_", "/").replace("_", " ") if found else "1"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One device of the study: its device file with changed keys. place: index along each axis, or its number."""
+
+    name: str
+    place: tuple[int, ...]
+    settings: tuple[tuple[str, Value], ...]
+    document: Document
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentSet:
+    """Currents shares * c (n_coils,), whose magnitudes have the mean c. common: c in A, or None where it is looked for
+    so that they carry the payload at carried_at (3,), m."""
+
+    name: str
+    shares: Array
+    common: float | None
+    carried_at: Array | None
+
+
+@dataclass(frozen=True)
+class IronModel:
+    """How the iron is modelled: mu_r None for the initial slope of its law; accuracy None for one mesh as it is."""
+
+    saturating: bool
+    mu_r: float | None = None
+    tolerance: float = 1e-3
+    refinement: float = 1.0
+    accuracy: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What is recorded: groups of quantities, points (n, 3) in m, share of the weight, largest current in A."""
+
+    groups: tuple[str, ...]
+    points: Array
+    force_share: float
+    current_limit: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What to solve, in SI; path and text: the file as read. axes: varied keys; none with variants one by one.
+
+    device_document: the device file as it is. coil_names: in current order.
+    """
+
+    path: Path
+    text: str
+    title: str
+    axes: tuple[Axis, ...]
+    variants: tuple[Variant, ...]
+    current_sets: tuple[CurrentSet, ...]
+    iron: IronModel
+    record: Record
+    device_document: Document
+    coil_names: tuple[str, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of variants along each axis."""
+        return tuple(len(axis.values) for axis in self.axes) or (len(self.variants),)
+
+
+def setting_words(settings: dict[str, Any]) -> str:
+    """The changed keys in words.
+
+    >>> setting_words({"radius": 56.0, "steel": "soft"})
+    'radius = 56, steel = soft'
+    """
+    return ", ".join(
+        f"{name} = {value}" if isinstance(value, str) else f"{name} = {value:g}"
+        for name, value in settings.items()
+    )

@@ -1,0 +1,237 @@
+"""What a study records of one variant: its numbers at every set of currents, and the reasons where there are none."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.document import Document
+from fieldmap.device.model import Device, Payload, WorkspaceBox
+from fieldmap.device.reader import device_of
+from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.levitation import (
+    DifferencedField,
+    Equilibrium,
+    dipole_force,
+    find_equilibrium,
+    lift_current,
+    lift_current_nonlinear,
+)
+from fieldmap.studies.equilibrium_area import equilibrium_area
+from fieldmap.studies.reach import reach_height, reachable_share
+from fieldmap.studies.solved_iron import (
+    COARSER,
+    MOST_REFINEMENTS,
+    LinearIron,
+    SolvedIron,
+    refined_too_often,
+    solved_iron,
+)
+from fieldmap.studies.study import CurrentSet, IronModel, Record
+
+Array = NDArray[np.float64]
+Numbers = dict[str, Any]
+
+# Half the distance of the currents whose forces are differenced, relative.
+_STEP = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """All that is needed to solve one variant; made of plain data, so that another process can have it."""
+
+    document: Document
+    current_sets: tuple[CurrentSet, ...]
+    iron: IronModel
+    record: Record
+
+
+@dataclass(frozen=True)
+class Row:
+    """One variant at one set of currents: numbers by the name of their quantity, and what could not be found."""
+
+    numbers: Numbers
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class VariantResult:
+    """rows: one for each set of currents. assumptions: what the numbers rest on."""
+
+    rows: tuple[Row, ...]
+    assumptions: tuple[str, ...] = ()
+
+
+def solve_variant(task: Task) -> VariantResult:
+    """Solve one variant and take its numbers. What fails is a reason in the result, never an error."""
+    try:
+        device = device_of(task.document)
+        return _accurate(device, task)
+    except Exception as error:  # the other variants go on, whatever it was
+        reason = (_reason("variant", error),)
+        return VariantResult(tuple(Row({}, reason) for _ in task.current_sets))
+
+
+def _reason(what: str, error: Exception) -> str:
+    if isinstance(error, FieldmapError) and error.problems:
+        return f"{what}: {type(error).__name__}: " + " | ".join(str(problem) for problem in error.problems)
+    return f"{what}: {type(error).__name__}: {error}"
+
+
+def _accurate(device: Device, task: Task) -> VariantResult:
+    """The variant, its mesh refined until its estimated errors are within the accuracy that is asked for."""
+    model, refinement, errors = task.iron, task.iron.refinement, []
+    for _ in range(MOST_REFINEMENTS):
+        iron = solved_iron(device, model, refinement)
+        rows = tuple(_row(device, iron, entry, task.record) for entry in task.current_sets)
+        if model.accuracy is None or not model.saturating:
+            return VariantResult(rows, iron.assumptions)
+        found = [row.numbers["error_flux_density"] for row in rows if "error_flux_density" in row.numbers]
+        if not found or max(found) <= model.accuracy:
+            return VariantResult(rows, iron.assumptions)
+        errors.append(max(found))
+        refinement *= COARSER
+    raise refined_too_often(float(model.accuracy or 0.0), errors)
+
+
+def _row(device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> Row:
+    numbers: Numbers = {}
+    try:
+        point = _OperatingPoint(device, iron, entry, record)
+    except FieldmapError as error:
+        return Row({}, (_reason("currents", error),))
+    problems = []
+    for group in record.groups:
+        try:
+            numbers |= _GROUPS[group](point)
+        except FieldmapError as error:
+            problems.append(_reason(group, error))
+    return Row({name: _plain(value) for name, value in numbers.items()}, tuple(dict.fromkeys(problems)))
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+class _OperatingPoint:
+    """A solved variant at one set of currents: common current (A), currents (n_coils,)."""
+
+    def __init__(self, device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> None:
+        self.device, self.iron, self.entry, self.record = device, iron, entry, record
+        self.common = self._carrying() if entry.common is None else entry.common
+        self.currents = self.common * entry.shares
+        self._found: Equilibrium | FieldmapError | None = None
+
+    def _carrying(self) -> float:
+        payload, place, shares = self.payload, self.entry.carried_at, self.entry.shares
+        if self.iron.proportional:
+            return lift_current(self.levitation(shares), payload, place, shares).current  # type: ignore[arg-type]
+        first = self.record.current_limit or 1.0
+        return lift_current_nonlinear(self.levitation, payload, place, shares, first).current  # type: ignore[arg-type]
+
+    @property
+    def payload(self) -> Payload:
+        """The payload; the study's checks have seen to it that there is one."""
+        if self.device.payload is None:
+            raise InputError(Problem("payload", "must be there", "none", "add a [payload] table"))
+        return self.device.payload
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Corners of the box around the workspace, m."""
+        space = self.device.workspace
+        if space is None:
+            raise InputError(Problem("workspace", "must be there", "none", "add a [workspace] table"))
+        if isinstance(space, WorkspaceBox):
+            return space.lower, space.upper
+        reach = np.array([space.radius, space.radius, 0.0])
+        return space.base - reach, space.base + reach + [0.0, 0.0, space.height]
+
+    def levitation(self, currents: Array) -> DifferencedField:
+        """The field at these currents inside the workspace."""
+        return DifferencedField(self.iron.field_at(currents), *self.box)
+
+    def equilibrium(self) -> Equilibrium:
+        """Where these currents hold the payload; looked for once, and raised again if there is none."""
+        if self._found is None:
+            try:
+                field = self.levitation(self.currents)
+                self._found = find_equilibrium(field, self.currents, self.payload, self.entry.carried_at)
+            except FieldmapError as error:
+                self._found = error
+        if isinstance(self._found, FieldmapError):
+            raise self._found
+        return self._found
+
+
+def _currents(point: _OperatingPoint) -> Numbers:
+    return {"common_current": point.common, "current": point.currents}
+
+
+def _field(point: _OperatingPoint) -> Numbers:
+    field, at = point.iron.field_at(point.currents), point.record.points
+    return {"flux_density": field.field(at, point.currents), "gradient": field.gradient(at, point.currents)}
+
+
+def _force_per_ampere(point: _OperatingPoint) -> Numbers:
+    """(F(i + h) - F(i - h)) / 2h of an upward moment; exact where the force is proportional to the current."""
+    up = np.array([0.0, 0.0, point.payload.moment])
+    forces = []
+    for factor in (1.0 + _STEP, 1.0 - _STEP):
+        currents = factor * point.currents
+        gradient = point.iron.field_at(currents).gradient(point.record.points, currents)
+        forces.append(dipole_force(up, gradient))
+    return {"force_per_ampere": (forces[0] - forces[1]) / (2.0 * _STEP * point.common)}
+
+
+def _equilibrium(point: _OperatingPoint) -> Numbers:
+    found = point.equilibrium()
+    stiffness = {f"stiffness_{axis}": float(found.stiffness[k, k]) for k, axis in enumerate("xyz")}
+    return {"equilibrium": found.position} | stiffness
+
+
+def _area(point: _OperatingPoint) -> Numbers:
+    found, field = point.equilibrium(), point.levitation(point.currents)
+    return {"equilibrium_area": equilibrium_area(field, found, point.payload, point.record.force_share)}
+
+
+def _reach(point: _OperatingPoint) -> Numbers:
+    shares, limit = point.entry.shares, float(point.record.current_limit or 0.0)
+    currents = limit / np.abs(shares).max() * shares
+    over = 0.5 * (point.box[0] + point.box[1]) if point.entry.carried_at is None else point.entry.carried_at
+    return {"reach_height": reach_height(point.levitation(currents), currents, point.payload, over)}
+
+
+def _reachable_share(point: _OperatingPoint) -> Numbers:
+    iron, limit = point.iron, float(point.record.current_limit or 0.0)
+    if not isinstance(iron, LinearIron):
+        raise InputError(Problem("reachable_share", "linear iron", "saturating iron", "leave it out"))
+    return {"reachable_share": reachable_share(iron.solution, point.payload, *point.box, limit)}
+
+
+def _iron(point: _OperatingPoint) -> Numbers:
+    return {"largest_flux_density": point.iron.largest_flux_density(point.currents)}
+
+
+def _error(point: _OperatingPoint) -> Numbers:
+    error = point.iron.error(point.currents)
+    return {
+        "error_flux_density": error.flux_density,
+        "error_gradient": error.gradient,
+        "surface_faces": point.iron.surface_faces,
+    }
+
+
+_GROUPS: dict[str, Callable[[_OperatingPoint], Numbers]] = {
+    "currents": _currents,
+    "field": _field,
+    "force_per_ampere": _force_per_ampere,
+    "equilibrium": _equilibrium,
+    "equilibrium_area": _area,
+    "reach": _reach,
+    "reachable_share": _reachable_share,
+    "iron": _iron,
+    "error": _error,
+}

@@ -1,0 +1,125 @@
+"""Plots of a parameter study: every summary over the varied keys."""
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from fieldmap.studies.quantities import QUANTITIES, Quantity
+
+_LABELS = {
+    "common_current": "mean current",
+    "stiffness_x": "stiffness $k_x$",
+    "stiffness_y": "stiffness $k_y$",
+    "stiffness_z": "stiffness $k_z$",
+    "equilibrium_area": "equilibrium area",
+    "reach_height": "reach, lowest $z$",
+    "reachable_share": "reachable share of workspace",
+    "largest_flux_density": "largest $B$ in the iron",
+    "error_flux_density": "estimated error of $B$",
+    "error_gradient": "estimated error of $\\nabla B$",
+}
+_UNITS = {"N m-1": "N/m", "mm2": "mm²", "1": ""}
+_STYLES = ("-", "--", ":", "-.")
+_MARKERS = "osD^v"
+_PANEL = (3.1, 2.5)
+_COLUMNS = 3
+
+
+def save_study_plot(data: Any, path: str | Path) -> Path | None:
+    """Draw every summary without axes of its own of a study's data set (xarray.Dataset) into a PNG file.
+
+    The first varied key is the abscissa, the second the colour, all others and the currents the line style; variants
+    listed one by one stand side by side. Returns the path, or None if there is no summary to draw.
+    """
+    shown = [
+        q for q in QUANTITIES if q.name in _LABELS and q.name in data and np.isfinite(data[q.name]).any()
+    ]
+    if not shown:
+        return None
+    figure = study_figure(data, shown)
+    figure.savefig(Path(path))
+    return Path(path)
+
+
+def study_figure(data: Any, shown: list[Quantity]) -> Figure:
+    """The figure with one panel for each quantity."""
+    columns = min(_COLUMNS, len(shown))
+    rows = -(-len(shown) // columns)
+    size = (_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9)
+    figure = Figure(figsize=size, layout="constrained", dpi=130)
+    FigureCanvasAgg(figure)
+    abscissa = (
+        data["common_current"].dims[0] if "common_current" in data else next(iter(data[shown[0].name].dims))
+    )
+    for k, quantity in enumerate(shown):
+        axes = figure.add_subplot(rows, columns, k + 1)
+        _panel(axes, data, quantity, abscissa)
+    handles, labels = axes.get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(3, len(labels)), fontsize=8, frameon=False
+        )
+    figure.suptitle(data.attrs.get("title", ""), fontsize=10)
+    return figure
+
+
+def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
+    factor = quantity.printed[0]
+    along = data[abscissa].values
+    numbers = along.dtype.kind in "fiu"
+    x = along if numbers else np.arange(len(along))
+    for line, colour, style, marker, label in _lines(data, quantity.name, abscissa):
+        axes.plot(x, factor * line, style, marker=marker, markersize=4, color=colour, label=label)
+    unit = _UNITS.get(quantity.printed_unit, quantity.printed_unit)
+    axes.set_ylabel(_LABELS[quantity.name] + (f" ({unit})" if unit else ""), fontsize=8)
+    axes.set_xlabel(_with_unit(data, abscissa), fontsize=8)
+    if not numbers:
+        axes.set_xticks(x, [str(text) for text in along], rotation=30, ha="right")
+    axes.tick_params(labelsize=8)
+    axes.grid(color="0.92")
+    axes.margins(y=0.12)
+
+
+def _lines(data: Any, name: str, abscissa: str) -> Iterator[tuple[Any, Any, str, str, str]]:
+    """Values, colour, style, marker and label of every line of a panel."""
+    variable = data[name]
+    others = [axis for axis in variable.dims if axis != abscissa]
+    coloured = others[0] if len(others) > 1 else None
+    styled = [axis for axis in others if axis != coloured]
+    count = len(data[coloured]) if coloured else 1
+    # Perceptually uniform, without the light end that does not show on white.
+    shades = colormaps["viridis"](np.linspace(0.0, 0.82, count))
+    combinations = list(itertools.product(*(range(len(data[axis])) for axis in styled)))
+    for j, places in enumerate(combinations):
+        for k in range(count):
+            at = dict(zip(styled, places, strict=True)) | ({coloured: k} if coloured else {})
+            words = [_named(data, axis, k) for axis, k in at.items() if len(data[axis]) > 1]
+            shade = shades[k] if coloured else colormaps["viridis"](0.82 * j / max(len(combinations) - 1, 1))
+            yield (
+                variable.isel(at).transpose(abscissa).values,
+                shade,
+                _STYLES[j % len(_STYLES)],
+                _MARKERS[j % len(_MARKERS)],
+                ", ".join(reversed(words)),
+            )
+
+
+def _named(data: Any, axis: str, k: int) -> str:
+    value = data[axis].values[k]
+    if axis == "currents":
+        return f"currents {value}"
+    unit = data[axis].attrs.get("units", "")
+    shown = str(value) if isinstance(value, str) else f"{value:g}"
+    return f"{axis} {shown} {unit if unit != '1' else ''}".strip()
+
+
+def _with_unit(data: Any, axis: str) -> str:
+    unit = data[axis].attrs.get("units", "")
+    return f"{axis} ({unit})" if unit not in ("", "1") else str(axis)

@@ -1,0 +1,158 @@
+"""Small devices whose answers are known in closed form, and studies of them."""
+
+import textwrap
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.special import eval_legendre
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of its own imports
+    import xarray  # noqa: F401
+
+LOOP = """
+format = 1
+name = "thin_loop"
+title = "A thin loop above a small magnet"
+
+[[coil]]
+name = "loop"
+kind = "circular"
+inner_radius_mm = 43.5
+outer_radius_mm = 44.5
+height_mm = 1.0
+turns = 1000
+position_mm = [0.0, 0.0, 0.0]
+
+[payload]
+mass_g = 10.0
+moment_A_m2 = 0.8
+
+[driver]
+gain_A_per_V = 1.0
+current_limit_A = 3.0
+
+[workspace]
+shape = "box"
+lower_mm = [-12.0, -12.0, -124.0]
+upper_mm = [12.0, 12.0, -40.0]
+"""
+
+SPHERE = """
+format = 1
+name = "sphere"
+title = "An iron sphere below a loop, coarse"
+
+[material.iron]
+kind = "froehlich"
+mu_r = 1000.0
+saturation_polarisation_T = 1.5
+
+[[body]]
+name = "sphere"
+material = "iron"
+shape = "sphere"
+radius_mm = 10.0
+mesh_size_mm = 4.0
+
+[[coil]]
+name = "loop"
+kind = "circular"
+inner_radius_mm = 29.5
+outer_radius_mm = 30.5
+height_mm = 1.0
+turns = 100
+position_mm = [0.0, 0.0, 25.0]
+
+[workspace]
+shape = "box"
+lower_mm = [-8.0, -8.0, -24.0]
+upper_mm = [8.0, 8.0, -12.0]
+"""
+
+GRID = """
+format = 1
+title = "Turns and radius"
+device = "sphere.toml"
+
+[[vary]]
+name = "turns"
+key = "coil.loop.turns"
+values = [100, 250]
+
+[[vary]]
+name = "radius"
+key = "body.sphere.radius_mm"
+values = [8.0, 10.0]
+
+[[currents]]
+name = "one"
+amperes_A = 1.0
+
+[record]
+quantities = ["currents", "field", "iron"]
+points_mm = [[0, 0, -14], [3, 0, -20]]
+"""
+
+
+@pytest.fixture(scope="session")
+def devices(tmp_path_factory):
+    """A folder with both devices, and `study(name, text)`, which writes a study file there."""
+    folder = tmp_path_factory.mktemp("studies")
+    (folder / "thin_loop.toml").write_text(LOOP)
+    (folder / "sphere.toml").write_text(SPHERE)
+
+    def study(name, text):
+        path = folder / name
+        path.write_text(textwrap.dedent(text))
+        return path
+
+    return SimpleNamespace(
+        folder=folder, study=study, loop=folder / "thin_loop.toml", sphere=folder / "sphere.toml"
+    )
+
+
+@pytest.fixture(scope="session")
+def grid(devices):
+    """Path of a 2 x 2 study of the sphere."""
+    return devices.study("grid.toml", GRID)
+
+
+@pytest.fixture(scope="session")
+def sphere_below_loop():
+    """B_z on the axis below the sphere per ampere and turn, in closed form."""
+    return _sphere_below_loop
+
+
+LOOP_RADIUS, LOOP_HEIGHT = 0.03, 0.025
+
+
+def _sphere_below_loop(depth, radius, mu_r, terms=60):
+    """B_z on the axis, `depth` below the sphere's centre, per ampere and turn: the series of geometry/loop_and_sphere.
+
+    Averaged over the winding's 1 mm x 1 mm section by Gauss-Legendre quadrature.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    total = 0.0
+    for u, wu in zip(nodes, weights, strict=True):
+        for v, wv in zip(nodes, weights, strict=True):
+            a, h = LOOP_RADIUS + 0.5e-3 * u, LOOP_HEIGHT + 0.5e-3 * v
+            total += 0.25 * wu * wv * _filament(depth, radius, mu_r, a, h, terms)
+    return total
+
+
+def _filament(depth, radius, mu_r, a, h, terms):
+    d, cosine = np.hypot(a, h), h / np.hypot(a, h)
+    own = mu_0 * a**2 / (2 * (a**2 + (h + depth) ** 2) ** 1.5)
+    iron = 0.0
+    for n in range(1, terms):
+        slope = n * (eval_legendre(n - 1, cosine) - cosine * eval_legendre(n, cosine)) / (1 - cosine**2)
+        sine = np.sqrt(1 - cosine**2)
+        b = -n * (mu_r - 1) / (n * mu_r + n + 1)
+        # psi = -(sin/2) sum (1/n) P_n^1 b_n R^(2n+1) / (d^n r^(n+1)) P_n(cos theta); H_z = d psi / dr at theta = pi.
+        radial = -(n + 1) * radius ** (2 * n + 1) / (d**n * depth ** (n + 2))
+        iron += -(sine / 2) * (1 / n) * (sine * slope) * b * radial * (-1) ** n
+    return own + mu_0 * iron

@@ -1,0 +1,179 @@
+"""What levitates a magnet under a loop in air, against the field on a loop's axis; the six-coil unit against a linear
+program."""
+
+import numpy as np
+import pytest
+from scipy.constants import g, mu_0
+from scipy.optimize import brentq, linprog
+
+import fieldmap as fm
+from fieldmap.errors import FieldmapError, Infeasible
+from fieldmap.levitation import DifferencedField, find_equilibrium
+from fieldmap.studies import run_study
+from fieldmap.studies.equilibrium_area import equilibrium_area
+from fieldmap.studies.reach import reach_height, reachable_share
+
+A, WEIGHT, MOMENT = 0.044, 0.010 * g, 0.8
+
+STUDY = """
+format = 1
+title = "Turns of a loop that carries a magnet"
+device = "thin_loop.toml"
+
+[[vary]]
+name = "turns"
+key = "coil.loop.turns"
+values = [500, 1000]
+
+[[currents]]
+name = "carries"
+carries_at_mm = [0, 0, -90]
+
+[[currents]]
+name = "2 A"
+amperes_A = 2.0
+
+[record]
+points_mm = [[0, 0, -90]]
+"""
+
+
+def slope(z, turns):
+    """dBz/dz on the axis of a loop per ampere."""
+    return -1.5 * mu_0 * turns * A**2 * z * (A**2 + z**2) ** -2.5
+
+
+def curvature(z, turns):
+    """d2Bz/dz2 on the axis."""
+    return -1.5 * mu_0 * turns * A**2 * ((A**2 + z**2) ** -2.5 - 5 * z**2 * (A**2 + z**2) ** -3.5)
+
+
+@pytest.fixture(scope="module")
+def run(devices, tmp_path_factory):
+    return run_study(devices.study("loop.toml", STUDY), tmp_path_factory.mktemp("loop") / "loop.nc")
+
+
+@pytest.mark.parametrize("turns", [500, 1000])
+def test_lift_current_stiffness_and_area(run, turns):
+    at = run.data.sel(turns=turns, currents="carries")
+    current = WEIGHT / (MOMENT * slope(-0.09, turns))
+    assert float(at.common_current) == pytest.approx(current, rel=1e-4)
+    np.testing.assert_allclose(at.force_per_ampere[0], [0, 0, WEIGHT / current], rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(at.equilibrium, [0, 0, -0.09], atol=1e-9)
+    vertical = -MOMENT * current * curvature(-0.09, turns)
+    assert float(at.stiffness_z) == pytest.approx(vertical, rel=1e-4)
+    # A vertical dipole in a harmonic field: the three stiffnesses add up to nothing (Earnshaw).
+    for axis in "xy":
+        assert float(at[f"stiffness_{axis}"]) == pytest.approx(-vertical / 2, rel=1e-4)
+    # While force is proportional to displacement, pi (f m g)^2 / (k_x k_y); here f = 1 %.
+    ellipse = np.pi * (0.01 * WEIGHT / (vertical / 2)) ** 2
+    assert float(at.equilibrium_area) == pytest.approx(ellipse, rel=2e-3)
+
+
+def test_given_currents_have_their_own_equilibrium(run):
+    at = run.data.sel(turns=1000, currents="2 A")
+    z = brentq(lambda z: 2.0 * MOMENT * slope(z, 1000) - WEIGHT, -0.124, -0.05)
+    np.testing.assert_allclose(at.equilibrium, [0, 0, z], atol=2e-6)
+    assert float(at.common_current) == 2.0
+
+
+def test_reach_is_where_the_limit_lifts_the_weight(run):
+    for turns in (500, 1000):
+        z = brentq(lambda z, n=turns: 3.0 * MOMENT * slope(z, n) - WEIGHT, -0.2, -0.05)
+        for name in ("carries", "2 A"):
+            assert float(run.data.reach_height.sel(turns=turns, currents=name)) == pytest.approx(
+                max(z, -0.124), rel=2e-5
+            )
+
+
+def test_more_turns_do_what_more_current_does(run):
+    common = run.data.common_current.sel(currents="carries")
+    assert float(common.sel(turns=500)) == pytest.approx(2 * float(common.sel(turns=1000)), rel=1e-9)
+    for name in ("stiffness_z", "equilibrium_area", "force_per_ampere"):
+        few, many = (run.data[name].sel(turns=turns, currents="carries").values for turns in (500, 1000))
+        np.testing.assert_allclose(
+            few, many * (0.5 if name == "force_per_ampere" else 1.0), rtol=1e-6, atol=1e-12
+        )
+
+
+class Springs:
+    """A field whose force on a unit moment is F = (-k_x x, -k_y y, w - k_z z), harmonic; b bends the force along x."""
+
+    coil_names = ("one",)
+    lower, upper = np.full(3, -0.05), np.full(3, 0.05)
+
+    def __init__(self, kx, ky, weight, b=0.0):
+        self.k, self.weight, self.b = np.array([kx, ky, -kx - ky]), weight, b
+
+    def gradient(self, points, currents):
+        x = np.atleast_2d(points)
+        out = np.zeros((len(x), 3, 3))
+        out[:, 2] = -self.k * x
+        out[:, 2, 0] += self.b * (x[:, 0] ** 2 - x[:, 1] ** 2)
+        out[:, 2, 1] += -2 * self.b * x[:, 0] * x[:, 1]
+        out[:, 2, 2] += self.weight
+        return out
+
+    def field(self, points, currents):
+        return np.ones((len(np.atleast_2d(points)), 3))
+
+
+def area(springs, share):
+    device = fm.read_device("drive_unit")
+    payload = type(device.payload)(mass=springs.weight / g, moment=1.0)
+    field = DifferencedField(springs, springs.lower, springs.upper)
+    found = find_equilibrium(field, [1.0], payload, start=[0, 0, 0])
+    return equilibrium_area(field, found, payload, share)
+
+
+def test_area_of_springs_is_an_ellipse():
+    assert area(Springs(2.0, 3.0, 0.1), 0.05) == pytest.approx(np.pi * 0.005**2 / 6.0, rel=1e-4)
+    assert area(Springs(0.5, 3.0, 0.1), 0.05) == pytest.approx(np.pi * 0.005**2 / 1.5, rel=1e-3)
+
+
+def test_area_of_bent_springs_is_that_of_a_fine_grid():
+    bent = Springs(2.0, 2.0, 0.1, b=150.0)
+    edge = np.linspace(-0.012, 0.012, 1201)
+    x, y = np.meshgrid(edge, edge, indexing="ij")
+    force = bent.gradient(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]), None)[:, 2, :2]
+    inside = (np.linalg.norm(force, axis=1) < 0.004).reshape(x.shape)
+    counted = inside[np.hypot(x, y) < 0.008].sum() * (edge[1] - edge[0]) ** 2
+    assert area(bent, 0.04) == pytest.approx(counted, rel=5e-3)
+
+
+def test_no_area_without_horizontal_stability_or_room():
+    with pytest.raises(FieldmapError, match="stable in the horizontal plane"):
+        area(Springs(-1.0, 3.0, 0.1), 0.05)
+    with pytest.raises(FieldmapError, match="workspace"):
+        area(Springs(0.05, 0.05, 0.1), 0.1)
+
+
+def test_reach_says_how_much_is_missing(devices):
+    device = fm.read_device(devices.loop)
+    field = DifferencedField(fm.solve_linear(device), device.workspace.lower, device.workspace.upper)
+    with pytest.raises(Infeasible, match=r"0\.\d+ of the weight at most, with 0\.01 A"):
+        reach_height(field, np.array([0.01]), device.payload, np.zeros(3))
+    assert reach_height(field, np.array([100.0]), device.payload, np.zeros(3)) == device.workspace.lower[2]
+
+
+def six_loops(limit):
+    """Six air coils on a ring, and the share of the workspace in which a linear program finds currents."""
+    device = fm.read_device("drive_unit_a3")
+    unit = fm.solve_linear(type(device)(name="air", title="air", coils=device.coils))
+    lower, upper = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
+    axes = [a + (np.arange(n) + 0.5) / n * (b - a) for a, b, n in zip(lower, upper, (7, 7, 9), strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    rows = device.payload.moment * unit.unit_fields(points)[1][:, :, 2, :]
+    wanted = np.array([0.0, 0.0, device.payload.mass * g])
+    held = [
+        linprog(np.zeros(6), A_eq=1e3 * rows[:, k].T, b_eq=1e3 * wanted, bounds=[(-limit, limit)] * 6).status
+        == 0
+        for k in range(0, len(points))
+    ]
+    return reachable_share(unit, device.payload, lower, upper, limit), float(np.mean(held))
+
+
+def test_reachable_share_is_that_of_linear_programs():
+    ours, theirs = six_loops(12.0)
+    assert ours == theirs
+    assert 0.1 < ours < 0.9

@@ -1,0 +1,165 @@
+"""Runs that are killed, variants that fail, and what is asked of the place of the output."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray
+
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.studies import read_study, run_study
+from fieldmap.studies.fingerprint import fingerprint
+from fieldmap.studies.journal import Journal, journal_path
+
+RUN = """
+import os, signal, sys
+from fieldmap.studies import run_study
+
+study, target, moment = sys.argv[1:]
+
+def tell(text, share):
+    print(text, flush=True)
+    if moment and moment in text:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+run_study(study, target, progress=tell)
+"""
+
+
+def run(study, target, moment=""):
+    command = [sys.executable, "-c", RUN, str(study), str(target), moment]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def all_numbers(path):
+    with xarray.open_dataset(path, engine="h5netcdf") as data:
+        return {
+            name: data[name].values.tobytes()
+            for name in [*data.data_vars, *data.coords]
+            if data[name].dtype != "O"
+        }
+
+
+@pytest.fixture(scope="module")
+def whole(grid, tmp_path_factory):
+    """The study without a break, each number from the kernels' cache as in the runs that are killed."""
+    target = tmp_path_factory.mktemp("whole") / "grid.nc"
+    done = run(grid, target)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def test_resumed_after_kills(grid, whole, tmp_path):
+    target = tmp_path / "grid.nc"
+    for moment in ("variant 2 of", "variant 4 of"):
+        killed = run(grid, target, moment)
+        assert killed.returncode == -signal.SIGKILL, killed.stderr
+        assert not target.exists()
+    # What a kill in the middle of a line leaves.
+    with journal_path(target).open("a") as stream:
+        stream.write('{"variant": 3, "rows": [{"numb')
+    resumed = run(grid, target)
+    assert resumed.returncode == 0, resumed.stderr
+    said = resumed.stdout.splitlines()
+    assert said[0] == "resumed with 3 of 4 variants"
+    assert [text for text in said if text.startswith("variant")] == [
+        "variant 4 of 4: turns = 250, radius = 10"
+    ]
+    assert target.with_suffix(".csv").read_bytes() == whole.with_suffix(".csv").read_bytes()
+    assert all_numbers(target) == all_numbers(whole)
+
+
+def test_another_study_is_not_resumed(grid, whole, tmp_path):
+    """Neither one of other values, nor one of another device under the same name."""
+    same = tmp_path / "grid.toml"
+    same.write_text(grid.read_text())
+    (tmp_path / "sphere.toml").write_text((grid.parent / "sphere.toml").read_text())
+    prints = [fingerprint(read_study(grid)), fingerprint(read_study(same))]
+    assert prints[0] == prints[1]
+    (tmp_path / "sphere.toml").write_text((grid.parent / "sphere.toml").read_text().replace("4.0", "5.0"))
+    prints.append(fingerprint(read_study(same)))
+    same.write_text(grid.read_text().replace("[8.0, 10.0]", "[9.0]"))
+    prints.append(fingerprint(read_study(same)))
+    assert len(set(prints)) == 3
+    for number, there in ((prints[0], 4), (prints[2], 0), (prints[3], 0)):
+        journal_path(tmp_path / "copy.nc").write_bytes(journal_path(whole).read_bytes())
+        with Journal(tmp_path / "copy.nc", number, resume=True, retry=False) as journal:
+            assert len(journal.done) == there
+
+
+FAILING = """
+format = 1
+title = "The second sphere reaches into the workspace"
+device = "sphere.toml"
+vary = [{ name = "radius", key = "body.sphere.radius_mm", values = [10.0, 13.0] }]
+currents = [{ name = "one", amperes_A = 1.0 }, { name = "two", amperes_A = 2.0 }]
+record = { quantities = ["field"], points_mm = [[0, 0, -20]] }
+"""
+
+
+def test_a_failed_variant_is_recorded_and_the_rest_goes_on(devices, tmp_path):
+    study = devices.study("failing.toml", FAILING)
+    done = run_study(study, tmp_path / "failing.nc")
+    assert list(done.failed) == ["radius = 13"]
+    assert np.isfinite(done.data.flux_density.sel(radius=10.0)).all()
+    assert np.isnan(done.data.flux_density.sel(radius=13.0)).all()
+    with xarray.open_dataset(done.path, engine="h5netcdf") as data:
+        reason = data.problem.sel(radius=13.0, currents="two").item()
+        assert "GeometryError" in reason
+        assert "workspace" in reason
+        assert (data.problem.sel(radius=10.0) == "").all()
+    assert "GeometryError" in done.table.read_text().splitlines()[3]
+    # Kept like any other, and solved again only when asked to.
+    said: list[str] = []
+    run_study(study, tmp_path / "failing.nc", progress=lambda text, _: said.append(text))
+    assert not any(text.startswith("variant") for text in said)
+    run_study(study, tmp_path / "failing.nc", retry=True, progress=lambda text, _: said.append(text))
+    assert [text for text in said if text.startswith("variant")] == ["variant 2 of 2: radius = 13"]
+
+
+def test_what_cannot_be_found_is_the_only_thing_missing(devices, tmp_path):
+    text = """
+    format = 1
+    title = "Too little current for an equilibrium"
+    device = "thin_loop.toml"
+    vary = [{ name = "turns", key = "coil.loop.turns", values = [1000] }]
+    currents = [{ name = "faint", amperes_A = 0.001 }]
+    record = { points_mm = [[0, 0, -90]] }
+    """
+    done = run_study(devices.study("faint.toml", text), tmp_path / "faint.nc")
+    at = done.data.isel(turns=0, currents=0)
+    assert np.isfinite(at.flux_density).all()
+    assert np.isnan(at.stiffness_z)
+    reasons = at.problem.item().split(" || ")
+    assert [reason.split(":")[0] for reason in reasons] == ["equilibrium", "equilibrium_area"]
+    assert "balance the weight" in reasons[0]
+
+
+def test_the_place_of_the_output(grid, tmp_path):
+    with pytest.raises(InputError, match=r"ends in \.nc"):
+        run_study(grid, tmp_path / "grid.csv")
+    (tmp_path / "folder.nc").mkdir()
+    with pytest.raises(InputError, match="a directory"):
+        run_study(grid, tmp_path / "folder.nc")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="can be written"):
+        run_study(grid, tmp_path / "file" / "grid.nc")
+
+
+def test_missing_libraries_are_named_with_their_extra(grid, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    with pytest.raises(FieldmapError, match=r'pip install "fieldmap\[studies\]"'):
+        run_study(grid, tmp_path / "grid.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_journal_that_is_none_is_begun_anew(grid, whole, tmp_path):
+    target = tmp_path / "grid.nc"
+    lines = journal_path(whole).read_text().splitlines()
+    for broken in ("", "no json\n", json.dumps({"fieldmap_study": 1}) + "\n", lines[0] + "\n{]\n"):
+        journal_path(target).write_text(broken)
+        with Journal(target, json.loads(lines[0])["fingerprint"], True, False) as journal:
+            assert journal.done == {}
