@@ -4,6 +4,7 @@ Depends on: errors, store, lookup. Never on the rooms that make maps.
 """
 
 from fieldmap.adapters.c_map import c_header, write_c_map
+from fieldmap.adapters.csv_map import write_csv
 from fieldmap.adapters.mag_manip import read_mag_manip, write_mag_manip
 from fieldmap.adapters.measured_map import FitReport, MeasuredMap, fit_map
 from fieldmap.adapters.measurements import Measurements, read_measurements
@@ -20,6 +21,7 @@ __all__ = [
     "read_mag_manip",
     "read_measurements",
     "write_c_map",
+    "write_csv",
     "write_mag_manip",
     "write_whole",
 ]

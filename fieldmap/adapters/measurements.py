@@ -19,6 +19,7 @@ _UNITS = {"m": 1.0, "mm": 1e-3, "A": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6}
 _PLACE = re.compile(r"([xyz])_(mm|m)")
 _FLUX = re.compile(r"B([xyz])_(T|mT|uT)")
 _CURRENT = re.compile(r"I_(.+)_A")
+_GRADIENT = re.compile(r"dB[xyz]_d[xyz]_T_per_m")
 _MOST_PROBLEMS = 20
 
 
@@ -55,14 +56,17 @@ def read_measurements(path: str | PathLike[str]) -> Measurements:
 
         x_mm, y_mm, z_mm (or _m), I_NAME_A for every coil, Bx_mT, By_mT, Bz_mT (or _T, _uT)
 
-    in any order; the unit is the last part of the name. Raises InputError with every mistake of the file at once, and
-    its line.
+    in any order; the unit is the last part of the name. Lines that begin with # are remarks. Columns of a gradient
+    (dBx_dy_T_per_m), which `write_csv` adds, are not read: a fit has its own. Raises InputError with every mistake of
+    the file at once, and its line.
     """
     source = Path(path)
     try:
         with source.open(newline="", encoding="utf-8-sig") as stream:
             rows = [
-                (k, row) for k, row in enumerate(csv.reader(stream), 1) if any(cell.strip() for cell in row)
+                (k, row)
+                for k, row in enumerate(csv.reader(stream), 1)
+                if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
             ]
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(Problem(str(source), "must be a CSV file", str(error), "check the name")) from None
@@ -86,6 +90,8 @@ def _columns(source: Path, header: list[str]) -> tuple[dict[str, int], dict[str,
     scales, unknown, double = np.ones(len(header)), [], []
     for k, name in enumerate(header):
         flux, place, current = _FLUX.fullmatch(name), _PLACE.fullmatch(name), _CURRENT.fullmatch(name)
+        if _GRADIENT.fullmatch(name):
+            continue
         key = f"B{flux[1]}" if flux else place[1] if place else current[1] if current else None
         table = coils if current else places
         if key is None:

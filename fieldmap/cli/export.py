@@ -1,4 +1,4 @@
-"""`fieldmap export`: a map for programs that are not Python."""
+"""`fieldmap export`: a map for other programs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,54 +6,89 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from fieldmap.lookup import FieldAtCurrents, FieldMap
+    from numpy.typing import NDArray
+
+    from fieldmap.lookup import FieldMap
+
+# What each format takes of --kind, --currents and --outside; a table on the nodes is the same in every form.
+FORMATS = {
+    "c": ("--kind", "--currents", "--outside"),
+    "csv": ("--currents",),
+    "mag-manip": (),
+    "vti": ("--currents",),
+}
 
 
 def export(
     source: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
     to: Annotated[
-        str, typer.Option("--to", metavar="NAME", help="c: one flat file, and its header. mag-manip: YAML.")
+        str,
+        typer.Option(
+            "--to",
+            metavar="NAME",
+            help="c: one flat file, and its header. csv: a table. vti: VTK image data. mag-manip: YAML.",
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")],
     kind: Annotated[
-        str, typer.Option("--kind", metavar="NAME", help="harmonic (per cell) or global (a few kB).")
+        str, typer.Option("--kind", metavar="NAME", help="For c: harmonic (per cell) or global (a few kB).")
     ] = "harmonic",
     currents: Annotated[
         list[str] | None,
-        typer.Option("--currents", metavar="A[,A...]", help="Fixed: one per coil, or one for all."),
+        typer.Option(
+            "--currents", metavar="A[,A...]", help="Fixed: one per coil, or one for all; else coil by coil."
+        ),
     ] = None,
     outside: Annotated[
-        str, typer.Option("--outside", metavar="RULE", help="What a point outside gives: nan or clamp.")
+        str,
+        typer.Option("--outside", metavar="RULE", help="For c: what a point outside gives: nan or clamp."),
     ] = "nan",
 ) -> None:
     """Write a map for other programs."""
     from fieldmap.cli.numbers import parse_currents
     from fieldmap.cli.opening import check_map_path
-    from fieldmap.errors import InputError, Problem
     from fieldmap.lookup import open_map
 
-    if to not in ("c", "mag-manip"):
-        raise InputError(Problem("--to", "must be c or mag-manip", to, "choose one that exists"))
-    if to == "mag-manip" and (kind != "harmonic" or currents or outside != "nan"):
-        received = "--kind, --currents or --outside with mag-manip"
-        raise InputError(Problem("--to", "must be c for these", received, "leave them out"))
+    given = {"--kind": kind != "harmonic", "--currents": bool(currents), "--outside": outside != "nan"}
+    _check(to, [option for option, there in given.items() if there])
     opened = open_map(check_map_path(source), kind, outside)
-    field = opened if not currents else opened.at(parse_currents(currents, opened.coil_names))
-    for path in _write_c(field, output) if to == "c" else _write_mag_manip(opened, output):
+    amperes = parse_currents(currents, opened.coil_names) if currents else None
+    for path in _write(to, opened, output, amperes):
         print(path)
 
 
-def _write_mag_manip(field: "FieldMap", output: Path) -> tuple[Path]:
-    from fieldmap.adapters import write_mag_manip
+def _check(to: str, given: list[str]) -> None:
+    from fieldmap.errors import InputError, Problem
 
-    return (write_mag_manip(field, output),)
+    if to not in FORMATS:
+        raise InputError(
+            Problem("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one that exists")
+        )
+    wrong = [option for option in given if option not in FORMATS[to]]
+    if wrong:
+        received = f"{', '.join(wrong)} with {to}"
+        raise InputError(
+            Problem("--to", "must be a format that knows these options", received, "leave them out")
+        )
 
 
-def _write_c(field: "FieldMap | FieldAtCurrents", output: Path) -> tuple[Path, Path]:
+def _write(to: str, field: "FieldMap", output: Path, currents: "NDArray | None") -> tuple[Path, ...]:
+    if to == "vti":
+        from fieldmap.view.vti import write_vti
+
+        return (write_vti(field, output, currents),)
+    if to == "c":
+        return _write_c(field, output, currents)
+    from fieldmap.adapters import write_csv, write_mag_manip
+
+    return (write_csv(field, output, currents) if to == "csv" else write_mag_manip(field, output),)
+
+
+def _write_c(field: "FieldMap", output: Path, currents: "NDArray | None") -> tuple[Path, Path]:
     """The map, and the header beside it."""
     from fieldmap.adapters import c_header, write_c_map, write_whole
 
-    path = write_c_map(field, output)
+    path = write_c_map(field if currents is None else field.at(currents), output)
     header = path.with_name(c_header().name)
     write_whole(header, c_header().read_bytes())
     return path, header

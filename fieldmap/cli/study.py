@@ -24,8 +24,12 @@ def study(
     ] = True,
     retry: Annotated[bool, typer.Option("--retry", help="Solve the variants again that failed.")] = False,
     workers: Annotated[
-        int, typer.Option("--workers", metavar="N", min=1, help="Variants solved at a time.")
+        int, typer.Option("--workers", metavar="N", min=1, help="Processes on this machine.")
     ] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", metavar="ADDRESS", help="A dask scheduler, whose workers solve."),
+    ] = None,
     plot: Annotated[
         bool, typer.Option("--plot/--no-plot", help="Draw every summary over the varied keys.")
     ] = True,
@@ -40,7 +44,7 @@ def study(
     refuse_directory(file)
     try:
         with Progress("study") as progress:
-            run = run_study(file, output, resume, retry, workers, progress)
+            run = run_study(file, output, resume, retry, workers, progress, scheduler)
     except KeyboardInterrupt:
         print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
         raise

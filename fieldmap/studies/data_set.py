@@ -97,7 +97,9 @@ def _axis_attributes(axis: Axis) -> dict[str, str]:
 
 
 def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str]:
-    carried = NEED_PAYLOAD & set(study.record.groups) or any(entry.common is None for entry in study.current_sets)
+    carried = NEED_PAYLOAD & set(study.record.groups) or any(
+        entry.common is None for entry in study.current_sets
+    )
     assumed = dict.fromkeys(text for result in results for text in result.assumptions)
     device = device_of(study.device_document)
     limit = study.record.current_limit

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.parallel import Workers
 from fieldmap.studies.data_set import csv_text, data_set, require_xarray, write_netcdf
 from fieldmap.studies.fingerprint import fingerprint
 from fieldmap.studies.journal import Journal
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.study import Study
-from fieldmap.studies.summary import Task, VariantResult, solve_variant
+from fieldmap.studies.summary import Row, Task, VariantResult, solve_variant
 
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
@@ -38,13 +39,14 @@ def run_study(
     retry: bool = False,
     workers: int = 1,
     progress: Progress | None = None,
+    scheduler: str | None = None,
 ) -> StudyRun:
     """Solve every variant of a study at all its currents, and write OUTPUT (NetCDF) and the same as CSV beside it.
 
     study: path of a study file, name of a shipped one, or what `read_study` returns. output: maps/out/NAME.nc unless
     given. resume: keep the variants of an earlier run, if everything that decides their numbers is the same; the data
-    are those of a run without a break. retry: solve those again that failed. workers: processes. progress(message,
-    fraction) is called as the work goes on.
+    are those of a run without a break. retry: solve those again that failed. workers, scheduler: who solves
+    them, `fieldmap.parallel.Workers`. progress(message, fraction) is called as the work goes on.
 
     A variant that fails is recorded with its reason and the others go on. Raises StudyError or InputError before any
     long work and without leaving a file, FieldmapError where xarray or h5netcdf are missing.
@@ -57,8 +59,11 @@ def run_study(
     order = study if isinstance(study, Study) else read_study(Path(study))
     target = _target(order, output)
     say = progress or (lambda message, fraction: None)
-    with Journal(target, fingerprint(order), resume, retry) as journal:
-        _solve(order, journal, workers, say)
+    with (
+        Workers(workers, scheduler) as team,
+        Journal(target, fingerprint(order), resume, retry) as journal,
+    ):
+        _solve(order, journal, team, say)
         results = [journal.done[number] for number in range(len(order.variants))]
     data = data_set(order, results)
     table = target.with_suffix(".csv")
@@ -68,15 +73,22 @@ def run_study(
     return StudyRun(order, data, target, table, _failed(order, results))
 
 
-def _solve(study: Study, journal: Journal, workers: int, say: Progress) -> None:
+def _solve(study: Study, journal: Journal, team: Workers, say: Progress) -> None:
     """The variants that are not done, kept as they come."""
     total = len(study.variants)
     waiting = [number for number in range(total) if number not in journal.done]
-    if len(waiting) < total:
-        say(f"resumed with {total - len(waiting)} of {total} variants", (total - len(waiting)) / total)
-    for number in waiting:
-        say(f"variant {number + 1} of {total}: {study.variants[number].name}", len(journal.done) / total)
-        journal.keep(number, solve_variant(task_of(study, number)))
+    resumed = total - len(waiting)
+    words = f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants"
+    say(words, 0.0)
+    for outcome in team.map(solve_variant, [task_of(study, number) for number in waiting]):
+        number = waiting[outcome.index]
+        result = outcome.value
+        if result is None:  # every process that tried it died
+            rows = tuple(Row({}, (f"variant: {outcome.reason}",)) for _ in study.current_sets)
+            result = VariantResult(rows)
+        journal.keep(number, result)
+        done = len(journal.done) - resumed
+        say(f"{len(journal.done)} of {total} variants: {study.variants[number].name}", done / len(waiting))
 
 
 def task_of(study: Study, number: int) -> Task:

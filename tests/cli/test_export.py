@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from fieldmap.adapters import c_header, write_c_map
+from fieldmap.adapters import c_header, write_c_map, write_csv
 from fieldmap.cli import main
 from fieldmap.lookup import open_map
+from fieldmap.view.vti import write_vti
 
 
 def test_writes_the_map_and_its_header(machine, tmp_path, capsys):
@@ -34,9 +35,25 @@ def test_for_mag_manip(machine, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("to", "arguments"), [("csv", []), ("csv", ["--currents", "2"]), ("vti", ["--currents", "2"])]
+)
+def test_tables_and_pictures(machine, tmp_path, capsys, to, arguments):
+    """The command writes what the function does."""
+    target = tmp_path / f"loop.{to}"
+    assert main(["export", machine.map, "--to", to, "-o", str(target), *arguments]) == 0
+    assert capsys.readouterr().out.split() == [str(target)]
+    write = write_csv if to == "csv" else write_vti
+    same = write(open_map(machine.map), tmp_path / f"same.{to}", [2.0] if arguments else None)
+    assert same.read_bytes() == target.read_bytes()
+
+
+@pytest.mark.parametrize(
     "change",
     [
         ["--to", "matlab"],
+        ["--to", "csv", "--kind", "global"],
+        ["--to", "vti", "--outside", "clamp"],
+        ["--to", "vti"],  # to a file that does not end in .vti
         ["--to", "mag-manip", "--currents", "1"],
         ["--kind", "hermite"],
         ["--outside", "zero"],

@@ -67,7 +67,7 @@ def test_options_exist(page, line, whole):
 @pytest.mark.parametrize(("page", "line", "whole"), ALL, ids=lambda value: str(value)[:60])
 def test_files_exist(page, line, whole):
     """Shipped devices and recipes are named as they are."""
-    known = {"map": "maps"}
+    known = {"map": ("maps", ""), "study": ("maps", "studies")}
     words = words_of(line)
     if len(words) < 2 or words[1].startswith("-") or PLACEHOLDER.fullmatch(words[1]):
         return
@@ -79,7 +79,9 @@ def test_files_exist(page, line, whole):
     if source.endswith(".toml"):
         assert (ROOT / source).is_file() or "/" not in source, f"{page}: {line}"
     elif not source.endswith(".h5"):
-        assert source in shipped_names(known.get(words[0], "geometry")), f"{page}: {line}"
+        kind, subfolder = known.get(words[0], ("geometry", ""))
+        names = [Path(name).name for name in shipped_names(kind, subfolder)]
+        assert source in names, f"{page}: {line}"
 
 
 def test_every_command_is_on_its_page():
