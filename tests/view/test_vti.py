@@ -31,8 +31,8 @@ def loops():
         GRID,
         ("left", "right"),
         np.full(2, 2.0),
-        flux_density=2.0 * flux.reshape(shape),
-        gradient=2.0 * slope.reshape(*shape, 3),
+        flux_density=flux.reshape(shape),
+        gradient=slope.reshape(*shape, 3),
     )
     return interpolate(data, kind="hermite")
 
