@@ -89,16 +89,15 @@ def _model(field_map: FieldMap) -> CurrentModel:
 def _slopes(model: CurrentModel, currents: Array, amplitudes: Array) -> Array:
     """Derivatives (s, r, n) of the amplitudes (s, r) by the currents (s, n)."""
     m = model.model
-    return np.asarray(
-        sensitivities(
-            np.ascontiguousarray(m.source @ currents.T),
-            m.gradients,
-            m.gradients.astype(np.float32),
-            m.weights,
-            m.law,
-            *m.laws,
-            m.air,
-            amplitudes,
-            m.source,
-        )
+    slopes, _ = sensitivities(
+        np.ascontiguousarray(m.source @ currents.T),
+        m.gradients,
+        m.gradients.astype(np.float32),
+        m.weights,
+        m.law,
+        *m.laws,
+        m.air,
+        amplitudes,
+        m.source,
     )
+    return np.asarray(slopes)
