@@ -28,7 +28,7 @@ def application() -> typer.Typer:
         help="Fields, gradients and forces of coils with soft iron, without finite elements.",
         epilog="Start with: fieldmap check drive_unit",
         no_args_is_help=True,
-        add_completion=False,
+        add_completion=True,
         pretty_exceptions_enable=False,
         rich_markup_mode="rich",
         context_settings={"help_option_names": ["-h", "--help"]},
@@ -47,9 +47,19 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _be_quiet(wanted: bool) -> None:
+    from fieldmap.cli.progress import Progress
+
+    Progress.shown = not wanted
+
+
 def _common(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+    quiet: Annotated[
+        bool,
+        typer.Option("--quiet", "-q", callback=_be_quiet, help="No progress; results and problems only."),
     ] = False,
 ) -> None:
     """Fields, gradients and forces of coils with soft iron, without finite elements."""

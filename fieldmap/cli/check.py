@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fieldmap.cli.completion import devices
+
 if TYPE_CHECKING:
     from fieldmap.device.model import Coil, Device
 
@@ -14,7 +16,9 @@ def check(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="DEVICE_OR_MAP", help="Device file, the name of a shipped device, or a map file."
+            metavar="DEVICE_OR_MAP",
+            help="Device file, the name of a shipped device, or a map file.",
+            autocompletion=devices,
         ),
     ],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,

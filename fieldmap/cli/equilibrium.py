@@ -4,11 +4,17 @@ from typing import Annotated, Any
 
 import typer
 
+from fieldmap.cli.completion import devices
 from fieldmap.cli.options import Form, Json, MuR, Nonlinear, Refinement
 
 
 def equilibrium(
-    source: Annotated[str, typer.Argument(metavar="MAP_OR_DEVICE", help="Map file, or device file or name.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="MAP_OR_DEVICE", help="Map file, or device file or name.", autocompletion=devices
+        ),
+    ],
     currents: Annotated[
         list[str] | None,
         typer.Option(

@@ -6,9 +6,13 @@ from typing import Annotated
 
 import typer
 
+from fieldmap.cli.completion import recipes
+
 
 def make_map(
-    recipe: Annotated[str, typer.Argument(help="Recipe file, or the name of a shipped recipe.")],
+    recipe: Annotated[
+        str, typer.Argument(help="Recipe file, or the name of a shipped recipe.", autocompletion=recipes)
+    ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Map file to write; maps/out/RECIPE.h5 otherwise.")
     ] = None,

@@ -4,7 +4,11 @@ from typing import Annotated
 
 import typer
 
-DeviceArgument = Annotated[str, typer.Argument(help="Device file, or the name of a shipped device.")]
+from fieldmap.cli.completion import devices
+
+DeviceArgument = Annotated[
+    str, typer.Argument(help="Device file, or the name of a shipped device.", autocompletion=devices)
+]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
 AtMm = Annotated[
     list[str] | None, typer.Option("--at-mm", metavar="X Y Z", help="Point in mm; may be repeated.")

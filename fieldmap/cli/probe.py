@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fieldmap.cli.completion import devices
 from fieldmap.cli.options import At, AtMm, Form, Json, MuR, Nonlinear, Refinement
 
 if TYPE_CHECKING:
@@ -11,7 +12,12 @@ if TYPE_CHECKING:
 
 
 def probe(
-    source: Annotated[str, typer.Argument(metavar="DEVICE_OR_MAP", help="Device file or name, or map file.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DEVICE_OR_MAP", help="Device file or name, or map file.", autocompletion=devices
+        ),
+    ],
     currents: Annotated[
         list[str], typer.Option("--currents", metavar="A[,A...]", help="One per coil, or one for all.")
     ],

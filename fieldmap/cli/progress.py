@@ -14,7 +14,11 @@ class Progress:
 
     with Progress("solving") as progress:
         solve_linear(device, progress=progress)
+
+    Nothing is shown while `shown` is False (`fieldmap --quiet`).
     """
+
+    shown = True
 
     def __init__(self, title: str) -> None:
         self.title = title
@@ -24,7 +28,7 @@ class Progress:
         self._last_line = (-1.0, -1.0)
 
     def __enter__(self) -> "Progress":
-        if sys.stderr.isatty():
+        if self.shown and sys.stderr.isatty():
             self._bar = _bar()
             self._bar.start()
             self._task = self._bar.add_task(self.title, total=1.0)
@@ -34,6 +38,8 @@ class Progress:
         """Show that `fraction` (0 to 1) of the work is done."""
         if self._bar is not None:
             self._bar.update(self._task, completed=fraction, description=f"{self.title}: {message}")
+            return
+        if not self.shown:
             return
         now = time.monotonic() - self.started
         seconds, done = self._last_line
