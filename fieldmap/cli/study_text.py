@@ -9,8 +9,11 @@ from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, 
 from fieldmap.studies import StudyRun
 from fieldmap.studies.quantities import Quantity, recorded
 
+# Heads of the table's columns; what has none is in the data set only.
 _HEADS = {
     "common_current": "mean current",
+    "equilibrium_x": "x",
+    "equilibrium_y": "y",
     "stiffness_x": "k_x",
     "stiffness_y": "k_y",
     "stiffness_z": "k_z",
@@ -19,7 +22,6 @@ _HEADS = {
     "reachable_share": "reachable",
     "largest_flux_density": "iron up to",
     "error_flux_density": "error B",
-    "error_gradient": "error grad B",
     "surface_faces": "faces",
 }
 _UNITS = {"N m-1": "N/m", "mm2": "mm^2", "1": ""}
@@ -49,7 +51,7 @@ def _places(run: StudyRun) -> list[tuple[dict[str, int], str]]:
 
 def print_study(run: StudyRun, files: list[Path]) -> None:
     """The scalar summaries, the reasons of what is missing, what the numbers rest on, and the files."""
-    shown = [q for q in recorded(run.study.record.groups) if not q.axes]
+    shown = [q for q in recorded(run.study.record.groups) if q.name in _HEADS]
     axes = [f"{axis.name}\n{_UNITS.get(axis.unit, axis.unit)}" for axis in run.study.axes] or ["variant"]
     several = len(run.study.current_sets) > 1
     columns = [*axes, *(["currents"] if several else []), *(_head(q) for q in shown)]
@@ -74,11 +76,12 @@ def print_study(run: StudyRun, files: list[Path]) -> None:
 
 def _head(quantity: Quantity) -> str:
     unit = _UNITS.get(quantity.printed_unit, quantity.printed_unit)
-    return f"{_HEADS.get(quantity.name, quantity.name)}\n{unit}"
+    return f"{_HEADS[quantity.name]}\n{unit}"
 
 
 def _cell(quantity: Quantity, value: Any) -> str:
     number = quantity.printed[0] * float(np.asarray(value))
+    number = 0.0 if abs(number) < 1e-6 else number  # what rounding left
     if not np.isfinite(number):
         return "-"
     return f"{number:.0f}" if quantity.name == "surface_faces" else f"{number:.4g}"

@@ -4,6 +4,7 @@ import csv
 import importlib
 import io
 import itertools
+import json
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -55,7 +56,20 @@ def data_set(study: Study, results: Sequence[VariantResult]) -> Any:
     )
     about = {"long_name": "why numbers of this variant are missing; empty where nothing failed"}
     variables["problem"] = (leading, reasons.reshape(*study.shape, -1), about)
+    variables |= _files(study)
     return xarray.Dataset(variables, coords=_coordinates(study), attrs=_attributes(study, results))
+
+
+def _files(study: Study) -> dict[str, Any]:
+    """The files as read; variables, because an attribute of HDF5 holds no more than 64 kB."""
+    device = device_of(study.device_document)
+    included = json.dumps(dict(sorted(device.included.items())))
+    texts = {
+        "study_file": (study.text, "the study file as read"),
+        "device_file": (device.text, "the device file as read, before any key was changed"),
+        "included_files": (included, "files that the device file names, as JSON: name to text or hash"),
+    }
+    return {name: ((), text, {"long_name": meaning}) for name, (text, meaning) in texts.items()}
 
 
 def _leading(study: Study) -> tuple[str, ...]:
@@ -101,7 +115,6 @@ def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str
         entry.common is None for entry in study.current_sets
     )
     assumed = dict.fromkeys(text for result in results for text in result.assumptions)
-    device = device_of(study.device_document)
     limit = study.record.current_limit
     return {
         "title": study.title,
@@ -112,8 +125,6 @@ def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str
         "force_share": f"{study.record.force_share!r}",
         "current_limit_A": "none" if limit is None else f"{limit!r}",
         "iron": repr(study.iron),
-        "study": study.text,
-        "device": device.text,
         "fingerprint": fingerprint(study),
     }
 

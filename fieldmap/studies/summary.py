@@ -188,8 +188,8 @@ def _force_per_ampere(point: _OperatingPoint) -> Numbers:
 
 def _equilibrium(point: _OperatingPoint) -> Numbers:
     found = point.equilibrium()
-    stiffness = {f"stiffness_{axis}": float(found.stiffness[k, k]) for k, axis in enumerate("xyz")}
-    return {"equilibrium": found.position} | stiffness
+    numbers = {f"equilibrium_{axis}": float(found.position[k]) for k, axis in enumerate("xyz")}
+    return numbers | {f"stiffness_{axis}": float(found.stiffness[k, k]) for k, axis in enumerate("xyz")}
 
 
 def _area(point: _OperatingPoint) -> Numbers:

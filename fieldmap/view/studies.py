@@ -15,6 +15,8 @@ from fieldmap.studies.quantities import QUANTITIES, Quantity
 
 _LABELS = {
     "common_current": "mean current",
+    "equilibrium_x": "equilibrium $x$",
+    "equilibrium_y": "equilibrium $y$",
     "stiffness_x": "stiffness $k_x$",
     "stiffness_y": "stiffness $k_y$",
     "stiffness_z": "stiffness $k_z$",
@@ -23,12 +25,11 @@ _LABELS = {
     "reachable_share": "reachable share of workspace",
     "largest_flux_density": "largest $B$ in the iron",
     "error_flux_density": "estimated error of $B$",
-    "error_gradient": "estimated error of $\\nabla B$",
 }
 _UNITS = {"N m-1": "N/m", "mm2": "mm²", "1": ""}
 _STYLES = ("-", "--", ":", "-.")
 _MARKERS = "osD^v"
-_PANEL = (3.1, 2.5)
+_PANEL = (3.1, 2.4)
 _COLUMNS = 3
 
 
@@ -38,14 +39,18 @@ def save_study_plot(data: Any, path: str | Path) -> Path | None:
     The first varied key is the abscissa, the second the colour, all others and the currents the line style; variants
     listed one by one stand side by side. Returns the path, or None if there is no summary to draw.
     """
-    shown = [
-        q for q in QUANTITIES if q.name in _LABELS and q.name in data and np.isfinite(data[q.name]).any()
-    ]
+    shown = [q for q in QUANTITIES if q.name in _LABELS and q.name in data and _is_something(data, q)]
     if not shown:
         return None
     figure = study_figure(data, shown)
     figure.savefig(Path(path))
     return Path(path)
+
+
+def _is_something(data: Any, quantity: Quantity) -> bool:
+    """Whether there are numbers, and more than what rounding leaves."""
+    values = quantity.printed[0] * data[quantity.name].values
+    return bool((np.abs(values[np.isfinite(values)]) > 1e-6).any())
 
 
 def study_figure(data: Any, shown: list[Quantity]) -> Figure:

@@ -59,7 +59,8 @@ def test_units_and_coordinates_are_in_the_file(run):
         np.testing.assert_allclose(opened.point_z, [-0.014, -0.02])
         assert opened.currents.values.tolist() == ["one"]
         assert (opened.problem == "").all()
-        assert opened.attrs["study"] == run.study.text
+        assert opened.study_file.item() == run.study.text
+        assert opened.device_file.item() == (run.study.path.parent / "sphere.toml").read_text()
         assert "mu_r = 1000" in opened.attrs["assumptions"]
         for name in run.data.data_vars:
             np.testing.assert_array_equal(opened[name].values, run.data[name].values)
@@ -88,7 +89,7 @@ def test_saturating_iron_is_that_of_a_direct_solve(devices, tmp_path, sphere_bel
     format = 1
     title = "A strong loop"
     device = "sphere.toml"
-    iron = { model = "saturating", refinement = 0.8 }
+    iron = { model = "saturating", refinement = 0.6 }
     variant = [{ name = "soft", set = { "material.iron.saturation_polarisation_T" = 0.6 } },
                { name = "hard", set = { "material.iron.saturation_polarisation_T" = 1.2 } }]
     currents = [{ name = "strong", amperes_A = 300.0 }]
@@ -98,7 +99,7 @@ def test_saturating_iron_is_that_of_a_direct_solve(devices, tmp_path, sphere_bel
     assert run.data.sizes["variant"] == 2
     path = devices.folder / "soft.toml"
     path.write_text(devices.sphere.read_text().replace("polarisation_T = 1.5", "polarisation_T = 0.6"))
-    state = fm.solve(fm.read_device(path), [300.0], refinement=0.8, estimate=True)
+    state = fm.solve(fm.read_device(path), [300.0], refinement=0.6, estimate=True)
     at = run.data.sel(variant="soft", currents="strong")
     np.testing.assert_array_equal(at.flux_density[0], state.field([0, 0, -0.014]))
     assert float(at.largest_flux_density) == state.report.largest_flux_density

@@ -134,6 +134,8 @@ def test_what_cannot_be_found_is_the_only_thing_missing(devices, tmp_path):
     currents = [{ name = "faint", amperes_A = 0.001 }]
     record = { points_mm = [[0, 0, -90]] }
     """
+    # Files of any length go into the data set, though an attribute of HDF5 holds 64 kB.
+    text += 2000 * "    # a remark of some fifty characters, again and again\n"
     done = run_study(devices.study("faint.toml", text), tmp_path / "faint.nc")
     at = done.data.isel(turns=0, currents=0)
     assert np.isfinite(at.flux_density).all()
