@@ -23,6 +23,12 @@ def make_map(
         bool, typer.Option("--summary", help="Print what the map holds when it is done.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, help="Processes of this machine that share the work.")
+    ] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="Address of a dask scheduler whose workers do it.")
+    ] = None,
 ) -> None:
     """Compute the map that a recipe asks for; a run that was stopped goes on where it was."""
     from fieldmap.cli.opening import refuse_directory
@@ -32,13 +38,21 @@ def make_map(
     refuse_directory(recipe)
     try:
         with Progress("map") as progress:
-            path = generate(recipe, output=output, resume=resume, progress=progress)
+            path = generate(recipe, output, resume, progress, workers, scheduler)
     except KeyboardInterrupt:
         print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
         raise
+    _tell_failed_states(path)
     if summary or json:
         from fieldmap.cli.summary import print_summary
 
         print_summary(path, json)
     else:
         print(path)
+
+
+def _tell_failed_states(path: Path) -> None:
+    from fieldmap.store import read_info
+
+    for number, reason in read_info(path).provenance.solver_report.get("states_failed", {}).items():
+        print(f"state {number} could not be solved and was left out: {reason}", file=sys.stderr)

@@ -19,7 +19,7 @@ class DividedFields:
     them changes no bit."""
 
     def __init__(self, fields: UnitFields, workers: Workers) -> None:
-        self._report, self._workers = fields.report, workers
+        self._report, self.workers = fields.report, workers
         self._common = Common.of(fields)
 
     @property
@@ -30,13 +30,13 @@ class DividedFields:
     def unit_fields(self, points: Array) -> Pair:
         """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3), per ampere or at weight 1."""
         parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
-        pairs = self._workers.results(_unit_fields, parts, self._common)
+        pairs = self.workers.results(_unit_fields, parts, self._common)
         flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
         return flux, gradient
 
     def of_parts(self, parts: Sequence[Array]) -> Iterator[tuple[int, Pair]]:
         """Number of a part, points (n, 3), and the fields there, as they are done."""
-        for outcome in self._workers.map(_unit_fields, parts, self._common):
+        for outcome in self.workers.map(_unit_fields, parts, self._common):
             yield outcome.index, outcome.result()
 
 

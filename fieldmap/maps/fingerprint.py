@@ -1,6 +1,7 @@
 """What decides the numbers of a map: settings, device, libraries, and the code itself."""
 
 import hashlib
+import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -8,21 +9,27 @@ from pathlib import Path
 import fieldmap
 from fieldmap.device.model import Device
 from fieldmap.maps.recipe import Recipe
+from fieldmap.parallel import Workers
 
-LIBRARIES = ("numpy", "scipy", "numba", "h5py", "netgen-mesher", "pydantic")
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "netgen-mesher", "pydantic", "pymetis")
 # Rooms whose code takes part in making a map.
-ROOMS = ("kernels", "device", "store", "sources", "iron", "maps")
+ROOMS = ("kernels", "parallel", "device", "store", "interpolants", "sources", "iron", "maps")
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of fieldmap and of every library that takes part in making a map."""
-    versions = {"fieldmap": fieldmap.__version__}
+    """Versions of fieldmap, of Python, and of every library that takes part in making a map."""
+    versions = {"fieldmap": fieldmap.__version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = "unknown"
     return versions
+
+
+def finished_by(workers: Workers) -> dict[str, str]:
+    """Who finished a map: nothing that decides its numbers, as long as the processors are of one kind."""
+    return {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
 
 
 def fingerprint(recipe: Recipe, device: Device) -> str:

@@ -15,7 +15,7 @@ from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
 from fieldmap.maps.certificate import certified_bounds, solver_points
 from fieldmap.maps.evaluation import DividedFields
-from fieldmap.maps.fingerprint import fingerprint, library_versions
+from fieldmap.maps.fingerprint import fingerprint, finished_by, library_versions
 from fieldmap.maps.interpolation import interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
 from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_device
@@ -84,11 +84,9 @@ def generate(
 def _generate_linear(
     recipe: Recipe, device: Device, info: MapInfo, target: Path, resume: bool, workers: Workers, say: Progress
 ) -> None:
-    spent = Stopwatch(workers)
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
-        solution = DividedFields(_solution(device, recipe, writer, say), workers)
-        _fill(writer, solution, spent.read, say)
+        _fill(writer, DividedFields(_solution(device, recipe, writer, say), workers), dict, say)
 
 
 def _generate_saturating(
@@ -158,6 +156,7 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
             device_text=device.text,
             fingerprint=fingerprint(recipe, device),
             versions=library_versions(),
+            included=dict(device.included),
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
         ),
     )
@@ -273,7 +272,7 @@ def _finish(solution: DividedFields, about: Callable[[], Mapping[str, Any]], wri
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
     data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})
     error, bounds = interpolation_error(data, solution), certified_bounds(data, solution)
-    report: dict[str, Any] = asdict(solution.report) | dict(about())
+    report: dict[str, Any] = asdict(solution.report) | dict(about()) | finished_by(solution.workers)
     assumptions = tuple(report.pop("assumptions"))
     writer.finish(report, assumptions, error, bounds)
 

@@ -58,6 +58,11 @@ class Workers:
             self._pool.close()
             self._pool = None
 
+    def __str__(self) -> str:
+        if self._scheduler is not None:
+            return "workers of a dask scheduler"
+        return "one process" if self._count == 1 else f"{self._count} processes of one machine"
+
     @property
     def elsewhere(self) -> bool:
         """Whether other processes do the work."""

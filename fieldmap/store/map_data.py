@@ -23,9 +23,10 @@ class FieldError:
 class Provenance:
     """What made a map.
 
-    recipe_text, device_text: the files as read. fingerprint: hash of everything that decides the data
+    recipe_text, device_text: the files as read. included: what the device file took from other files, by their paths
+    relative to it: texts of materials, SHA-256 of solids. fingerprint: hash of everything that decides the data
     (settings, the device as understood, versions); a run is resumed only under the same fingerprint.
-    versions: of every library that took part. solver_report: plain numbers, texts and lists; assumptions:
+    versions: of Python and every library that took part. solver_report: plain numbers, texts and lists; assumptions:
     what the solver took for granted, one sentence each. created: date and time, UTC, as openPMD writes it.
     """
 
@@ -38,6 +39,7 @@ class Provenance:
     solver_report: Mapping[str, Any] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     created: str = ""
+    included: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,7 @@ def header_of(info: MapInfo, planes: int) -> dict[str, Any]:
         "recipe_sha256": sha256(source.recipe_text),
         "device_sha256": sha256(source.device_text),
         "versions": dict(source.versions),
+        "included": dict(source.included),
         "coil_names": list(info.coil_names),
         "record_names": list(record_names(info.field_names)),
         "reference_current_A": info.reference_current.tolist(),
@@ -90,7 +91,8 @@ def info_from(
         recipe_text=recipe,
         device_text=device,
         fingerprint=_text(header, "fingerprint"),
-        versions={name: _text(header["versions"], name) for name in dict(header["versions"])},
+        versions=_named_texts(header["versions"]),
+        included=_named_texts(header.get("included", {})),
         solver_report=dict(report["solver_report"]),
         assumptions=_texts(report, "assumptions"),
         created=_text(header, "created"),
@@ -111,6 +113,10 @@ def _text(keys: Mapping[str, Any], name: str) -> str:
     if not isinstance(keys[name], str):
         raise TypeError(f"{name}: {type(keys[name]).__name__} in the place of a text")
     return keys[name]
+
+
+def _named_texts(keys: Mapping[str, Any]) -> dict[str, str]:
+    return {name: _text(keys, name) for name in dict(keys)}
 
 
 def _texts(keys: Mapping[str, Any], name: str) -> tuple[str, ...]:

@@ -116,6 +116,23 @@ def test_record_of_what_made_it(path, rig):
     assert info.coil_names == ("upper", "lower")
 
 
+def test_record_of_what_the_device_takes_from_other_files(rig):
+    curve = read_device("drive_unit").included["materials/steel_a3.toml"]
+    (rig / "steel.toml").write_text(curve)
+    keys = [
+        'kind = "bh_table"',
+        'file = "steel.toml"',
+        'below = "straight line to the origin"',
+        'above = "slope mu0"',
+    ]
+    material = "\n".join(["[material.steel]", *keys, ""])
+    device = rig / "pair.toml"
+    device.write_text(f"{device.read_text()}\n{material}")
+    record = read_info(generate(rig / "recipe.toml", rig / "map.h5")).provenance
+    assert record.included == {"steel.toml": curve}
+    assert record.solver_report["workers"] == "one process"
+
+
 def test_progress_runs_from_nothing_to_all(rig):
     told = []
     generate(rig / "recipe.toml", rig / "map.h5", progress=lambda text, share: told.append((text, share)))

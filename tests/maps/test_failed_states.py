@@ -1,0 +1,107 @@
+"""States that cannot be solved: left out and named, as long as enough remain; the file says who made what."""
+
+import numpy as np
+import pytest
+
+from fieldmap.cli.application import application
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.iron import NonlinearSolver
+from fieldmap.maps import generate
+from fieldmap.maps.saturating import archive_path
+from fieldmap.parallel import WorkerDied
+from fieldmap.store import read_info
+
+RECIPE = """
+format = 1
+title = "Two cores, saturating"
+device = "two_cores.toml"
+spacing_mm = 2.5
+
+[iron]
+model = "saturating"
+refinement = 0.5
+
+[currents]
+lower_A = [0.5, -1.0]
+upper_A = 2.0
+states = 10
+accuracy = 1e-9
+modes = 12
+points = 60
+fields = 4
+held_out = 2
+"""
+
+
+@pytest.fixture
+def recipe(tmp_path, two_cores):
+    (tmp_path / "two_cores.toml").write_text(two_cores)
+    (tmp_path / "recipe.toml").write_text(RECIPE)
+    return tmp_path / "recipe.toml"
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """failing(fails): from now on solves fail at currents for which fails(number of the solve) is an error."""
+    solve = NonlinearSolver.solve
+
+    def make(error_of):
+        solves = []
+
+        def attempt(self, currents, tolerance=1e-3, start=None):
+            solves.append(np.array(currents))
+            error = error_of(len(solves))
+            if error is not None:
+                raise error
+            return solve(self, currents, tolerance, start)
+
+        monkeypatch.setattr(NonlinearSolver, "solve", attempt)
+        return solves
+
+    return make
+
+
+NOT_CONVERGED = NotConverged(Problem("iron solver", "the residual must fall", "1e-2", "refine"))
+
+
+def test_some_are_left_out_and_named(recipe, failing, tmp_path, capsys):
+    # The third to train on, and the first at random (the eleventh of all).
+    failing({3: NOT_CONVERGED, 11: ZeroDivisionError("a mistake of ours")}.get)
+    command = ["map", str(recipe), "-o", str(tmp_path / "map.h5")]
+    assert application()(command, standalone_mode=False) is None
+    report = read_info(tmp_path / "map.h5").provenance.solver_report
+    assert report["states_failed"] == {"2": str(NOT_CONVERGED), "10": "ZeroDivisionError: a mistake of ours"}
+    assert report["states_trained_on_solved"] - report["corners_trained_on"] == 9
+    assert report["states_tried"]["at random"]["states"] == 1
+    printed = capsys.readouterr()
+    assert printed.out.strip() == str(tmp_path / "map.h5")
+    assert "state 2 could not be solved and was left out: iron solver" in printed.err
+    assert "state 10 could not be solved" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("first", "words"),
+    [
+        (2, "at least half of the states must be solved; received 9 of 10 failed; the first: iron solver"),
+        (11, "a state that the model is tried on must be solved"),
+    ],
+    ids=["too many", "none to try"],
+)
+def test_too_few_are_an_error_that_says_so(recipe, failing, tmp_path, first, words):
+    failing(lambda number: NOT_CONVERGED if number >= first else None)
+    target = tmp_path / "map.h5"
+    with pytest.raises(NotConverged, match=words):
+        generate(recipe, target)
+    assert not target.exists()
+
+
+@pytest.mark.parametrize("error", [MemoryError(), WorkerDied(Problem("a", "b", "c", "d"))], ids=type)
+def test_what_is_not_the_fault_of_a_state_stops_the_run_and_is_tried_again(recipe, failing, tmp_path, error):
+    solves = failing(lambda number: error if number == 4 else None)
+    target = tmp_path / "map.h5"
+    with pytest.raises(type(error)):
+        generate(recipe, target)
+    assert archive_path(target).exists()
+    generate(recipe, target)
+    assert read_info(target).provenance.solver_report["states_failed"] == {}
+    np.testing.assert_array_equal(solves[3], solves[4])
