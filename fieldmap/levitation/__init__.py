@@ -5,7 +5,8 @@ takes an object with `field`, `gradient`, `second_gradient`, `coil_names`, `lowe
 (`LevitationField`).
 """
 
-from fieldmap.levitation.branches import EquilibriumBranch, follow_equilibrium
+from fieldmap.levitation.branches import EquilibriumBranch, equilibrium_at, follow_equilibrium
+from fieldmap.levitation.calibration import Calibration, LiftReadings, PositionReadings, Reading, calibrate
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.conventions import (
     GRAVITY,
@@ -32,6 +33,7 @@ __all__ = [
     "GRAVITY",
     "MODELS",
     "SENSOR_ZERO_DEPTH",
+    "Calibration",
     "DifferencedField",
     "Equilibrium",
     "EquilibriumBranch",
@@ -43,15 +45,20 @@ __all__ = [
     "HorizontalForce",
     "LevitationField",
     "LiftCurrent",
+    "LiftReadings",
     "MagnetModel",
+    "PositionReadings",
     "QuadraticForce",
+    "Reading",
     "SearchReport",
     "Sensitivity",
     "StationaryPoint",
     "StationarySet",
     "VerticalForce",
+    "calibrate",
     "dipole_force",
     "dipole_stiffness",
+    "equilibrium_at",
     "equilibrium_sensitivity",
     "find_equilibrium",
     "fit_horizontal_force",

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.levitation.checks import check_payload, check_position
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.interface import LevitationField
@@ -16,6 +16,10 @@ from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet
 from fieldmap.levitation.stationary import StationaryPoint, describe
 
 Array = NDArray[np.float64]
+_STEPS = 40
+_CLOSE = 1e-8
+"""Last step, m."""
+_LEVEL_STEP = 1e-3
 Path = Callable[[float, float], tuple[Array, float]]
 
 
@@ -89,6 +93,67 @@ def follow_equilibrium(
         step=step,
     )
     return _result(along, followed, targets, model_assumptions(moment, lever))
+
+
+def equilibrium_at(
+    field_map: LevitationField,
+    payload: Payload | None,
+    path: Callable[[float], tuple[Array, float]],
+    start: ArrayLike,
+    level: float,
+    hold_height: bool = False,
+    field_scale: float = 1.0,
+    moment: MagnetModel = "fixed",
+    lever: float = 0.0,
+) -> tuple[StationaryPoint, float]:
+    """The point of no horizontal force that Newton's method reaches from `start` (x, y), m, and the current level, A.
+
+    path(level): currents (n_coils,) in A and height z of the magnet, m. The rest as in `follow_equilibrium`, for one
+    parameter. Raises InputError and OutsideMapError for arguments that do not fit, NoEquilibrium if nothing is near.
+    """
+    carried = check_payload(payload, "equilibrium_at")
+    check_positive("equilibrium_at", level=level, field_scale=field_scale)
+    begin = np.asarray(start, dtype=float)
+    currents, height = path(level)
+    near = check_position(field_map, np.append(begin, height), "equilibrium_at(start)")
+    first = magnet_balance(field_map, np.asarray(currents, dtype=float), carried, near, moment, lever)
+    along = _Along(first, lambda _, u: path(u), level, hold_height, field_scale)
+    q = np.append(begin, level) if hold_height else begin.copy()
+    low, high = (np.asarray(corner)[:2] for corner in (field_map.lower, field_map.upper))
+    for _ in range(_STEPS):
+        step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
+        # No farther than a fifth of the map, and of the level, at once.
+        q -= step / max(1.0, float(np.abs(step[:2]).max() / (0.2 * (high - low).min())))
+        q[:2] = np.clip(q[:2], low, high)
+        q[2:] = np.clip(q[2:], 0.8 * (q + step)[2:], 1.25 * (q + step)[2:])
+        if np.abs(step[:2]).max() < _CLOSE and (not hold_height or abs(step[2]) < 1e-8 * level):
+            balance, place = along.at(q, 0.0)
+            return describe(balance, place), along.level_of(q)
+    raise NoEquilibrium(
+        Problem(
+            f"equilibrium_at, from {1e3 * begin} mm at {level:.4g} A",
+            "the horizontal force"
+            + (" and the lift less weight" if hold_height else "")
+            + " must vanish near",
+            f"a last step of {1e3 * np.abs(step[:2]).max():.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps",
+            "look for all points with stationary_points, and start near one of them",
+        )
+    )
+
+
+def _square(along: "_Along", q: Array) -> Array:
+    """Derivative of the residual by the unknowns: by place from the stiffness, by level from a difference."""
+    if not along.hold_height:
+        return along.slope(q, 0.0)
+    balance, place = along.at(q, 0.0)
+    matrix = np.empty((3, 3))
+    matrix[:, :2] = -along.field_scale * balance.stiffness(place)[:, :2] / balance.weight
+    ahead, behind = q.copy(), q.copy()
+    ahead[2] *= 1.0 + _LEVEL_STEP
+    behind[2] *= 1.0 - _LEVEL_STEP
+    change = along.residual(ahead, 0.0) - along.residual(behind, 0.0)
+    matrix[:, 2] = change / (ahead[2] - behind[2])
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,162 @@
+"""Calibration on readings made from a known rig: the truth comes back, with the covariance that noise has."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError
+from fieldmap.levitation import (
+    LiftReadings,
+    PositionReadings,
+    calibrate,
+    magnet_balance,
+    stationary_points,
+)
+
+PAYLOAD = Payload(mass=0.01119, moment=0.813, magnet_offset=0.015)
+WEIGHT = 0.01119 * 9.80665
+SENSED = np.array([0.012, 0.014, 0.016, 0.018, 0.020, 0.022])
+TRUTH = {"field_scale": 1.3, "magnet_offset": 0.012}
+
+
+class Saturating:
+    """Currents that enter as 3 tanh(i / 3): the scale of the field and that of the currents are two things."""
+
+    def __init__(self, linear):
+        self.linear = linear
+        self.coil_names, self.lower, self.upper = linear.coil_names, linear.lower, linear.upper
+
+    def __getattr__(self, name):
+        method = getattr(self.linear, name)
+        return lambda points, currents: method(points, 3.0 * np.tanh(np.asarray(currents) / 3.0))
+
+
+@pytest.fixture
+def rig(polynomial_field):
+    """Two coils beside each other: both lift more the higher the magnet, each draws it to its side."""
+    potentials = []
+    for side in (-1.0, 1.0):
+        t = np.zeros((3, 3, 4))
+        c2, c3 = 0.035, 0.5
+        t[0, 0, 2], t[2, 0, 0], t[0, 2, 0] = c2, -c2 / 2, -c2 / 2
+        t[0, 0, 3], t[2, 0, 1], t[0, 2, 1] = c3, -1.5 * c3, -1.5 * c3
+        t[1, 0, 1] = 0.01 * side
+        potentials.append(t)
+    return Saturating(polynomial_field(potentials))
+
+
+def lift_readings(rig, truth, gains=(1.0, 1.0), noise=0.0, seed=0):
+    """Equal currents that carry the magnet of the true rig, by bisection."""
+    rng, found = np.random.default_rng(seed), []
+    for sensed in SENSED:
+        point = np.array([0.0, 0.0, sensed - truth["magnet_offset"]])
+
+        def lift(i, point=point):
+            amperes = i * np.asarray(gains)
+            return (
+                truth["field_scale"] * PAYLOAD.moment * rig.gradient(point[None], amperes)[0, 2, 2] - WEIGHT
+            )
+
+        low, high = 0.01, 20.0
+        for _ in range(80):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if lift(middle) > 0 else (middle, high)
+        found.append(low * (1.0 + noise * rng.normal()))
+    return LiftReadings(SENSED, np.outer(found, [1.0, 1.0]), deviation=max(noise, 0.01))
+
+
+def position_readings(rig, truth, gains=(1.0, 1.0)):
+    """Where the true rig's magnet rests at unequal currents."""
+    currents = np.array([[0.9, 1.1], [0.8, 1.2], [1.2, 0.8], [0.7, 1.3]])
+    places = []
+    for amperes in currents:
+        height = 0.016 - truth["magnet_offset"]
+        (point,) = stationary_points(rig, amperes * np.asarray(gains), PAYLOAD, height).points
+        places.append(point.position[:2])
+    return PositionReadings(np.full(4, 0.016), currents, places)
+
+
+def test_field_scale_and_offset_come_back(rig):
+    found = calibrate(rig, PAYLOAD, lift=lift_readings(rig, TRUTH))
+    assert found.fitted == ("field_scale", "magnet_offset")
+    assert found.values["field_scale"] == pytest.approx(1.3, rel=1e-5)
+    assert found.values["magnet_offset"] == pytest.approx(0.012, rel=1e-5)
+    assert found.before["magnet_offset"] == 0.015
+    assert found.misfit < 1e-4 < 1.0 < found.misfit_before
+    assert [row.after for row in found.table] == pytest.approx([1.0] * 6, rel=1e-6)
+    assert all(abs(row.before - 1.0) > 0.05 for row in found.table)
+
+
+def test_gains_of_the_coils_need_places(rig):
+    """Equal currents tell nothing of which coil is which."""
+    gains = (1.1, 0.95)
+    lift = lift_readings(rig, TRUTH, gains)
+    found = calibrate(
+        rig,
+        PAYLOAD,
+        lift=lift,
+        positions=position_readings(rig, TRUTH, gains),
+        fit=["field_scale", "magnet_offset", "gains"],
+    )
+    assert [found.values[f"gain coil {k}"] for k in range(2)] == pytest.approx(gains, rel=1e-4)
+    assert found.values["field_scale"] == pytest.approx(1.3, rel=1e-4)
+    np.testing.assert_allclose(found.currents([2.0, 2.0]), [2.2, 1.9], rtol=1e-4)
+
+
+def test_field_scale_and_current_scale_differ_where_iron_saturates(rig):
+    lift = lift_readings(rig, TRUTH, (1.2, 1.2))
+    fit = ["field_scale", "current_scale"]
+    found = calibrate(rig, PAYLOAD, lift=lift, fit=fit, given={"magnet_offset": 0.012})
+    assert [found.values[name] for name in fit] == pytest.approx([1.3, 1.2], rel=1e-4)
+
+
+def test_where_nothing_saturates_the_two_scales_are_one(rig):
+    lift = lift_readings(rig.linear, TRUTH)
+    with pytest.raises(InputError, match=r"field_scale and current_scale|current_scale and field_scale"):
+        calibrate(rig.linear, PAYLOAD, lift=lift, fit=["field_scale", "current_scale"])
+
+
+def test_places_at_a_held_height(rig):
+    """The level of the currents is not read: the controller's. Lift fixes it by the field scale."""
+    read = position_readings(rig, TRUTH)
+    height, held = 0.016 - TRUTH["magnet_offset"], []
+    for amperes in np.asarray(read.currents):
+        u = 1.0
+        for _ in range(60):
+            (point,) = stationary_points(rig, amperes * u, PAYLOAD, height).points
+            u *= WEIGHT / (TRUTH["field_scale"] * point.lift)
+        held.append(point.position[:2])
+    given = PositionReadings(np.full(4, 0.016), read.currents, held, height_held=True)
+    lift = lift_readings(rig, TRUTH)
+    found = calibrate(rig, PAYLOAD, lift=lift, positions=given)
+    assert found.values["field_scale"] == pytest.approx(1.3, rel=1e-4)
+    assert found.misfit < 1e-3
+
+
+def test_the_covariance_is_the_scatter_of_repeated_readings(rig):
+    fits = [calibrate(rig, PAYLOAD, lift=lift_readings(rig, TRUTH, noise=0.02, seed=k)) for k in range(60)]
+    scatter = np.std([[f.values[name] for name in f.fitted] for f in fits], axis=0)
+    stated = np.mean([list(f.deviations.values()) for f in fits], axis=0)
+    # Lift is tanh of the current, so its relative deviation is a little less than the current's.
+    np.testing.assert_allclose(scatter, stated, rtol=0.4)
+
+
+def test_what_cannot_be_fitted_is_said(rig):
+    lift = lift_readings(rig, TRUTH)
+    with pytest.raises(InputError, match="must have readings"):
+        calibrate(rig, PAYLOAD)
+    with pytest.raises(InputError, match="some of field_scale"):
+        calibrate(rig, PAYLOAD, lift=lift, fit=["scale"])
+    with pytest.raises(InputError, match="at least as many"):
+        calibrate(rig, PAYLOAD, lift=LiftReadings(SENSED[:1], [[1.0, 1.0]]))
+    with pytest.raises(InputError, match="finite values of"):
+        calibrate(rig, PAYLOAD, lift=lift, given={"offset": 0.01})
+
+
+def test_lift_is_that_of_the_balance(rig):
+    """The reading before the fit is the lift that magnet_balance computes."""
+    lift = lift_readings(rig, TRUTH)
+    found = calibrate(rig, PAYLOAD, lift=lift)
+    point = np.array([0.0, 0.0, SENSED[2] - 0.015])
+    balance = magnet_balance(rig, np.asarray(lift.currents)[2], PAYLOAD, point)
+    assert found.table[2].before == pytest.approx(balance.magnetic_force(point[None])[0, 2] / WEIGHT)
