@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 import fieldmap
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
-from fieldmap.errors import OutsideMapError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.maps.generation import OUTPUT_FOLDER
@@ -25,8 +24,6 @@ TOLERANCE = 1e-3
 SPACING = 4e-3
 LOWER, UPPER = np.array([-16e-3, -16e-3, -132e-3]), np.array([16e-3, 16e-3, -84e-3])
 """The box around the magnet's places in chapters 6 and 7, for any h from 7 to 25 mm."""
-LEVELS = np.array([1.0, 1.3, 1.558, 1.8, 2.2, 2.6, 3.0, 3.6, 4.3, 5.2])
-"""Mean currents, A, at which states on a ray are solved; 1.558 A is (7-18) at z_s = 10 mm."""
 _NEGLIGIBLE = 1e-9
 """Two sets of currents that differ by less than this, A, are one."""
 
@@ -143,66 +140,3 @@ class UnitStates:
 def _grid() -> Grid:
     shape = np.rint((UPPER - LOWER) / SPACING).astype(int) + 1
     return Grid(LOWER, np.full(3, SPACING), tuple(int(k) for k in shape))  # type: ignore[arg-type]
-
-
-class UnitField:
-    """The drive unit at any currents: from a map where they lie in its domain, otherwise from states on their ray.
-
-    A ray is all currents in one proportion. Along it the states at the four levels nearest to the mean current are
-    interpolated by a cubic polynomial; a state that is at hand at exactly these currents is taken itself.
-    """
-
-    def __init__(self, states: UnitStates, field_map: FieldMap | None = None) -> None:
-        self.states, self.map = states, field_map
-        self.coil_names, self.lower, self.upper = states.coil_names, LOWER, UPPER
-
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """B (n, 3), T."""
-        return self._sum("field", points, currents)
-
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-        return self._sum("gradient", points, currents)
-
-    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
-        return self._sum("second_gradient", points, currents)
-
-    def source(self, currents: ArrayLike) -> str:
-        """Where the field at these currents comes from: "map", "state" or "ray"."""
-        amperes = np.asarray(currents, dtype=float)
-        if self.map is not None and _in_domain(self.map, amperes):
-            return "map"
-        return "state" if self.states.knows(amperes) else "ray"
-
-    def _sum(self, what: str, points: ArrayLike, currents: ArrayLike) -> Array:
-        amperes = np.asarray(currents, dtype=float)
-        source = self.source(amperes)
-        if source == "map":
-            return np.asarray(getattr(self.map, what)(points, amperes))
-        if source == "state":
-            return np.asarray(getattr(self.states.at(amperes), what)(points, [1.0]))
-        mean = float(amperes.mean())
-        levels = _levels(mean)
-        weights = _lagrange(levels, mean)
-        fields = [getattr(self.states.at(amperes * (level / mean)), what)(points, [1.0]) for level in levels]
-        return np.asarray(np.tensordot(weights, fields, axes=1))
-
-
-def _levels(mean: float) -> Array:
-    """The four levels of LEVELS nearest around a mean current."""
-    k = int(np.clip(np.searchsorted(LEVELS, mean) - 2, 0, len(LEVELS) - 4))
-    return LEVELS[k : k + 4]
-
-
-def _lagrange(levels: Array, mean: float) -> Array:
-    """Weights of the cubic polynomial through four levels."""
-    return np.array([np.prod([(mean - b) / (a - b) for b in levels if b != a]) for a in levels])
-
-
-def _in_domain(field_map: FieldMap, currents: Array) -> bool:
-    try:
-        field_map.at(currents)
-    except OutsideMapError:
-        return False
-    return True
