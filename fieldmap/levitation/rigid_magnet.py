@@ -11,8 +11,8 @@ from fieldmap.levitation.interface import LevitationField
 from fieldmap.lookup.finite_magnet import FiniteMagnet
 
 Array = NDArray[np.float64]
-_TORQUE = 1e-10
-"""Largest torque left, over moment times field."""
+_TORQUE = 1e-8
+"""Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
 _TURNS = 60
 
 

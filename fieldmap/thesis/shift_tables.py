@@ -14,6 +14,8 @@ from fieldmap.thesis.unit_rays import WORDS
 
 Array = NDArray[np.float64]
 Axis = Literal["x", "y"]
+AXES: tuple[Axis, ...] = ("x", "y")
+BOTH: tuple[Rule, ...] = ("held", "constant")
 DRAWN_H = 15.0
 """The h of curves that show one, mm: the device file's assumption."""
 
@@ -50,11 +52,11 @@ def n_table(inputs: dict[str, Any]) -> Answers:
     numbers, drawn = {}, []
     for n, name in ((1.25, "n125"), (1.5, "n150")):
         signals, measured = inputs[f"{name}_signals"], inputs[f"{name}_measured_mm"]
-        for rule in ("held", "constant"):
-            of_h = [curve(inputs["map"], signals, n=n, z_s=inputs["z_mm"], h=h, rule=rule) for h in hs]  # type: ignore[arg-type]
+        for rule in BOTH:
+            of_h = [curve(inputs["map"], signals, n=n, z_s=inputs["z_mm"], h=h, rule=rule) for h in hs]
             numbers[f"{name}_{rule}"] = Ours(
                 [zero + 1e3 * found.along for found in of_h],
-                words(rule, origin, f"rows: h = {', '.join(f'{h:g}' for h in hs)} mm"),  # type: ignore[arg-type]
+                words(rule, origin, f"rows: h = {', '.join(f'{h:g}' for h in hs)} mm"),
             )
             drawn.append(_scan(name, n, rule, hs, of_h, signals, measured, zero))
     return Answers(numbers, tuple(drawn))
@@ -85,12 +87,11 @@ def height_table(inputs: dict[str, Any]) -> Answers:
     origin = f"signal 0 reads {zero:g} mm at both heights; rows: h = {', '.join(f'{h:g}' for h in hs)} mm"
     numbers: dict[str, Any] = {}
     curves = []
-    for rule in ("held", "constant"):
+    for rule in BOTH:
         high, low = (
-            [curve(inputs["map"], signals, z_s=z, h=h, rule=rule) for h in hs]  # type: ignore[arg-type]
-            for z in inputs["heights_mm"]
+            [curve(inputs["map"], signals, z_s=z, h=h, rule=rule) for h in hs] for z in inputs["heights_mm"]
         )
-        about = words(rule, origin)  # type: ignore[arg-type]
+        about = words(rule, origin)
         numbers[f"lower_{rule}"] = Ours([zero + 1e3 * found.along for found in low], about)
         further = [1e3 * (a.along[-1] - b.along[-1]) for a, b in zip(high, low, strict=True)]
         numbers[f"further_{rule}"] = Ours(further, about)
@@ -123,10 +124,10 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
     for side in ("positive", "negative"):
         signals = inputs[f"{side}_signals"]
         out, back = inputs[f"{side}_outward_mm"], inputs[f"{side}_back_mm"]
-        found = {rule: curve(inputs["map"], signals[1:], axis, z_s=z, rule=rule) for rule in RULES}  # type: ignore[arg-type]
+        found = {rule: curve(inputs["map"], signals[1:], axis, z_s=z, rule=rule) for rule in BOTH}
         for rule, static in found.items():
             places = out[0] + 1e3 * np.append(0.0, static.along)
-            about = words(rule, f"h = {DRAWN_H:g} mm", f"signal 0 reads {out[0]:g} mm, as the branch begins")  # type: ignore[arg-type]
+            about = words(rule, f"h = {DRAWN_H:g} mm", f"signal 0 reads {out[0]:g} mm, as the branch begins")
             numbers[f"{side}_outward_{rule}"] = Ours(places, about)
             if rule == "held":
                 numbers[f"{side}_back_{rule}"] = Ours(places, about)

@@ -126,7 +126,7 @@ def shift(
     return Shift(wanted[1:], places[1:] - places[0], places[0], levels[1:], largest[1:], stable)
 
 
-def _first(fields: Sequence[LevitationField], path, about):  # type: ignore[no-untyped-def]
+def _first(fields: Sequence[LevitationField], path, about):
     """`equilibrium_at` in the first field that holds at the currents of the search."""
     for field in fields[:-1]:
         try:
