@@ -203,8 +203,8 @@ def noise(inputs: dict[str, Any]) -> Answers:
     text = (
         f"The equilibrium moves with each coil's current by (dx, dy) in mm/A: {per_coil}. Slow deviations of Table "
         f"3-10 would move the magnet by {rms[True][0]:.2f} and {rms[True][1]:.2f} mm (root mean square), far more than "
-        f"the {seen:g} mm that were seen. Either the real deviation is below {1e3 * explained:.1f} mA, as 3.10 suspects of "
-        "its rough estimate, or the fluctuation is too quick for the magnet to follow."
+        f"the {seen:g} mm that were seen. Either the real deviation is below {1e3 * explained:.1f} mA, as 3.10 "
+        "suspects of its rough estimate, or the fluctuation is too quick for the magnet to follow."
     )
     weight = payload().mass * GRAVITY
     note = (
