@@ -97,11 +97,12 @@ def shift(
     level: float | None = None,
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
+    far: float = FAR,
 ) -> Shift:
     """The magnet followed from signal 0 through signals of one sign, in rising size.
 
     fields: where to take the field from, in order of preference; the next one where currents are beyond a map's
-    domain, the last one for signals beyond FAR. z_s, h: mm. level: current in each coil at the origin, A; (7-18)
+    domain, the last one for signals beyond `far`. z_s, h: mm. level: current in each coil at the origin, A; (7-18)
     unless given. Raises NoEquilibrium, OutsideMapError.
     """
     start_level = thesis_lift_current(z_s) if level is None else level
@@ -109,7 +110,7 @@ def shift(
     place, height = np.zeros(2), magnet_height(z_s, 1e-3 * h)
     found, scale, u = [], 1.0, start_level
     for signal in wanted:
-        chosen = fields[-1:] if abs(signal) > FAR else fields
+        chosen = fields[-1:] if abs(signal) > far else fields
         held = rule == "held" and signal != 0.0
         point, u = _first(
             chosen,

@@ -1,0 +1,127 @@
+"""S15: how far the magnet can be moved before a coil reaches the amplifier's limit or a place is no longer stable."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from fieldmap.device.current_division import divide_currents
+from fieldmap.errors import OutsideMapError
+from fieldmap.levitation import LevitationField, magnet_height, stationary_points, thesis_lift_current
+from fieldmap.lookup import FieldMap, open_map
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.maps_at_hand import map_path
+from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.shift_tables import DRAWN_H, Axis
+from fieldmap.thesis.shifts import RULES, Shift, lift_share, payload, shift, unit_states
+
+Array = NDArray[np.float64]
+SIGNALS = np.arange(0.05, 0.551, 0.05)
+SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
+"""y < 0 mirrors y > 0."""
+EXTRAPOLATED = (
+    "map `division` asked beyond the currents it was made for (u 1.0 to 2.2 A, x 0.4, y 0.3), where its error is not "
+    "certified; against solved states up to 3.6 A and x = 0.4 it was off by 1.4 % of the gradient and 0.2 mm"
+)
+
+
+@cache
+def extended_map() -> FieldMap:
+    """The map `division`, which answers beyond its currents too. Raises MapMissing."""
+    return open_map(map_path("division"), outside_currents="evaluate")
+
+
+def reach(inputs: dict[str, Any]) -> Answers:
+    """7.2.3."""
+    limit, hs = inputs["current_limit_A"], inputs["offsets_mm"]
+    numbers: dict[str, Any] = {}
+    curves: list[Curves] = []
+    about = (
+        *RULES["held"].split("; ")[:1],
+        EXTRAPOLATED,
+        f"limit {limit:g} A in any coil, y signal at most {inputs['largest_y_signal']:g} as the thesis found; the end "
+        "of the sensors' beam, which bounded its y, is not modelled",
+        f"for h = {', '.join(f'{h:g}' for h in hs)} mm",
+    )
+    for z_s, name in zip(inputs["depths_mm"], ("upper", "lower"), strict=True):
+        sides = {
+            (axis, way): [_side(axis, way, z_s, h, limit, inputs["largest_y_signal"]) for h in hs]
+            for axis, way in SIDES
+        }
+        ranges = [a + b for a, b in zip(sides["x", 1.0], sides["x", -1.0], strict=True)]
+        numbers[f"x_range_{name}"] = Ours(ranges, about)
+        numbers[f"y_range_{name}"] = Ours([2.0 * side for side in sides["y", 1.0]], about)
+        curves.append(_figure(z_s))
+    numbers["vertical_range"] = Ours([_deepest(h, limit, True) for h in hs], about)
+    numbers["vertical_range_unscaled"] = Ours([_deepest(h, limit, False) for h in hs], about)
+    return Answers(numbers, tuple(curves), {"": _words(inputs)})
+
+
+@cache
+def _followed(axis: Axis, way: float, z_s: float, h: float) -> Shift:
+    """As far as the map's box goes."""
+    signals = SIGNALS
+    while True:
+        try:
+            return shift((extended_map(),), way * signals, axis, z_s=z_s, h=h, far=np.inf)
+        except OutsideMapError:
+            signals = signals[:-1]
+
+
+def _side(axis: Axis, way: float, z_s: float, h: float, limit: float, largest_y: float) -> float:
+    """Reach to one side, mm: to the signal at which a coil carries the limit."""
+    found = _followed(axis, way, z_s, h)
+    signals, along = np.abs(found.signals), 1e3 * np.abs(found.along)
+    last = float(np.interp(limit, found.largest, signals))
+    if axis == "y":
+        last = min(last, largest_y)
+    return float(np.interp(last, signals, along))
+
+
+def _figure(z_s: float) -> Curves:
+    series = []
+    for axis, way in SIDES:
+        found = _followed(axis, way, z_s, DRAWN_H)
+        name = f"{'-' if way < 0 else ''}{axis}"
+        series.append(Series(name, found.largest, 1e3 * np.abs(found.along)))
+    title = f"Reach against the largest coil current, z_s = {z_s:g} mm, h = {DRAWN_H:g} mm"
+    return Curves(title, "largest coil current (A)", "distance from the origin (mm)", tuple(series))
+
+
+def _deepest(h: float, limit: float, scaled: bool) -> float:
+    """Largest z_s, mm, at which the limit in every coil carries the weight; the force scaled so that (7-18) carries it
+    at z_s = 10 mm, or as computed."""
+    field = extended_map()
+    scale = 1.0 / lift_share(field, 10.0, h, thesis_lift_current(10.0)) if scaled else 1.0
+    end = -1e3 * float(field.lower[2]) - 77.0 - h - 0.01
+
+    def excess(z_s: float) -> float:
+        return scale * lift_share(field, z_s, h, limit) - 1.0
+
+    if excess(0.0) < 0.0:
+        return 0.0
+    return end if excess(end) > 0.0 else float(brentq(excess, 0.0, end, xtol=1e-4))
+
+
+def _words(inputs: dict[str, Any]) -> str:
+    stable = all(
+        _followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in inputs["depths_mm"]
+    )
+    off = _checked_at_half()
+    return (
+        f"Every place on the way is {'stable sideways' if stable else 'not stable sideways'}: in the model it is the "
+        "amplifier's current that ends the range, as the thesis says. At y = 0.5 and u = 2.2 A the extrapolated map "
+        f"puts the magnet {off:.2f} mm from where a state solved there does. The model moves too far along y, see S14."
+    )
+
+
+def _checked_at_half() -> float:
+    """Distance, mm, of the equilibria at y = 0.5, u = 2.2 A, of the extrapolated map and of a solved state."""
+    currents = divide_currents(2.2, 0.0, 0.5, 1.25)
+    height = magnet_height(11.5, 1e-3 * DRAWN_H)
+    window = ([-5e-3, 0.0], [5e-3, 15.9e-3])
+    sources: tuple[LevitationField, ...] = (extended_map(), unit_states())
+    places = [stationary_points(f, currents, payload(), height, window, samples=8).points for f in sources]
+    return 1e3 * float(np.linalg.norm(places[0][0].position - places[1][0].position))
