@@ -13,12 +13,21 @@ def devices(incomplete: str) -> list[str]:
 
 
 def recipes(incomplete: str) -> list[str]:
-    """Shipped recipes and studies that begin so.
+    """Shipped recipes that begin so.
 
     >>> recipes("qu")
     ['quick']
     """
     return _begin(shipped_names("maps"), incomplete)
+
+
+def studies(incomplete: str) -> list[str]:
+    """Shipped studies that begin so.
+
+    >>> studies("po")
+    ['pole_disk']
+    """
+    return _begin([name.split("/")[-1] for name in shipped_names("maps", "studies")], incomplete)
 
 
 def _begin(names: list[str], start: str) -> list[str]:

@@ -6,11 +6,17 @@ from typing import Annotated, Any
 
 import typer
 
+from fieldmap.cli.completion import studies
 from fieldmap.cli.options import Json
 
 
 def study(
-    file: Annotated[str, typer.Argument(metavar="STUDY", help="Study file, or the name of a shipped study.")],
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY", help="Study file, or the name of a shipped study.", autocompletion=studies
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option(

@@ -95,6 +95,12 @@ QUANTITIES = (
     Quantity("surface_faces", "error", "1", "faces of the mesh's surface"),
 )
 
+TAKEN = frozenset(
+    {*AXES, *(quantity.name for quantity in QUANTITIES), "point_x", "point_y", "point_z", "problem"}
+    | {"study_file", "device_file", "included_files"}
+)
+"""Names in the data set that a varied key cannot have."""
+
 GROUPS = tuple(dict.fromkeys(quantity.group for quantity in QUANTITIES))
 NEED_PAYLOAD = frozenset({"force_per_ampere", "equilibrium", "equilibrium_area", "reach", "reachable_share"})
 NEED_LIMIT = frozenset({"reach", "reachable_share"})

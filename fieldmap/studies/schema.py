@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
 from fieldmap.device.findings import one_of, shown
 from fieldmap.device.schema.base import Name, Point, Positive, Table, Text, broken
-from fieldmap.studies.quantities import AXES, GROUPS
+from fieldmap.studies.quantities import GROUPS, TAKEN
 
 FORMAT = 1
 LARGEST_CURRENT_A = 1e6
@@ -212,7 +212,8 @@ class StudyFile(Table):
             twice = sorted({name for name in names if names.count(name) > 1})
             if twice:
                 raise broken(f"every {what} needs a name of its own", one_of(twice), "rename one")
-        taken = [entry.name for entry in self.vary if entry.name in AXES]
+        taken = [entry.name for entry in self.vary if entry.name in TAKEN]
         if taken:
-            raise broken("the names of the data set's own axes are taken", one_of(taken), "rename it")
+            must_hold = "the names of the data set's own axes and variables are taken"
+            raise broken(must_hold, one_of(taken), "rename it")
         return self

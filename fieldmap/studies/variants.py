@@ -9,7 +9,7 @@ from typing import Any
 from fieldmap.device.cross_checks import all_paths
 from fieldmap.device.document import Document
 from fieldmap.device.findings import Finding, closest, shown
-from fieldmap.device.key_paths import Location, matches, value_at
+from fieldmap.device.key_paths import Location, dotted, matches, value_at
 from fieldmap.device.reader import device_of
 from fieldmap.errors import DeviceFileError
 from fieldmap.studies.schema import StudyFile, VaryKeys
@@ -54,6 +54,7 @@ def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
         found.append(
             Finding(location, f"must be a key with one value in {document.path.name}", received, remedy)
         )
+    found += _set_twice(contents, document)
     count = 1
     for entry in contents.vary:
         count *= len(entry.values)
@@ -61,6 +62,17 @@ def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
         must_hold = f"a study has at most {LARGEST_STUDY} variants"
         found.append(Finding(("vary",), must_hold, f"{count}", "leave out values, or make several studies"))
     return found
+
+
+def _set_twice(contents: StudyFile, document: Document) -> Iterator[Finding]:
+    """Keys that two tables of [[vary]], or two lines of one, set."""
+    first: dict[Location, Location] = {}
+    for location, key in _keys(contents) if contents.vary else ():
+        for place in matches(document.data, key):
+            if first.setdefault(place, location) != location:
+                received = f"{dotted(document.data, place)}, set before by another one"
+                yield Finding(location, "every key is set once", received, "leave one of them out")
+                break
 
 
 def _keys(contents: StudyFile) -> Iterator[tuple[Location, str]]:
