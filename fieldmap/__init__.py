@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fieldmap import control as control
+    from fieldmap import dynamics as dynamics
     from fieldmap import instruments as instruments
     from fieldmap.device import read_device as read_device
+    from fieldmap.dynamics import simulate as simulate
     from fieldmap.iron import solve as solve
     from fieldmap.iron import solve_linear as solve_linear
     from fieldmap.iron import solve_to_tolerance as solve_to_tolerance
@@ -28,8 +30,9 @@ _DOORS = {
     "generate": "fieldmap.maps",
     "open_map": "fieldmap.lookup",
     "find_equilibrium": "fieldmap.levitation",
+    "simulate": "fieldmap.dynamics",
 }
-_ROOMS = ("control", "instruments")
+_ROOMS = ("control", "dynamics", "instruments")
 __all__ = [*_DOORS, *_ROOMS, "__version__"]
 
 

@@ -54,6 +54,10 @@ class StudyError(InputError):
     """A study file is wrong; `problems` lists every error of the file."""
 
 
+class ScenarioError(InputError):
+    """A scenario file is wrong; `problems` lists every error of the file."""
+
+
 class GeometryError(InputError):
     """Bodies, coils and workspace cannot be built, overlap, or touch where they must not."""
 

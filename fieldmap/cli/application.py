@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fieldmap.cli import check, equilibrium, export, info, make_map, probe, schema, solve, study, thesis
+from fieldmap.cli import check, equilibrium, export, info, make_map, probe, schema, simulate, solve, study, thesis
 
 COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
     "check": (check.check, "fieldmap check drive_unit"),
@@ -15,6 +15,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
     "probe": (probe.probe, "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload"),
     "equilibrium": (equilibrium.equilibrium, "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 10"),
     "export": (export.export, "fieldmap export maps/out/workspace.h5 --to c -o workspace.fmap"),
+    "simulate": (simulate.simulate, "fieldmap simulate vertical_step --save vertical_step.png"),
     "study": (study.study, "fieldmap study pole_disk"),
     "thesis": (thesis.thesis, "fieldmap thesis S7 S20"),
     "schema": (schema.schema, "fieldmap schema > device.schema.json"),

@@ -32,8 +32,10 @@ from fieldmap.dynamics.motion import (
 )
 from fieldmap.dynamics.outcome import Event, LoopRun
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
+from fieldmap.dynamics.scenario import ScenarioRun, prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.dynamics.trim import Trim, trim
 
 __all__ = [
     "AxisReading",
@@ -49,8 +51,10 @@ __all__ = [
     "Mixing",
     "Plate",
     "RigidBody",
+    "ScenarioRun",
     "Schedule",
     "Sensors",
+    "Trim",
     "Walls",
     "angular_momentum",
     "body_of_payload",
@@ -61,7 +65,11 @@ __all__ = [
     "move",
     "move_adaptively",
     "pid_block",
+    "prepare",
+    "read_scenario",
     "regulator_block",
+    "run_metrics",
+    "simulate",
     "simulate_closed_loop",
     "simulate_many",
     "stacked",
@@ -69,4 +77,5 @@ __all__ = [
     "state_of",
     "superposed",
     "tabled",
+    "trim",
 ]

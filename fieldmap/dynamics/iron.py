@@ -60,7 +60,7 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
 
 
 def tabled(
-    field_map: FieldMap, nodes: tuple[int, int, int] = (13, 9, 9), scale: float = 1.0
+    field_map: FieldMap, nodes: tuple[int, int, int] = (7, 17, 17), scale: float = 1.0
 ) -> FieldOfCurrents:
     """The field of a map of saturating iron over its division (u, x, y): values and slopes of the reduced model at
     nodes, exact for quadratic dependence in between. Raises InputError for a map of another domain."""

@@ -30,6 +30,7 @@ from fieldmap.lookup import FiniteMagnet
 Array = NDArray[np.float64]
 
 _RIM = 8
+_RIGID = 1e12  # kg m^2
 
 
 def _nowhere() -> Array:
@@ -42,7 +43,8 @@ class RigidBody:
 
     mass: kg. inertia (3,): principal moments, kg m^2. magnet: points and moments about the magnet's own centre, axes
     as the body's. magnet_at (3,): that centre in the body. seen_at (3,): the point that the position sensors see. skin
-    (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. assumptions: what the numbers rest on.
+    (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn, as if
+    its inertia were without bounds. assumptions: what the numbers rest on.
     """
 
     mass: float
@@ -52,6 +54,7 @@ class RigidBody:
     seen_at: Array = field(default_factory=lambda: np.zeros(3))
     skin: Array = field(default_factory=_nowhere)
     gravity: float = FREE_FALL
+    upright: bool = False
     assumptions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -81,7 +84,8 @@ class RigidBody:
         """Everything about the body and its surroundings, in the order of fieldmap.kernels.motion.layout."""
         skin = _nowhere() if walls is None else self.skin
         numbers = np.zeros(FIRST)
-        numbers[MASS], numbers[INERTIA : INERTIA + 3] = self.mass, self.inertia
+        numbers[MASS] = self.mass
+        numbers[INERTIA : INERTIA + 3] = _RIGID if self.upright else self.inertia
         numbers[GRAVITY + 2] = -self.gravity
         numbers[FORCE : FORCE + 3], numbers[TORQUE : TORQUE + 3] = force, torque
         resistance = (drag or Drag()).numbers
@@ -104,13 +108,15 @@ def body_of_payload(
     centre_of_mass: float = 0.0,
     direction: float = 1.0,
     magnet: FiniteMagnet | None = None,
+    upright: bool = False,
 ) -> RigidBody:
     """The upright body of a device's payload: z along the magnet's axis, seen at its top.
 
     radius, height: of the cylinder that the body is taken for, m; the magnet's own unless given. below: how far the
     magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. centre_of_mass: how
     far it lies above the magnet's centre, m. direction: +1 for a moment along the body's z axis, -1 against it.
-    magnet: its dipoles; a point dipole unless given. Raises InputError where no inertia is given or follows.
+    magnet: its dipoles; a point dipole unless given. upright: it does not turn. Raises InputError where no inertia is
+    given or follows.
 
     >>> from fieldmap.device import read_device
     >>> body = body_of_payload(read_device("drive_unit").payload, radius=5.9e-3, height=0.025)
@@ -135,6 +141,8 @@ def body_of_payload(
         words.append(
             f"inertia of a uniform cylinder of {size}" + ("" if radius or not cylinder else ", the magnet's")
         )
+    if upright:
+        words = ["the body stays upright: it does not turn"]
     words.append(f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre")
     words.append(f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre")
     point = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
@@ -149,6 +157,7 @@ def body_of_payload(
         np.array([0.0, 0.0, shift]),
         np.array([0.0, 0.0, shift + payload.magnet_offset]),
         skin,
+        upright=upright,
         assumptions=tuple(words),
     )
 

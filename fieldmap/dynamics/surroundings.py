@@ -51,7 +51,7 @@ class Plate:
 
     conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to the
     side of the magnet, any length. Eddy currents are those of slow motion: their own field is left out, which is wrong
-    by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (12)..(18).
+    by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
     """
 
     conductivity: float

@@ -8,6 +8,7 @@ from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
 from fieldmap.store.partial import Chunk, partial_path
 from fieldmap.store.reader import read_info, read_map
 from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.store.run_file import RunRecord, read_runs, write_runs
 from fieldmap.store.seal import seal_map
 from fieldmap.store.states import KeptState, StateArchive
 from fieldmap.store.verification import MapCheck, check_map
@@ -24,12 +25,15 @@ __all__ = [
     "MapWriter",
     "Provenance",
     "ReducedModel",
+    "RunRecord",
     "StateArchive",
     "check_map",
     "open_writer",
     "partial_path",
     "read_info",
     "read_map",
+    "read_runs",
     "seal_map",
     "write_map",
+    "write_runs",
 ]

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics import RigidBody
 from fieldmap.lookup import FiniteMagnet, interpolate
-from fieldmap.store import Grid, MapData, ReducedModel
+from fieldmap.store import Grid, MapData, ReducedModel, write_map
 
 
 def axial_field(points, b0, b1, b2):
@@ -129,3 +129,40 @@ def saturating_map(kind="harmonic"):
 @pytest.fixture(scope="session")
 def saturating():
     return saturating_map
+
+
+def _dipole_field(moment, source, points):
+    """B (n, 3) of a vertical dipole, Jackson eq. (5.56)."""
+    r = points - source
+    d = np.linalg.norm(r, axis=1)[:, None]
+    return 1e-7 * (3 * moment * r[:, 2:] * r / d**5 - np.array([0.0, 0.0, moment]) / d**3)
+
+
+def _dipole_gradient(moment, source, points):
+    r = points - source
+    d2 = np.sum(r**2, axis=1)[:, None, None]
+    m = np.array([0.0, 0.0, moment])
+    along = (r @ m)[:, None, None]
+    outer = m[:, None] * r[:, None, :] + m * r[:, :, None]
+    return 3e-7 * (outer + along * np.eye(3) - 5 * along * r[:, :, None] * r[:, None, :] / d2) / d2**2.5
+
+
+@pytest.fixture(scope="session")
+def six_coils(tmp_path_factory):
+    """A map file: six dipoles on the circle of the drive unit, each of 8 A m^2 per ampere, in its workspace."""
+    angles = np.deg2rad([240.0, 180.0, 120.0, 300.0, 0.0, 60.0])
+    lower, upper = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
+    cells = np.array([8, 8, 12])
+    grid = Grid(lower, (upper - lower) / cells, tuple(cells + 1))
+    points = grid.points()
+    sources = np.column_stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)])
+    data = MapData(
+        grid,
+        tuple("123456"),
+        np.ones(6),
+        flux_density=np.array([_dipole_field(8.0, s, points) for s in sources]).reshape(6, *grid.shape, 3),
+        gradient=np.array([_dipole_gradient(8.0, s, points) for s in sources]).reshape(6, *grid.shape, 3, 3),
+    )
+    path = tmp_path_factory.mktemp("maps") / "six.h5"
+    write_map(path, data)
+    return path

@@ -1,4 +1,4 @@
-"""What takes energy from a moving body: drag and eddy currents, docs/theory/dynamics.md (9)..(18)."""
+"""What takes energy from a moving body: drag and eddy currents, docs/theory/dynamics.md (9)..(17)."""
 
 from numba import njit
 

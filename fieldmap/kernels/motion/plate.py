@@ -1,4 +1,4 @@
-"""Eddy-current damping by a conducting plate of any thickness, slow motion: docs/theory/dynamics.md (12)..(18).
+"""Eddy-current damping by a conducting plate of any thickness, slow motion: docs/theory/dynamics.md (11)..(18).
 
 The plate's numbers (layout) lie at PLATE of a body's array. It reaches without end to all sides.
 """
@@ -14,7 +14,7 @@ from fieldmap.kernels.motion.layout import CONDUCTIVITY, FACE, NORMAL, THICKNESS
 
 @njit(**INLINED)
 def layer_integrals(height, thickness):
-    """Integrals over the depth of the plate of 3 / (8 s^4), 1 / (4 s^3), 1 / (4 s^2): (15)."""
+    """Integrals over the depth of the plate of 3 / (8 s^4), 1 / (4 s^3), 1 / (4 s^2): (14), (15)."""
     near, far = 1.0 / height, 1.0 / (height + thickness)
     return (
         0.125 * (near * near * near - far * far * far),

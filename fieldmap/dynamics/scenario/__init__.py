@@ -1,0 +1,20 @@
+"""Scenarios: an experiment in a TOML file, and what comes out of it."""
+
+from fieldmap.dynamics.scenario.build import Experiment, prepare
+from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
+from fieldmap.dynamics.scenario.one_run import ScenarioRun, simulate
+from fieldmap.dynamics.scenario.reader import Scenario, find_scenario, read_scenario
+
+__all__ = [
+    "AxisMetrics",
+    "Experiment",
+    "RunMetrics",
+    "Scenario",
+    "ScenarioRun",
+    "find_scenario",
+    "prepare",
+    "read_scenario",
+    "reading_mm",
+    "run_metrics",
+    "simulate",
+]

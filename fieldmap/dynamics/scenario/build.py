@@ -1,0 +1,212 @@
+"""From a scenario to what runs: machine, controller, schedule, state at the start."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device import Device, read_device
+from fieldmap.dynamics.blocks import ControllerBlock, stacked
+from fieldmap.dynamics.closed_loop import Machine, Schedule, simulate_closed_loop
+from fieldmap.dynamics.iron import linearised, superposed, tabled
+from fieldmap.dynamics.motion import state_of
+from fieldmap.dynamics.outcome import LoopRun
+from fieldmap.dynamics.rigid_body import RigidBody
+from fieldmap.dynamics.scenario.controller_keys import ConstantKeys
+from fieldmap.dynamics.scenario.controllers import block_of
+from fieldmap.dynamics.scenario.parts import body_of, machine_of
+from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
+from fieldmap.dynamics.trim import Trim, trim
+from fieldmap.errors import Infeasible, NoEquilibrium
+from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
+from fieldmap.levitation import lift_current
+from fieldmap.lookup import FieldMap, division_domain, open_map, saturates
+from fieldmap.shipped import shipped_file
+
+Array = NDArray[np.float64]
+MILLI = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; rest: where the
+    machine is at rest."""
+
+    scenario: Scenario
+    machine: Machine
+    controller: ControllerBlock
+    schedule: Schedule
+    state: Array
+    currents: Array
+    rest: Trim
+
+    def run(self, seed: int | np.random.SeedSequence | None = None) -> LoopRun:
+        """One run; the scenario's own seed unless one is given."""
+        noise = self.scenario.contents.noise
+        chosen = noise.seed if seed is None else seed
+        return simulate_closed_loop(
+            self.machine,
+            self.controller,
+            self.schedule,
+            self.state,
+            self.currents,
+            None if noise.off else chosen,
+        )
+
+
+def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment:
+    """Open the map, find where the machine rests at the start, make the controllers.
+
+    field_map: in the place of the scenario's map. Raises ScenarioError, MapFileError, NoEquilibrium.
+    """
+    device = read_device(_beside(scenario, scenario.contents.device, "geometry"))
+    opened = (
+        field_map if field_map is not None else open_map(_map_path(scenario), outside_currents="evaluate")
+    )
+    if len(opened.coil_names) != 6:
+        must = "must be a map of six coils, whose currents a division sets"
+        raise scenario.error(
+            "map", must, f"{len(opened.coil_names)} coils", "use fieldmap.dynamics from Python"
+        )
+    machine, rest = _machine_at_rest(scenario, device, opened)
+    contents = scenario.contents
+    start_mm = _reading(rest.sensed, contents.sensors.zero_depth_mm)
+    wanted = references(scenario, start_mm)
+    control = contents.control
+    schedule = Schedule(
+        _into_map(wanted, contents.sensors.zero_depth_mm),
+        MILLI * control.period_ms,
+        MILLI * control.step_ms,
+        MILLI * control.delay_ms,
+        open_loop_signals(scenario),
+        disturbances(scenario),
+        contents.record.every,
+    )
+    controller = stacked(*(block_of(scenario, axis, rest) for axis in "zxy"))
+    return Experiment(scenario, machine, controller, schedule, _start(scenario, rest), rest.currents, rest)
+
+
+def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tuple[Machine, Trim]:
+    """The machine, and where it rests. Saturating iron is linearised about the currents of that rest."""
+    body = body_of(scenario, device, opened)
+    keys = scenario.contents.field
+    guess = _guess(scenario, device, opened, body)
+    if not saturates(opened) or keys.iron == "table":
+        nodes = (keys.table[0], keys.table[1], keys.table[2])
+        superposes = not saturates(opened)
+        field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)
+        machine = machine_of(scenario, device, body, field)
+        return machine, _rest(scenario, machine, guess)
+    currents, rest = guess, None
+    for _ in range(12):
+        machine = machine_of(scenario, device, body, linearised(opened, currents, keys.scale))
+        rest = _rest(scenario, machine, currents)
+        change = float(np.abs(rest.currents - currents).max())
+        currents = rest.currents
+        if change < 1e-6:
+            return machine, rest
+    raise NoEquilibrium(
+        scenario.error(
+            "start",
+            "currents at rest must settle",
+            f"a change of {change:.1e} A",
+            'take field.iron = "table"',
+        ).problems[0]
+    )
+
+
+def _guess(scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody) -> Array:
+    """Equal currents that about lift the body at the start, for the search to begin with."""
+    contents = scenario.contents
+    z = (
+        -MILLI * (contents.sensors.zero_depth_mm + contents.start.depth_mm)
+        - (body.seen_at - body.magnet_at)[2]
+    )
+    point = [MILLI * (contents.start.x_mm or 0.0), MILLI * (contents.start.y_mm or 0.0), z]
+    if not (opened.lower <= point).all() or not (point <= opened.upper).all():
+        received = f"the magnet at {[round(1e3 * p, 3) for p in point]} mm"
+        raise scenario.error(
+            "start", "must be inside the map", received, "begin elsewhere, or make a larger map"
+        )
+    domain = division_domain(opened)
+    if domain is None and not saturates(opened):
+        return lift_current(opened, device.payload, point).currents / contents.field.scale
+    levels = np.linspace(domain[0][0], domain[1][0], 9) if domain else np.linspace(0.3, 3.0, 10)
+    moment, weight = body.magnet.moment * contents.field.scale, body.mass * body.gravity
+    lift = np.array([moment * abs(opened.gradient(point, np.full(6, i))[2, 2]) for i in levels])
+    if lift.max() < weight:
+        share = f"{lift.max() / weight:.2g} of the weight at most"
+        where = scenario.error("field.scale", "the field must carry the body", share, "raise the scale")
+        raise Infeasible(where.problems[0])
+    return np.full(6, float(np.interp(weight, lift, levels)))
+
+
+def _rest(scenario: Scenario, machine: Machine, currents: Array) -> Trim:
+    contents = scenario.contents
+    nan = np.nan
+    place = [nan, nan, -MILLI * (contents.sensors.zero_depth_mm + contents.start.depth_mm)]
+    outputs = [nan, nan, nan]
+    for k, (given, keys) in enumerate(
+        ((contents.start.x_mm, contents.control.x), (contents.start.y_mm, contents.control.y))
+    ):
+        if given is not None:
+            place[k] = MILLI * given
+        else:
+            outputs[1 + k] = (
+                keys.output if isinstance(keys, ConstantKeys) and keys.output is not None else 0.0
+            )
+    amplifier = machine.drive.amplifier
+    rest = trim(machine, place, outputs, [float(np.mean(currents)) / amplifier.gain, 0.0, 0.0])
+    if np.abs(rest.currents).max() > amplifier.largest_current * (1.0 + 1e-9):
+        must = f"the body must rest with what the amplifiers give, {amplifier.largest_current:g} A"
+        received = f"{np.abs(rest.currents).max():.3g} A"
+        remedy = "begin higher or nearer to the axis, or state a field.scale"
+        raise Infeasible(scenario.error("start", must, received, remedy).problems[0])
+    return rest
+
+
+def _start(scenario: Scenario, rest: Trim) -> Array:
+    """The state at rest, shifted, leaning and moving as asked for."""
+    keys = scenario.contents.start
+    state = rest.state.copy()
+    x, y, depth = (MILLI * value for value in keys.shift_mm)
+    state[POSITION : POSITION + 3] += x, y, -depth
+    state[VELOCITY : VELOCITY + 3] = MILLI * np.asarray(keys.velocity_mm_per_s)
+    half = np.deg2rad(keys.lean_deg) / 2
+    w, a, b, c = state[TURN : TURN + 4]
+    turned = [w * np.cos(half) - a * np.sin(half), a * np.cos(half) + w * np.sin(half)]
+    turned += [b * np.cos(half) - c * np.sin(half), c * np.cos(half) + b * np.sin(half)]
+    return state_of(state[:3], state[3:6], turned, state[10:])
+
+
+def _reading(sensed: Array, zero_mm: float) -> Array:
+    """x, y and depth in mm of points (..., 3) of the map."""
+    return np.asarray(sensed) * [1e3, 1e3, -1e3] - [0.0, 0.0, zero_mm]
+
+
+def _into_map(reading: Array, zero_mm: float) -> Array:
+    return (reading + [0.0, 0.0, zero_mm]) * [MILLI, MILLI, -MILLI]
+
+
+def _beside(scenario: Scenario, name: str, kind: str) -> str | Path:
+    beside = scenario.path.parent / name
+    if beside.is_file():
+        return beside
+    shipped = shipped_file(kind, name)
+    if shipped is None:
+        must = "a file relative to the scenario, or the name of a shipped one"
+        raise scenario.error("device", must, f'"{name}"', "correct the name")
+    return shipped
+
+
+def _map_path(scenario: Scenario) -> Path:
+    """The map: relative to the scenario, as given, or by its name in maps/out."""
+    name = scenario.contents.map
+    folder = Path("maps") / "out"
+    for path in (scenario.path.parent / name, Path(name), folder / name, folder / f"{name}.h5"):
+        if path.is_file():
+            return path
+    must = "must be a map file relative to the scenario, or the name of one in maps/out"
+    raise scenario.error("map", must, f'"{name}"', f"make it: fieldmap map {Path(name).stem}, or give --map")

@@ -1,0 +1,87 @@
+"""What a run of a scenario is judged by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.control import StepMetrics, step_metrics
+from fieldmap.dynamics.outcome import LoopRun
+from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.scenario.references import AXES
+from fieldmap.dynamics.scenario.schema import StepKeys
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AxisMetrics:
+    """Of one axis: root mean square and largest error of the true position against the reference, and of what the
+    controller sees, mm; how far it moved, peak to peak, mm; its only or first step, None without one."""
+
+    axis: str
+    rms_error_mm: float
+    largest_error_mm: float
+    rms_seen_mm: float
+    travel_mm: float
+    step: StepMetrics | None
+
+
+@dataclass(frozen=True)
+class RunMetrics:
+    """Of a run: its axes; end of it, s; name of the event, "" without one; largest lean, deg and current, A."""
+
+    axes: tuple[AxisMetrics, ...]
+    end_s: float
+    event: str
+    largest_lean_deg: float
+    largest_current_A: float
+
+
+def reading_mm(scenario: Scenario, points: Array) -> Array:
+    """x, y and depth in mm of sensed points (n, 3), m."""
+    return np.asarray(points) * [1e3, 1e3, -1e3] - [0.0, 0.0, scenario.contents.sensors.zero_depth_mm]
+
+
+def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
+    """The metrics of a run; those of a step are taken over the part of the run from it to the next on its axis."""
+    true, seen, wanted = (reading_mm(scenario, p) for p in (run.sensed, run.seen, run.references))
+    if not len(run.time):
+        nothing = tuple(AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None) for axis in AXES)
+        return RunMetrics(nothing, 0.0, run.event.name if run.event else "", 0.0, 0.0)
+    axes = []
+    for k, axis in enumerate(AXES):
+        error = true[:, k] - wanted[:, k]
+        axes.append(
+            AxisMetrics(
+                axis,
+                float(np.sqrt(np.mean(error**2))),
+                float(np.abs(error).max()),
+                float(np.sqrt(np.mean((seen[:, k] - wanted[:, k]) ** 2))),
+                float(np.ptp(true[:, k])),
+                _step(scenario, run.time, true[:, k], wanted[:, k], axis),
+            )
+        )
+    return RunMetrics(
+        tuple(axes),
+        run.event.time if run.event else float(run.time[-1]),
+        run.event.name if run.event else "",
+        float(np.rad2deg(run.tilt.max())),
+        float(np.abs(run.currents).max()),
+    )
+
+
+def _step(scenario: Scenario, time: Array, true: Array, wanted: Array, axis: str) -> StepMetrics | None:
+    """Of the first step of an axis whose reference does nothing else until the next."""
+    pieces = [piece for piece in scenario.contents.reference if getattr(piece, "axis", axis) == axis]
+    steps = sorted((piece for piece in pieces if isinstance(piece, StepKeys)), key=lambda piece: piece.at_s)
+    if not steps or len(steps) != len(pieces):
+        return None
+    ends = steps[1].at_s if len(steps) > 1 else np.inf
+    part = (time >= steps[0].at_s - 1e-9) & (time < ends - 1e-9)
+    before = true[time < steps[0].at_s - 1e-9]
+    if part.sum() < 20 or steps[0].by_mm == 0.0:
+        return None
+    final = float(wanted[part][-1])
+    initial = float(before[-1]) if len(before) else final - steps[0].by_mm
+    return step_metrics(time[part], true[part], initial=initial, final=final)

@@ -1,0 +1,115 @@
+"""Body, coils, sensors and surroundings of a scenario."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fieldmap.device import Device
+from fieldmap.dynamics.closed_loop import Division, Machine
+from fieldmap.dynamics.drives import drive_of_device
+from fieldmap.dynamics.iron import FieldOfCurrents
+from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
+from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.sensors import Sensors
+from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
+from fieldmap.lookup import FieldMap, finite_magnet
+
+MILLI = 1e-3
+
+
+def body_of(scenario: Scenario, device: Device, opened: FieldMap) -> RigidBody:
+    """The body of [body] around the device's magnet."""
+    keys, payload = scenario.contents.body, device.payload
+    if payload is None:
+        raise scenario.error("device", "must have a payload", "none", "add [payload] to the device file")
+    if keys.magnet_offset_mm is not None:
+        payload = replace(payload, magnet_offset=MILLI * keys.magnet_offset_mm)
+    magnet = None
+    if keys.finite_magnet:
+        if payload.magnet is None:
+            raise scenario.error(
+                "body.finite_magnet", "needs a magnet", "a moment only", "add payload.magnet"
+            )
+        magnet = finite_magnet(payload.magnet, opened.at(np.ones(6)), 1e-4)  # type: ignore[arg-type]
+    lengths = (keys.radius_mm, keys.height_mm, keys.below_mm)
+    radius, height, below = (None if value is None else MILLI * value for value in lengths)
+    return body_of_payload(
+        payload,
+        radius=radius,
+        height=height,
+        below=below,
+        centre_of_mass=MILLI * keys.centre_of_mass_mm,
+        magnet=magnet,
+        upright=keys.turning == "upright",
+    )
+
+
+def machine_of(scenario: Scenario, device: Device, body: RigidBody, field: FieldOfCurrents) -> Machine:
+    """Everything but the controllers."""
+    contents = scenario.contents
+    keys, walls = contents.coils, contents.walls
+    converter = None if keys.output_bits is None else Converter(10.0, keys.output_bits)
+    drive = drive_of_device(
+        device, keys.lowest_voltage_V, time_constant=MILLI * keys.time_constant_ms, converter=converter
+    )
+    drive = replace(drive, amplifier=replace(drive.amplifier, deviation=keys.noise_A))
+    if not keys.dynamics:
+        drive = replace(drive, resistance=None, inductance=None)
+    drag, plate = contents.drag, contents.plate
+    return Machine(
+        field,
+        body,
+        drive,
+        _sensors(scenario),
+        Division(contents.control.division_n),
+        Drag(
+            tuple(drag.linear_N_s_per_m),  # type: ignore[arg-type]
+            tuple(drag.body_linear_N_s_per_m),  # type: ignore[arg-type]
+            tuple(drag.body_quadratic_N_s2_per_m2),  # type: ignore[arg-type]
+            tuple(drag.turning_N_m_s),  # type: ignore[arg-type]
+        ),
+        None
+        if plate is None
+        else Plate(
+            plate.conductivity_S_per_m,
+            MILLI * plate.thickness_mm,
+            tuple(MILLI * v for v in plate.face_mm),  # type: ignore[arg-type]
+            tuple(plate.normal),  # type: ignore[arg-type]
+        ),
+        None if walls is None else _walls(scenario),
+        () if walls is None else tuple(walls.end),
+        keys.longest_saturation_s,
+    )
+
+
+def _walls(scenario: Scenario) -> Walls:
+    keys = scenario.contents.walls
+    assert keys is not None
+    floor, ceiling, radius = (
+        None if value is None else MILLI * value
+        for value in (keys.floor_mm, keys.ceiling_mm, keys.tube_radius_mm)
+    )
+    return Walls(floor, ceiling, radius, restitution=keys.restitution, friction=keys.friction)
+
+
+def _sensors(scenario: Scenario) -> Sensors:
+    keys = scenario.contents.sensors
+    frame = SensorFrame(np.deg2rad(keys.angle_deg), offset=0.0) if keys.angle_deg else None
+    rig = None
+    if keys.input_bits is not None or keys.step_mm:
+        converter = Converter(10.0, keys.input_bits or 48, keys.input_noise_V)
+        # 2 mm/V: the position that a volt stands for (thesis Table 3-2).
+        micrometer = Micrometer(0.0, 2e-3, voltage_step=keys.step_mm / 2.0, lower=-1e3, upper=1e3)
+        rig = Rig(micrometer, converter, converter, Amplifier(1.0))
+    deviations = tuple(MILLI * value for value in keys.deviation_mm)
+    return Sensors(
+        frame,
+        MILLI * keys.zero_depth_mm,
+        deviations,  # type: ignore[arg-type]
+        (rig, rig, rig),
+        keys.input_noise_V,
+        keys.scan_rate_Hz,
+        keys.averages,
+        keys.latency_scans,
+    )

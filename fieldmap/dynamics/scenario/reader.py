@@ -1,0 +1,90 @@
+"""Read a scenario file and check all of it."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fieldmap.device.document import Document, load_document, schema_findings
+from fieldmap.device.findings import closest, one_of
+from fieldmap.device.toml_lines import line_numbers, nearest_line
+from fieldmap.dynamics.scenario.schema import ScenarioFile
+from fieldmap.errors import DeviceFileError, Problem, ScenarioError
+from fieldmap.shipped import shipped_file, shipped_names
+
+FOLDER = "scenarios"
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A scenario as written: path and text of the file, its contents, and what was changed of them by the caller."""
+
+    path: Path
+    text: str
+    contents: ScenarioFile
+    changes: Mapping[str, Any]
+
+    def error(self, key: str, must_hold: str, received: str, remedy: str) -> ScenarioError:
+        """An error at a key of the file."""
+        line = nearest_line(line_numbers(self.text), tuple(key.split(".")))
+        place = f"{self.path}:{line}" if line else str(self.path)
+        return ScenarioError(Problem(f"{place}: {key}", must_hold, received, remedy))
+
+
+def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Read and check a scenario file: its path, or the name of a shipped one ("vertical_step").
+
+    changes: values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file. The format is
+    described in docs/dynamics.md. Raises ScenarioError with one Problem for every error of the file: file, line and
+    key path; what must hold; what was received; the remedy.
+    """
+    path = find_scenario(path_or_name)
+    try:
+        document = load_document(path)
+    except DeviceFileError as error:
+        raise ScenarioError(*error.problems) from None
+    data = tomllib.loads(document.text)
+    for key, value in (changes or {}).items():
+        _change(data, path, key, value)
+    findings = schema_findings(ScenarioFile, data)
+    if findings:
+        raise ScenarioError(*Document(path, document.text, data).problems(findings))
+    return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
+
+
+def find_scenario(path_or_name: str | Path) -> Path:
+    """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
+    path = Path(path_or_name)
+    if path.is_file():
+        return path
+    shipped = shipped_file("maps", f"{FOLDER}/{path_or_name}")
+    if shipped is not None:
+        return shipped
+    names = [name.removeprefix(f"{FOLDER}/") for name in shipped_names("maps", FOLDER)]
+    guess = closest(path.stem, names)
+    remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
+    must_hold = "must be a scenario file or the name of a shipped scenario"
+    raise ScenarioError(Problem(str(path_or_name), must_hold, "no such file", remedy))
+
+
+def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
+    """Set a value by its dotted key; steps that are numbers count in a list."""
+    *steps, last = key.split(".")
+    here: Any = data
+    for step in steps:
+        if isinstance(here, list) and step.isdigit() and int(step) < len(here):
+            here = here[int(step)]
+        elif isinstance(here, dict):
+            here = here.setdefault(step, {})
+        else:
+            here = None
+    if isinstance(here, list) and last.isdigit() and int(last) < len(here):
+        here[int(last)] = value
+    elif isinstance(here, dict):
+        here[last] = value
+    else:
+        problem = Problem(
+            f"{path}: {key}", "must be a key of the scenario", "a step that is no table", "write table.key"
+        )
+        raise ScenarioError(problem)

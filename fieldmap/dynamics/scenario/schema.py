@@ -1,0 +1,287 @@
+"""What a scenario file may hold: the tables of the TOML file, with their rules. Lengths in mm, as their keys say."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, Tag, model_validator
+
+from fieldmap.device.findings import shown
+from fieldmap.device.schema.base import (
+    NotNegative,
+    Point,
+    Positive,
+    Table,
+    Text,
+    Vector,
+    broken,
+    chosen_by,
+)
+from fieldmap.dynamics.scenario.controller_keys import AxisController
+
+FORMAT = 1
+
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+def _known_format(value: Any) -> Any:
+    if value != FORMAT or isinstance(value, bool):
+        remedy = "this version of fieldmap reads format 1 only: install the version that knows the file's"
+        raise broken("format must be 1", shown(value), remedy)
+    return value
+
+
+class FieldKeys(Table):
+    """How the map's field follows the currents."""
+
+    scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
+    iron: Literal["auto", "linearised", "table"] = Field(
+        default="auto",
+        description="of saturating iron: linearised about the starting currents (auto), or a table of the division",
+    )
+    table: Annotated[list[int], Field(min_length=3, max_length=3)] = Field(
+        default=[7, 17, 17], description="nodes of that table for u, x and y"
+    )
+
+
+class BodyKeys(Table):
+    """The body around the device's magnet."""
+
+    turning: Literal["free", "upright"] = Field(
+        default="free", description="free: six degrees of freedom; upright: it does not turn"
+    )
+    radius_mm: Positive | None = Field(default=None, description="of the cylinder; the magnet's unless given")
+    height_mm: Positive | None = Field(default=None, description="of the cylinder; the magnet's unless given")
+    below_mm: Positive | None = Field(default=None, description="magnet's centre above the lower face")
+    centre_of_mass_mm: float = Field(default=0.0, description="above the magnet's centre")
+    magnet_offset_mm: NotNegative | None = Field(
+        default=None, description="magnet's centre below the sensed point; the device's unless given"
+    )
+    finite_magnet: bool = Field(default=False, description="the magnet's volume instead of a point dipole")
+
+
+class DragKeys(Table):
+    """Resistance of the air."""
+
+    linear_N_s_per_m: Vector = Field(default=[0.0] * 3, description="along the map's x, y, z")
+    body_linear_N_s_per_m: Vector = Field(default=[0.0] * 3, description="along the body's axes")
+    body_quadratic_N_s2_per_m2: Vector = Field(default=[0.0] * 3, description="along the body's axes")
+    turning_N_m_s: Vector = Field(default=[0.0] * 3, description="about the body's axes")
+
+
+class PlateKeys(Table):
+    """A conducting plate."""
+
+    conductivity_S_per_m: Positive = Field(description="3.5e7 for aluminium")
+    thickness_mm: Positive = Field(description="thickness")
+    face_mm: Point = Field(description="[x, y, z] of a point of the face that the magnet sees")
+    normal: Vector = Field(default=[0.0, 0.0, 1.0], description="of that face, to the side of the magnet")
+
+
+class WallKeys(Table):
+    """What the body can touch."""
+
+    floor_mm: float | None = Field(default=None, description="z of a floor")
+    ceiling_mm: float | None = Field(default=None, description="z of a ceiling")
+    tube_radius_mm: Positive | None = Field(default=None, description="of an upright tube about the z axis")
+    restitution: Annotated[float, Field(gt=0, le=1)] = Field(default=0.3, description="of a bounce")
+    friction: NotNegative = Field(default=0.3, description="Coulomb's coefficient")
+    end: list[Literal["floor", "ceiling", "tube"]] = Field(
+        default=["floor", "ceiling", "tube"], description="contacts that end the run"
+    )
+
+
+class CoilKeys(Table):
+    """Windings and amplifiers."""
+
+    dynamics: bool = Field(
+        default=True, description="R and L of the device's coils; false: currents follow at once"
+    )
+    lowest_voltage_V: float | None = Field(
+        default=None, description="at a winding; minus the supply's unless given"
+    )
+    time_constant_ms: NotNegative = Field(default=0.0, description="of the amplifier's own answer")
+    noise_A: NotNegative = Field(default=0.0, description="standard deviation of the current")
+    output_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
+        default=None, description="of the output converter, range -10 to 10 V"
+    )
+    longest_saturation_s: NotNegative = Field(
+        default=0.0, description="a limit that holds longer ends the run; 0 for never"
+    )
+
+
+class SensorKeys(Table):
+    """Position sensors."""
+
+    deviation_mm: Vector = Field(
+        default=[0.0] * 3, description="noise of the two crossed sensors and the vertical one"
+    )
+    angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
+    zero_depth_mm: float = Field(default=77.0, description="depth at which the vertical sensor reads 0")
+    step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
+    input_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
+        default=None, description="of the input converter, range -10 to 10 V at 2 mm/V"
+    )
+    input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
+    scan_rate_Hz: NotNegative = Field(default=0.0, description="0: shows what is at each sample")
+    averages: Annotated[int, Field(ge=1)] = Field(default=1, description="scans whose mean is shown")
+    latency_scans: Annotated[int, Field(ge=0)] = Field(default=0, description="by which a mean comes late")
+
+
+class CompensatorKeys(Table):
+    """The push of the vertical reference, thesis 7.1.2."""
+
+    push_mm: float = Field(default=0.05, description="how far")
+    duration_ms: Positive = Field(default=10.0, description="how long")
+    axis: Literal["x", "y"] = Field(default="x", description="whose reference sets it off")
+
+
+class ControlKeys(Table):
+    """The controllers and their clock."""
+
+    period_ms: Positive = Field(default=2.0, description="of the control task")
+    delay_ms: NotNegative = Field(default=0.0, description="from sample to command, at most one period")
+    step_ms: Positive = Field(default=0.1, description="of the mechanics")
+    division_n: Positive = Field(default=1.25, description="n of the current division (6-3)")
+    z: AxisController = Field(description="depth in mm to lift voltage")
+    x: AxisController = Field(description="x in mm to x signal")
+    y: AxisController = Field(description="y in mm to y signal")
+    compensator: CompensatorKeys | None = Field(default=None, description="push of the vertical reference")
+
+
+class StartKeys(Table):
+    """Where the run begins, at rest unless said otherwise."""
+
+    depth_mm: float = Field(description="reading of the vertical sensor")
+    x_mm: float | None = Field(default=None, description="left out: where the x signal lets the body rest")
+    y_mm: float | None = Field(default=None, description="left out: where the y signal lets the body rest")
+    shift_mm: Vector = Field(default=[0.0] * 3, description="away from rest: x, y, depth")
+    velocity_mm_per_s: Vector = Field(default=[0.0] * 3, description="x, y, z")
+    lean_deg: float = Field(default=0.0, description="about x, away from rest")
+
+
+class StepKeys(Table):
+    """A step."""
+
+    kind: Literal["step"] = Field(description="a step")
+    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
+    at_s: NotNegative = Field(description="when")
+    by_mm: float = Field(description="by how much")
+
+
+class RampKeys(Table):
+    """A ramp."""
+
+    kind: Literal["ramp"] = Field(description="a ramp")
+    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
+    at_s: NotNegative = Field(description="when it begins")
+    by_mm: float = Field(description="by how much in all")
+    rate_mm_per_s: Positive = Field(description="how fast")
+
+
+class SineKeys(Table):
+    """A sine."""
+
+    kind: Literal["sine"] = Field(description="a sine")
+    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
+    at_s: NotNegative = Field(default=0.0, description="when it begins")
+    amplitude_mm: float = Field(description="amplitude")
+    frequency_Hz: Positive = Field(description="frequency")
+
+
+class BinaryKeys(Table):
+    """A pseudo-random binary sequence."""
+
+    kind: Literal["prbs"] = Field(description="a pseudo-random binary sequence")
+    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
+    at_s: NotNegative = Field(default=0.0, description="when it begins")
+    amplitude_mm: float = Field(description="0 and this, by turns")
+    bit_ms: Positive = Field(description="length of a bit")
+    order: Annotated[int, Field(ge=3, le=16)] = Field(default=8, description="of the shift register")
+
+
+class CircleKeys(Table):
+    """A circle in x and y about the starting reference, thesis (7-2)."""
+
+    kind: Literal["circle"] = Field(description="a circle in x and y")
+    at_s: NotNegative = Field(
+        default=0.0, description="when it begins; the reference moves to x = radius there"
+    )
+    radius_mm: Positive = Field(description="radius")
+    rate_rad_per_s: float = Field(description="angular velocity")
+
+
+class TableKeys(Table):
+    """A reference from a CSV file: time in s, then x, y and depth in mm, with a line of names."""
+
+    kind: Literal["csv"] = Field(description="a CSV file")
+    file: Text = Field(description="path, relative to the scenario")
+
+
+Reference = Annotated[
+    Annotated[StepKeys, Tag("step")]
+    | Annotated[RampKeys, Tag("ramp")]
+    | Annotated[SineKeys, Tag("sine")]
+    | Annotated[BinaryKeys, Tag("prbs")]
+    | Annotated[CircleKeys, Tag("circle")]
+    | Annotated[TableKeys, Tag("csv")],
+    chosen_by("kind"),
+]
+
+
+class SignalKeys(Table):
+    """A step of an output that no controller sets: an axis in open loop."""
+
+    output: Literal["lift_V", "x", "y"] = Field(description="of which output")
+    at_s: NotNegative = Field(description="when")
+    by: float = Field(description="by how much")
+
+
+class DisturbanceKeys(Table):
+    """A force on the body."""
+
+    force_mN: Vector = Field(description="x, y, z")
+    from_s: NotNegative = Field(description="when it begins")
+    until_s: NotNegative = Field(description="when it ends")
+
+    @model_validator(mode="after")
+    def _lasts(self) -> "DisturbanceKeys":
+        if self.until_s <= self.from_s:
+            received = f"from_s = {self.from_s:g}, until_s = {self.until_s:g}"
+            raise broken("until_s must be later than from_s", received, "swap or correct them")
+        return self
+
+
+class RecordKeys(Table):
+    """What is kept of a run."""
+
+    every: Annotated[int, Field(ge=1)] = Field(default=1, description="control periods from row to row")
+
+
+class NoiseKeys(Table):
+    """Where noise comes from."""
+
+    seed: Annotated[int, Field(ge=0)] | None = Field(default=0, description="equal seeds give equal runs")
+    off: bool = Field(default=False, description="true: no noise at all")
+
+
+class ScenarioFile(Table):
+    """A scenario."""
+
+    format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
+    title: Text = Field(description="one line about the run")
+    map: Text = Field(description="map file, relative to the scenario; or its name in maps/out")
+    device: Text = Field(description="device file, relative to the scenario, or name of a shipped device")
+    duration_s: Positive = Field(description="length of the run")
+    control: ControlKeys = Field(description="controllers and their clock")
+    start: StartKeys = Field(description="where the run begins")
+    field: FieldKeys = Field(default=FieldKeys(), description="how the field follows the currents")
+    body: BodyKeys = Field(default=BodyKeys(), description="the body around the magnet")
+    drag: DragKeys = Field(default=DragKeys(), description="resistance of the air")
+    plate: PlateKeys | None = Field(default=None, description="a conducting plate")
+    walls: WallKeys | None = Field(default=None, description="what the body can touch")
+    coils: CoilKeys = Field(default=CoilKeys(), description="windings and amplifiers")
+    sensors: SensorKeys = Field(default=SensorKeys(), description="position sensors")
+    reference: list[Reference] = Field(default=[], description="changes of the references")
+    signal: list[SignalKeys] = Field(default=[], description="steps of outputs in open loop")
+    disturbance: list[DisturbanceKeys] = Field(default=[], description="forces on the body")
+    noise: NoiseKeys = Field(default=NoiseKeys(), description="where noise comes from")
+    record: RecordKeys = Field(default=RecordKeys(), description="what is kept")

@@ -1,0 +1,152 @@
+"""Where a machine is at rest: the state and the outputs at which forces and torques balance."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import root
+
+from fieldmap.arguments import check_signal
+from fieldmap.device.current_division import divide_currents
+from fieldmap.dynamics.closed_loop import Division, Machine
+from fieldmap.dynamics.motion import state_of
+from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.kernels.map_block import INSIDE, SETS
+from fieldmap.kernels.motion.layout import POSITION, TURN
+from fieldmap.kernels.motion.sensing import sensed_point
+from fieldmap.kernels.motion.step import find_load
+from fieldmap.kernels.motion.weights import find_weights
+
+Array = NDArray[np.float64]
+
+_ACCURACY = 1e-7
+# Units of what is searched for: 1 mm, 0.1 rad, 1 V; of the balance: the weight, and the weight times 10 mm.
+_MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
+# What is tried beside the guess of every output but the first, the lift.
+_ASIDE = (0.0, 0.2, -0.2, 0.35, -0.35)
+
+
+@dataclass(frozen=True, eq=False)
+class Trim:
+    """A machine at rest: state (13,), currents (n,) A, outputs (m,), sensed point (3,) m; residual of force and torque,
+    as shares of the weight and of the weight times 10 mm."""
+
+    state: Array
+    currents: Array
+    outputs: Array
+    sensed: Array
+    residual: float
+
+
+def trim(machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLike = (0.0, 0.0, 0.0)) -> Trim:
+    """The state at rest with a given sensed point (3,), m, and given outputs (m,), free where they are NaN.
+
+    Three forces and two torques are balanced by the lean of the body (2; not of one that stays upright) and as many
+    numbers as there are NaN, which must be three: for a division the lift is free where the height is given, and x or
+    the x signal, y or the y signal. guess (m,): outputs where the search begins, for those that are free. Currents are
+    those that the amplifiers make of the outputs, without limits and steps. Raises InputError for another number of
+    NaN, NoEquilibrium where the
+    search ends with forces left.
+    """
+    place, given = np.array(sensed, float), np.array(outputs, float)
+    check_signal("trim(guess)", guess)
+    start = np.where(np.isnan(given), np.broadcast_to(np.asarray(guess, float), given.shape), given)
+    free_place, free_output = np.isnan(place), np.isnan(given)
+    if free_place.sum() + free_output.sum() != 3:
+        must = "must leave three numbers free in all"
+        received = f"{int(free_place.sum() + free_output.sum())} NaN"
+        remedy = "free the lift, and of x and y either the place or the signal"
+        raise InputError(Problem("trim(sensed, outputs)", must, received, remedy))
+    balance = _Balance(machine, place, start, free_place, free_output)
+    best = None
+    for first in balance.starts():
+        found = root(balance.residual, first, method="hybr", tol=1e-12)
+        if best is None or np.abs(found.fun).max() < np.abs(best.fun).max():
+            best = found
+        if np.abs(best.fun).max() < _ACCURACY:
+            break
+    assert best is not None
+    worst = float(np.abs(best.fun).max())
+    if not worst < _ACCURACY:
+        problem = Problem(
+            "trim",
+            "forces and torques must balance",
+            f"{worst:.1e} of the weight left over at best",
+            "begin elsewhere in the map, free another signal, or check the scale of the field",
+        )
+        raise NoEquilibrium(problem)
+    return balance.result(best.x, worst)
+
+
+class _Balance:
+    """Residual of force and torque as a function of what is free."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        place: Array,
+        start: Array,
+        free_place: NDArray[np.bool_],
+        free_output: NDArray[np.bool_],
+    ) -> None:
+        self.machine, self.place, self.start = machine, place, start
+        self.free_place, self.free_output = free_place, free_output
+        self.numbers = machine.body.numbers(None, None, None)
+        self.weight = machine.body.mass * machine.body.gravity
+        self.upright = np.zeros(0 if machine.body.upright else 2)
+        self.scratch = np.empty(6), np.empty(6), np.empty(int(machine.magnetic.block[SETS]))
+
+    def starts(self) -> Iterator[Array]:
+        """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""
+        middle, guess = np.zeros(int(self.free_place.sum())), self.start[self.free_output]
+        for lift, *aside in product((1.0, 0.8, 1.25), *[_ASIDE] * (len(guess) - 1)):
+            yield np.concatenate([middle, [lift * guess[0], *(guess[1:] + aside)], self.upright])
+
+    def _parts(self, unknown: Array) -> tuple[Array, Array, Array]:
+        k = int(self.free_place.sum())
+        place, outputs = self.place.copy(), self.start.copy()
+        place[self.free_place] = _MILLI * unknown[:k]
+        outputs[self.free_output] = unknown[k:3]
+        lean = _LEAN * unknown[3:] if len(unknown) > 3 else np.zeros(2)
+        return self._state(place, lean), self.currents(outputs), outputs
+
+    def _state(self, place: Array, lean: Array) -> Array:
+        angle = float(np.linalg.norm(lean))
+        half = np.sinc(angle / 2 / np.pi) / 2
+        state = state_of([0, 0, 0], quaternion=[np.cos(angle / 2), *(half * lean), 0.0])
+        seen = np.empty(3)
+        sensed_point(state, self.machine.body.seen_at, seen)
+        state[POSITION : POSITION + 3] = place - seen
+        return state
+
+    def currents(self, outputs: Array) -> Array:
+        """Of the amplifiers, A."""
+        amplifier = self.machine.drive.amplifier
+        allocation = self.machine.allocation
+        if isinstance(allocation, Division):
+            volts = divide_currents(outputs[0], outputs[1], outputs[2], allocation.n)
+        else:
+            volts = allocation.matrix @ outputs + allocation.constant
+        return amplifier.gain * volts + amplifier.offset
+
+    def residual(self, unknown: Array) -> Array:
+        """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
+        state, currents, _ = self._parts(unknown)
+        near, room, weights = self.scratch
+        load = np.empty(6)
+        inside = find_weights(*self.machine.magnetic.numbers, currents, near, room, weights)
+        block = self.machine.magnetic.block
+        if not inside or find_load(block, 0, weights, self.numbers, state, load)[0] != INSIDE:
+            return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
+        both = np.concatenate([load[:3] / self.weight, load[3:5] / (self.weight * _LEVER)])
+        return both[: len(unknown)]
+
+    def result(self, unknown: Array, worst: float) -> Trim:
+        """As found."""
+        state, currents, outputs = self._parts(unknown)
+        seen = np.empty(3)
+        sensed_point(state, self.machine.body.seen_at, seen)
+        state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])
+        return Trim(state, currents, outputs, seen, worst)

@@ -1,0 +1,292 @@
+"""Scenario files: what is read, what is refused, what runs, what is written."""
+
+import contextlib
+import io
+import json
+
+import numpy as np
+import pytest
+
+from fieldmap.cli import main
+from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
+from fieldmap.dynamics.scenario import reading_mm
+from fieldmap.dynamics.scenario.references import references
+from fieldmap.errors import Infeasible, InputError, ScenarioError
+from fieldmap.shipped import shipped_names
+from fieldmap.store import read_runs
+
+TEXT = """
+format = 1
+title = "A step of a magnet below six dipoles"
+map = "six.h5"
+device = "drive_unit"
+duration_s = 1.0
+
+[body]
+turning = "upright"
+radius_mm = 5.9
+height_mm = 25.0
+
+[drag]
+linear_N_s_per_m = [0.3, 0.3, 0.3]
+
+[sensors]
+deviation_mm = [0.005, 0.008, 0.01]
+angle_deg = 45.0
+
+[control]
+delay_ms = 0.5
+
+[control.z]
+kind = "pid"
+Kc = 0.5
+Ti_s = 0.4
+Td_s = 0.06
+lower = 0.0
+upper = 10.0
+
+[control.x]
+kind = "constant"
+
+[control.y]
+kind = "constant"
+
+[start]
+depth_mm = 10.0
+
+[[reference]]
+kind = "step"
+axis = "depth"
+at_s = 0.2
+by_mm = 0.5
+"""
+
+
+@pytest.fixture
+def written(six_coils, tmp_path):
+    def write(text=TEXT, name="step.toml"):
+        path = tmp_path / name
+        path.write_text(text.replace("six.h5", str(six_coils)))
+        return path
+
+    return write
+
+
+def run_command(*words):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(word) for word in words])
+    return code, out.getvalue(), err.getvalue()
+
+
+@pytest.mark.parametrize("name", shipped_names("maps", "scenarios"))
+def test_shipped_scenarios_are_right(name):
+    scenario = read_scenario(name.removeprefix("scenarios/"))
+    assert scenario.contents.title
+    assert references(scenario, np.array([0.0, 0.0, scenario.contents.start.depth_mm])).shape[1] == 3
+
+
+def test_all_mistakes_of_a_file_are_told_at_once_with_their_lines(written):
+    text = TEXT.replace("Kc = 0.5", 'Kc = "much"').replace("depth_mm = 10.0", "depth = 10.0")
+    text = text.replace('axis = "depth"', 'axis = "z"').replace("duration_s = 1.0", "duration_s = -1.0")
+    with pytest.raises(ScenarioError) as caught:
+        read_scenario(written(text))
+    told = [str(problem) for problem in caught.value.problems]
+    lines = text.splitlines()
+    for words, key in [
+        ("duration_s", "duration_s ="),
+        ("control.z.Kc", "Kc ="),
+        ("start.depth", "depth = 10"),
+        ("reference.1.axis", "axis ="),
+    ]:
+        number = next(n for n, line in enumerate(lines, 1) if line.startswith(key))
+        assert any(words in text and f":{number}: " in text for text in told), (words, told)
+    assert any("did you mean depth_mm" in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("format = 1", "format = 2", "format must be 1"),
+        ('kind = "pid"', 'kind = "pdi"', 'did you mean "pid"'),
+        ("lower = 0.0", "lower = 11.0", "lower must be below upper"),
+        ('device = "drive_unit"', 'device = "no_unit"', "name of a shipped one"),
+        ('map = "six.h5"', 'map = "none.h5"', "fieldmap map none"),
+        ("depth_mm = 10.0", "depth_mm = 90.0", "inside the map"),
+        ("delay_ms = 0.5", "delay_ms = 0.55", "whole number of times"),
+    ],
+)
+def test_what_cannot_be_is_refused(written, old, new, words):
+    with pytest.raises(InputError, match=words):
+        prepare(read_scenario(written(TEXT.replace(old, new))))
+
+
+def test_at_rest_forces_balance_and_a_quiet_run_stays_there(written):
+    experiment = prepare(
+        read_scenario(written(TEXT.replace("by_mm = 0.5", "by_mm = 0.0")), {"noise.off": True})
+    )
+    assert experiment.rest.residual < 1e-9
+    run = experiment.run()
+    np.testing.assert_allclose(
+        run.sensed, np.broadcast_to(experiment.rest.sensed, run.sensed.shape), atol=1e-9
+    )
+    np.testing.assert_allclose(experiment.rest.sensed, [0, 0, -0.087], atol=1e-7)
+    six = experiment.rest.currents
+    np.testing.assert_allclose(six, six[0], rtol=1e-6)
+
+
+def test_free_bodies_lean_into_rest_where_they_must(written):
+    """Given a place beside the axis, the signals and the lean that hold the magnet there are found."""
+    changes = {"body.turning": "free", "start.x_mm": 2.0, "start.y_mm": -1.0, "noise.off": True}
+    rest = prepare(read_scenario(written(), changes)).rest
+    np.testing.assert_allclose(rest.sensed[:2], [2e-3, -1e-3], atol=1e-12)
+    assert rest.residual < 1e-7
+    assert rest.outputs[1] > 0 > rest.outputs[2]
+    assert abs(rest.state[7:9]).max() > 1e-3
+
+
+def test_a_run_has_its_metrics_and_is_repeatable(written):
+    path = written()
+    one, again, other = simulate(path, seed=3), simulate(path, seed=3), simulate(path, seed=4)
+    np.testing.assert_array_equal(one.rows, again.rows)
+    assert np.abs(one.rows - other.rows).max() > 0
+    depth = one.metrics.axes[2]
+    true = reading_mm(one.scenario, one.sensed)[:, 2]
+    wanted = np.where(one.time >= 0.2 - 1e-9, 10.5, 10.0)
+    np.testing.assert_allclose(depth.rms_error_mm, np.sqrt(np.mean((true - wanted) ** 2)))
+    assert depth.step is not None
+    assert 0.02 < depth.step.rise_time < 0.4
+    assert one.metrics.event == ""
+    assert run_metrics(one.scenario, one) == one.metrics
+
+
+def wanted_by(written, pieces, **changes):
+    cut = TEXT[: TEXT.index("[[reference]]")]
+    scenario = read_scenario(written(cut + pieces), changes)
+    return references(scenario, np.array([0.0, 0.0, 10.0]))
+
+
+def test_references_are_what_they_are_called(written):
+    time = 2e-3 * np.arange(500)
+    ramp = wanted_by(
+        written, '[[reference]]\nkind="ramp"\naxis="depth"\nat_s=0.1\nby_mm=-1.0\nrate_mm_per_s=5.0\n'
+    )
+    np.testing.assert_allclose(ramp[:, 2], 10 - np.clip(5 * (time - 0.1), 0, 1), atol=1e-6)
+    sine = wanted_by(written, '[[reference]]\nkind="sine"\naxis="x"\namplitude_mm=0.2\nfrequency_Hz=2.0\n')
+    np.testing.assert_allclose(sine[:, 0], 0.2 * np.sin(4 * np.pi * time), atol=1e-6)
+    circle = wanted_by(written, '[[reference]]\nkind="circle"\nat_s=0.5\nradius_mm=3.0\nrate_rad_per_s=2.0\n')
+    np.testing.assert_allclose(np.hypot(circle[250:, 0], circle[250:, 1]), 3.0)
+    np.testing.assert_allclose(circle[250], [3.0, 0.0, 10.0], atol=1e-7)
+    np.testing.assert_allclose(
+        np.diff(np.unwrap(np.arctan2(circle[250:, 1], circle[250:, 0]))), 4e-3, rtol=1e-6
+    )
+    bits = wanted_by(
+        written, '[[reference]]\nkind="prbs"\naxis="y"\namplitude_mm=0.3\nbit_ms=20.0\norder=4\n'
+    )
+    assert set(bits[:, 1].round(9)) == {0.0, 0.3}
+    assert np.flatnonzero(np.diff(bits[:, 1])).size > 5
+    assert not ((np.flatnonzero(np.diff(bits[:, 1])) + 1) % 10).any()
+    pushed = wanted_by(
+        written,
+        '[[reference]]\nkind="step"\naxis="x"\nat_s=0.1\nby_mm=0.1\n',
+        **{"control.compensator.push_mm": 0.05, "control.compensator.duration_ms": 10.0},
+    )
+    np.testing.assert_allclose(np.flatnonzero(np.abs(pushed[:, 2] - 10) > 1e-9), np.arange(50, 55))
+    np.testing.assert_allclose(pushed[50, 2], 9.95)
+
+
+def test_a_reference_from_a_file(written, tmp_path):
+    (tmp_path / "path.csv").write_text("t,x,y,depth\n0,0,0,10\n0.5,1,0,10\n1,1,1,11\n")
+    path = wanted_by(written, '[[reference]]\nkind="csv"\nfile="path.csv"\n')
+    np.testing.assert_allclose(path[125], [0.5, 0.0, 10.0])
+    (tmp_path / "path.csv").write_text("t,x,y,depth\n0,0,0,10\n0,1,0,10\n")
+    with pytest.raises(ScenarioError, match="time rising"):
+        wanted_by(written, '[[reference]]\nkind="csv"\nfile="path.csv"\n')
+
+
+def test_open_loop_signals_and_disturbances_act(written):
+    cut = TEXT[: TEXT.index("[[reference]]")]
+    text = cut + '[[signal]]\noutput = "x"\nat_s = 0.1\nby = 0.1\n'
+    text += "[[disturbance]]\nforce_mN = [0.0, 2.0, 0.0]\nfrom_s = 0.5\nuntil_s = 1.0\n"
+    run = simulate(written(text), {"noise.off": True})
+    at = [np.argmin(np.abs(run.time - t)) for t in (0.1, 0.5, 0.99)]
+    assert abs(run.sensed[at[0], 0]) < 1e-6 < 1e-4 < run.sensed[at[1], 0]
+    assert abs(run.sensed[at[1], 1]) < 1e-6 < 1e-4 < run.sensed[at[2], 1]
+
+
+def test_the_command_runs_writes_and_draws(written, tmp_path):
+    path = written()
+    code, out, err = run_command(
+        "simulate", path, "-o", tmp_path / "run.h5", "--save", tmp_path / "run.png", "--json"
+    )
+    assert code == 0, err
+    answer = json.loads(out)
+    assert answer["batches"][0]["runs"][0]["event"] == ""
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    (run,), about = read_runs(tmp_path / "run.h5")
+    again = simulate(path, seed=0)
+    np.testing.assert_array_equal(run.arrays["sensed"][0], again.sensed)
+    assert run.arrays["sensed"][1] == "m"
+    assert about["scenario"] == path.read_text()
+    assert any("upright" in words for words in run.about["assumptions"])
+    code, _, _ = run_command("simulate", path, "-o", tmp_path / "run.csv")
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["sensed_z_m"], again.sensed[:, 2], rtol=1e-8)
+    assert code == 0
+
+
+def test_many_runs_and_values_from_the_command_line(written, tmp_path):
+    path = written()
+    words = ("--runs", 3, "--vary", "control.z.Kc=0.4,0.6", "--set", "duration_s=0.5", "--json")
+    code, out, err = run_command("simulate", path, *words, "-o", tmp_path / "many.h5")
+    assert code == 0, err
+    batches = json.loads(out)["batches"]
+    assert [batch["value"] for batch in batches] == ["control.z.Kc = 0.4", "control.z.Kc = 0.6"]
+    errors = [[run["axes"][2]["rms_error_mm"] for run in batch["runs"]] for batch in batches]
+    assert len({*errors[0], *errors[1]}) == 6
+    assert len(read_runs(tmp_path / "many.h5")[0]) == 6
+    code, text, _ = run_command("simulate", path, *words[:-1], "--threads", 1)
+    assert code == 0
+    assert "overshoot" in text
+
+
+def test_a_run_that_fails_says_so_and_keeps_its_data(written, tmp_path):
+    path = written()
+    failing = (
+        "--set",
+        "control.z.Kc=0.0",
+        "--set",
+        "start.shift_mm=[0.0, 0.0, 1.0]",
+        "--set",
+        "duration_s=5.0",
+    )
+    code, out, _ = run_command("simulate", path, *failing, "-o", tmp_path / "fell.h5")
+    assert code == 1
+    assert "fell out: 1" in out
+    (run,), _ = read_runs(tmp_path / "fell.h5")
+    assert run.about["event"] == "fell out"
+    assert len(run.about["state"]) == 13
+    assert 50 < len(run.arrays["time"][0]) < 2500
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--runs", "0"), "--runs"),
+        (("-o", "run.txt"), ".h5 or .csv"),
+        (("-o", "run.csv", "--runs", "2"), "one run"),
+        (("--save", "run.bmp"), ".png"),
+        (("--set", "control.z.Kc"), "KEY=VALUE"),
+        (("--set", "control.z.Ti=1"), "did you mean Ti_s"),
+        (("--vary", "control.z.Kc="), "KEY=A,B"),
+    ],
+)
+def test_wrong_words_are_told_before_anything_runs(written, words, told):
+    code, _, err = run_command("simulate", written(), *words)
+    assert code == 2
+    assert told in " ".join(err.split())
+
+
+def test_a_field_too_weak_is_told(written):
+    with pytest.raises(Infeasible, match="amplifiers give"):
+        prepare(read_scenario(written(), {"field.scale": 0.1}))
