@@ -5,7 +5,19 @@ from typing import Annotated, Any
 
 import typer
 
-from fieldmap.cli import check, equilibrium, export, info, make_map, probe, schema, simulate, solve, study, thesis
+from fieldmap.cli import (
+    check,
+    equilibrium,
+    export,
+    info,
+    make_map,
+    probe,
+    schema,
+    simulate,
+    solve,
+    study,
+    thesis,
+)
 
 COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
     "check": (check.check, "fieldmap check drive_unit"),

@@ -86,7 +86,7 @@ class Plate:
 
         >>> plate = Plate(conductivity=3.5e7, thickness=np.inf, face=(0, 0, 0))
         >>> (1e3 * plate.damping((0, 0, 0.02), (0, 0, 0.813)).diagonal()).round(3).tolist()
-        [7.543, 7.543, 15.086]
+        [11.356, 11.356, 22.712]
         """
         numbers = self.numbers
         where, dipole = (
