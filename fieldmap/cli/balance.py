@@ -34,7 +34,7 @@ def floating(
     if moment not in ("fixed", "aligned"):
         raise InputError(Problem("--moment", "must be fixed or aligned", moment, "choose one"))
     field, assumptions = source.open(currents)
-    found = find_equilibrium(_searchable(source, field), currents, payload, start, moment)  # type: ignore[arg-type]
+    found = find_equilibrium(searchable(source, field), currents, payload, start, moment)  # type: ignore[arg-type]
     return _common(source, payload, found, assumptions) | {
         "eigenvalues": found.eigenvalues,
         "directions": found.directions.T,
@@ -57,7 +57,7 @@ def lifted(source: Source, payload: Payload, height: float) -> dict[str, Any]:
         lift = (
             lift_in_map(field, payload, point)
             if source.kind == "map"
-            else lift_current(_searchable(source, field), payload, point)
+            else lift_current(searchable(source, field), payload, point)
         )
     else:
         lift, assumptions = _lift_by_states(source, payload, point)
@@ -80,7 +80,7 @@ def _lift_by_states(source: Source, payload: Payload, point: Array) -> tuple[Any
     def solve_at(currents: Array) -> DifferencedField:
         nonlocal notes
         field, notes = source.open(currents)
-        return _searchable(source, field)
+        return searchable(source, field)
 
     lift = lift_current_nonlinear(
         solve_at, payload, point, np.ones(len(source.coil_names)), on_state=_tell_state
@@ -100,7 +100,7 @@ def _box(source: Source) -> Any:
     return SimpleNamespace(lower=source.corners[0], upper=source.corners[1])
 
 
-def _searchable(source: Source, field: Any) -> Any:
+def searchable(source: Source, field: Any) -> Any:
     """A map as it is; a solution with second gradients by differences, inside the workspace's box."""
     box = _box(source)
     return field if source.kind == "map" else DifferencedField(field, box.lower, box.upper)

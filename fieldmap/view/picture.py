@@ -38,11 +38,11 @@ def save_picture(
     scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window_size), border=False)
     scene.subplot(0, 0)
     device_scene(device, magnet_at=magnet_at, plotter=scene)
-    _look_at(scene, _bounds(scene), margin=0.14)
+    look_at(scene, _bounds(scene), margin=0.14, panels=_PANELS)
     scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
     scene.subplot(0, 1)
     device_scene(device, field, currents, magnet_at, axes=False, plotter=scene)
-    _look_at(scene, _core_bounds(device))
+    look_at(scene, _core_bounds(device), panels=_PANELS)
     if field is not None:
         words = _words(device, currents) + (f"\n{caption}" if caption else "")
         scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
@@ -64,8 +64,8 @@ def _core_bounds(device: Device) -> Array:
     return np.column_stack([together[:, :, 0].min(axis=0), together[:, :, 1].max(axis=0)])
 
 
-def _look_at(scene: pv.Plotter, bounds: Array, margin: float = 0.06) -> None:
-    """Parallel projection from the front that just holds the box (3, 2)."""
+def look_at(scene: pv.Plotter, bounds: Array, margin: float = 0.06, panels: int = 1) -> None:
+    """Parallel projection from the front that just holds the box (3, 2); panels: into which the window is divided."""
     forward = -_VIEW / np.linalg.norm(_VIEW)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -73,7 +73,7 @@ def _look_at(scene: pv.Plotter, bounds: Array, margin: float = 0.06) -> None:
     corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T
     across, along = corners @ right, corners @ up
     middle = 0.5 * (across.min() + across.max()) * right + 0.5 * (along.min() + along.max()) * up
-    width, height = scene.window_size[0] / _PANELS, scene.window_size[1]
+    width, height = scene.window_size[0] / panels, scene.window_size[1]
     scene.camera.parallel_projection = True
     scene.camera.focal_point = tuple(middle)
     scene.camera.position = tuple(middle - 10.0 * np.ptp(bounds) * forward)

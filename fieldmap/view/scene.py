@@ -45,6 +45,7 @@ def device_scene(
     axes: bool = True,
     plotter: pv.Plotter | None = None,
     window_size: tuple[int, int] = (1200, 1200),
+    iron_opacity: float = 1.0,
 ) -> pv.Plotter:
     """Draw coils with the sense of their current, iron, the workspace box and, if given, |B| on slices of a map.
 
@@ -65,7 +66,7 @@ def device_scene(
     scene.background_color = pv.Color("white")
     for body in device.bodies:
         if body.name not in hide:
-            _add_solid(scene, body_surface(device, body), IRON)
+            _add_solid(scene, body_surface(device, body), IRON, iron_opacity)
     for coil in device.coils:
         _add_solid(scene, winding_surface(coil), COPPER)
         scene.add_mesh(current_arrow(coil), color=CURRENT, ambient=0.4, smooth_shading=True)
@@ -76,17 +77,18 @@ def device_scene(
         amperes = np.ones(len(device.coils)) if currents is None else np.asarray(currents, dtype=float)
         _add_slices(scene, field, amperes)
     if magnet_at is not None and device.payload is not None:
-        _add_magnet(scene, device.payload.magnet, MM * np.asarray(magnet_at, dtype=float))
+        add_magnet(scene, device.payload.magnet, MM * np.asarray(magnet_at, dtype=float))
     if axes:
         add_rulers(scene)
     scene.enable_anti_aliasing("ssaa")
     return scene
 
 
-def _add_solid(scene: pv.Plotter, surface: pv.PolyData, colour: str) -> None:
+def _add_solid(scene: pv.Plotter, surface: pv.PolyData, colour: str, opacity: float = 1.0) -> None:
     scene.add_mesh(
         surface,
         color=colour,
+        opacity=opacity,
         smooth_shading=True,
         split_sharp_edges=True,
         feature_angle=35.0,
@@ -167,7 +169,8 @@ def slice_planes(field: SceneField, currents: Array, points: int = 81) -> list[p
     return planes
 
 
-def _add_magnet(scene: pv.Plotter, magnet: Any, at: Array) -> None:
+def add_magnet(scene: pv.Plotter, magnet: Any, at: Array) -> None:
+    """The payload's magnet with its centre at (3,), mm, and an arrow along its moment."""
     match magnet:
         case MagnetCylinder(diameter, height):
             shape = pv.Cylinder(

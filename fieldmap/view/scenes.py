@@ -1,0 +1,105 @@
+"""Scenes by name, and their files: what `fieldmap show` draws."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.view.field_lines import add_field_lines
+from fieldmap.view.forces import add_equilibrium, add_forces
+from fieldmap.view.iron_field import add_iron_field, add_mesh
+from fieldmap.view.picture import look_at
+from fieldmap.view.rendering import require_renderer
+from fieldmap.view.rulers import INK, add_rulers
+from fieldmap.view.scene import MM, device_scene
+from fieldmap.view.shown import Shown
+from fieldmap.view.volumes import QUANTITIES, add_slices, add_surfaces
+from fieldmap.view.web_page import save_web_page
+
+WINDOW = (1500, 1200)
+FORMATS = (".png", ".html", ".vtm")
+
+
+def _device(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
+    shown.need("device")
+    assert shown.device is not None
+    device_scene(shown.device, magnet_at=shown.equilibrium, axes=False, plotter=scene)
+
+
+def _without_quantity(draw: Callable[[pv.Plotter, Shown], None]) -> Callable[[pv.Plotter, Shown, str], None]:
+    return lambda scene, shown, quantity: draw(scene, shown)
+
+
+def _lines(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
+    if shown.everywhere and shown.device is not None:
+        device_scene(shown.device, axes=False, plotter=scene, iron_opacity=0.35)
+    add_field_lines(scene, shown)
+
+
+SCENES: dict[str, Callable[[pv.Plotter, Shown, str], None]] = {
+    "device": _device,
+    "mesh": _without_quantity(add_mesh),
+    "iron": _without_quantity(add_iron_field),
+    "lines": _lines,
+    "slices": add_slices,
+    "surfaces": add_surfaces,
+    "forces": _without_quantity(add_forces),
+    "equilibrium": _without_quantity(add_equilibrium),
+}
+"""Name -> what draws it."""
+
+
+def make_scene(
+    shown: Shown, what: str = "device", quantity: str = "B", off_screen: bool = True
+) -> pv.Plotter:
+    """Draw one of SCENES with rulers in mm. quantity: of slices and surfaces, one of QUANTITIES.
+
+    Returns the plotter: `.show()` looks at it, `save_scene` writes it. Raises InputError for unknown names and for
+    what a scene needs and there is not, FieldmapError on a machine without OpenGL.
+    """
+    _check_choice("what", what, tuple(SCENES))
+    _check_choice("quantity", quantity, tuple(QUANTITIES))
+    require_renderer()
+    scene = pv.Plotter(off_screen=off_screen, window_size=list(WINDOW))
+    scene.background_color = pv.Color("white")
+    SCENES[what](scene, shown, quantity)
+    if what not in ("device", "mesh", "iron") and shown.lower is not None and shown.upper is not None:
+        box = pv.Box(tuple(MM * np.column_stack([shown.lower, shown.upper]).ravel())).extract_all_edges()
+        scene.add_mesh(box, color=INK, line_width=2.5, lighting=False)
+    add_rulers(scene)
+    look_at(scene, np.array(scene.bounds).reshape(3, 2), margin=0.25)
+    scene.add_text(shown.title, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
+    scene.enable_anti_aliasing("ssaa")
+    return scene
+
+
+def save_scene(scene: pv.Plotter, path: str | Path, title: str = "") -> Path:
+    """Save as .png (a picture), .html (to turn in a browser, with a title) or .vtm (for ParaView).
+
+    Raises InputError for other endings.
+    """
+    target = Path(path)
+    check_format(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.suffix == ".png":
+        scene.screenshot(str(target))
+    elif target.suffix == ".html":
+        save_web_page(scene, target, title)
+    else:
+        datasets = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+        pv.MultiBlock(datasets).save(target)
+    return target
+
+
+def check_format(path: Path) -> None:
+    """The ending must be one of FORMATS."""
+    _check_choice("save", path.suffix, FORMATS)
+
+
+def _check_choice(name: str, given: str, known: tuple[str, ...]) -> None:
+    if given not in known:
+        raise InputError(
+            Problem(name, f"must be one of {', '.join(known)}", given or "nothing", "choose one of these")
+        )
