@@ -12,6 +12,9 @@ from fieldmap.cli.report_text import FORM_WORDS
 
 RATIO = "A ratio above 1: this model needs more current than was measured (docs/theory/equilibrium.md)."
 
+# By whether the map holds for all currents.
+_CERTIFIED_CURRENTS = {True: "", False: " at all currents below; the errors of the current model come on top"}
+
 
 def print_text(summary: dict[str, Any]) -> None:
     """Print a summary made by `fieldmap.cli.summary.summarise`."""
@@ -44,7 +47,8 @@ def _facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     bound = summary["error_bounds"].get("harmonic")
     if bound is not None:
         sizes = f"{1e6 * bound.flux_density:.2g} uT and {1e3 * bound.gradient:.2g} mT/m"
-        yield "certified", f"lookups (harmonic) are within {sizes} of the solver anywhere in the box"
+        where = "anywhere in the box" + _CERTIFIED_CURRENTS[summary["current_domain"] is None]
+        yield "certified", f"lookups (harmonic) are within {sizes} of the solver {where}"
     yield from _current_facts(summary)
 
 

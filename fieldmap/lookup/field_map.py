@@ -124,9 +124,10 @@ class FieldMap:
     @property
     def error_bound(self) -> FieldError | None:
         """Certified bound on B (T) and gradient (T/m) against the solver, anywhere in the box, for currents up to the
-        reference currents; docs/theory/lookup.md (13).
+        reference currents; docs/theory/lookup.md (13). Of saturating iron: for the currents of the domain, and against
+        the fields that the model's weights add up; what the model itself is off is `current_error`.
 
-        None for the Hermite form, for maps of saturating iron, and where sources are too near for a certificate.
+        None for the Hermite form, and where sources are too near for a certificate.
         `interpolation_error` is there without one, but is only the largest of sampled differences.
         """
         return self._info.error_bounds.get(self.kind)

@@ -14,43 +14,39 @@ import numpy as np
 from fieldmap.errors import InputError
 from fieldmap.interpolants import cell_form, global_form
 from fieldmap.maps.interpolation import UnitFields, difference_of_forms, difference_to_solver
-from fieldmap.store import FieldError, Grid, MapData, MapInfo
+from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.store.grid import Array
 
 # The polynomial P has degree 16. What remains of the solver's field falls by more than half with every degree.
 SURFACE_POINTS, SURFACE_DEGREE = 24, 18
+# At how many points the solver is asked.
+SOLVER_POINTS = 6 * SURFACE_POINTS**2
 # The polynomials of cells have degree 5; a cell is small against the distance of all sources.
 FACE_POINTS, FACE_DEGREE = 12, 8
 # Points on the faces of a cell lie this share of it inside, so that a lookup takes this cell and no other.
 _INSIDE = 1e-9
 
 
-def certified_bounds(data: MapData, solution: UnitFields) -> Mapping[str, FieldError]:
-    """Bounds by kind of lookup, "harmonic" and "global": T and T/m, summed over the coils at reference currents.
+def certified_bounds(data: MapData, solution: UnitFields, scale: Array) -> Mapping[str, FieldError]:
+    """Bounds by kind of lookup, "harmonic" and "global": T and T/m, summed over the fields times their scale.
 
-    They hold for all points of the box and for all currents up to the reference currents in size. Empty where no
-    polynomial holds the whole box, and for maps of saturating iron, whose fields have no largest weights.
+    They hold for all points of the box and for all weights of the fields up to scale (n_fields,) in size: the
+    reference currents, or of saturating iron the largest weights in the domain of the currents. Empty where no
+    polynomial holds the whole box.
     """
-    if not solver_points(data):
-        return {}
     try:
         whole = global_form(data, "raise")
     except InputError:
         return {}
     surface = box_surface(data.grid, SURFACE_POINTS)
     outer = between_samples(SURFACE_POINTS, SURFACE_DEGREE) * difference_to_solver(
-        whole, data, surface, solution
+        whole, scale, surface, solution
     )
     cells = cell_form(data, "raise")
     inner = between_samples(FACE_POINTS, FACE_DEGREE) * np.max(
-        [difference_of_forms(cells, whole, data, points) for points in _faces_of_cells(data.grid)], axis=0
+        [difference_of_forms(cells, whole, scale, points) for points in _faces_of_cells(data.grid)], axis=0
     )
     return {"harmonic": FieldError(*map(float, outer + inner)), "global": FieldError(*map(float, outer))}
-
-
-def solver_points(info: MapInfo) -> int:
-    """At how many points the solver is asked."""
-    return 0 if info.reduced_model is not None else 6 * SURFACE_POINTS**2
 
 
 def between_samples(count: int, degree: int) -> float:

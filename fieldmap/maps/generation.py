@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device, PermanentMagnet
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
-from fieldmap.maps.certificate import certified_bounds, solver_points
+from fieldmap.maps.certificate import SOLVER_POINTS, certified_bounds
 from fieldmap.maps.evaluation import DividedFields
 from fieldmap.maps.fingerprint import fingerprint, finished_by, library_versions
 from fieldmap.maps.interpolation import interpolation_error
@@ -86,7 +86,8 @@ def _generate_linear(
 ) -> None:
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
-        _fill(writer, DividedFields(_solution(device, recipe, writer, say), workers), dict, say)
+        solution = DividedFields(_solution(device, recipe, writer, say), workers)
+        _fill(writer, solution, info.reference_current, dict, say)
 
 
 def _generate_saturating(
@@ -116,7 +117,7 @@ def _generate_saturating(
     with open_writer(target, info, resume) as writer:
         _say_resumed(writer, say)
         fields = DividedFields(trained.fields, workers)
-        _fill(writer, fields, lambda: {**trained.about, **spent.read()}, say)
+        _fill(writer, fields, trained.largest_weights, lambda: {**trained.about, **spent.read()}, say)
     archive_path(target).unlink(missing_ok=True)
 
 
@@ -126,12 +127,16 @@ def _say_resumed(writer: MapWriter, say: Progress) -> None:
 
 
 def _fill(
-    writer: MapWriter, solution: DividedFields, about: Callable[[], Mapping[str, Any]], say: Progress
+    writer: MapWriter,
+    solution: DividedFields,
+    largest_weights: NDArray[np.float64],
+    about: Callable[[], Mapping[str, Any]],
+    say: Progress,
 ) -> None:
     """Fields at the nodes, and the rest of the file; about(): what the report says beside the solver's."""
     _evaluate(solution, writer, say)
     say("certifying the lookup against the solver", _certificate_begins(writer.info))
-    _finish(solution, about, writer)
+    _finish(solution, largest_weights, about, writer)
 
 
 def _describe(recipe: Recipe, device: Device) -> MapInfo:
@@ -264,14 +269,19 @@ def _evaluate(solution: DividedFields, writer: MapWriter, say: Progress) -> None
 def _certificate_begins(info: MapInfo) -> float:
     """As if all that remains were fields of the solver at points: at the nodes, then at those of the certificate."""
     nodes = int(np.prod(info.grid.shape))
-    return EVALUATE + (1 - EVALUATE) * nodes / (nodes + solver_points(info))
+    return EVALUATE + (1 - EVALUATE) * nodes / (nodes + SOLVER_POINTS)
 
 
-def _finish(solution: DividedFields, about: Callable[[], Mapping[str, Any]], writer: MapWriter) -> None:
+def _finish(
+    solution: DividedFields,
+    largest_weights: NDArray[np.float64],
+    about: Callable[[], Mapping[str, Any]],
+    writer: MapWriter,
+) -> None:
     parts = [writer.read(chunk) for chunk in writer.chunks]
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
     data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})
-    error, bounds = interpolation_error(data, solution), certified_bounds(data, solution)
+    error, bounds = interpolation_error(data, solution), certified_bounds(data, solution, largest_weights)
     report: dict[str, Any] = asdict(solution.report) | dict(about()) | finished_by(solution.workers)
     assumptions = tuple(report.pop("assumptions"))
     writer.finish(report, assumptions, error, bounds)

@@ -52,17 +52,18 @@ def interpolation_error(data: MapData, solution: UnitFields) -> FieldError:
     """
     points = sample_points(data.grid)
     form = hermite_form(data, "raise")
-    return FieldError(*map(float, difference_to_solver(form, data, points, solution)))
+    return FieldError(*map(float, difference_to_solver(form, data.field_scale, points, solution)))
 
 
-def difference_to_solver(form: Form, data: MapData, points: Array, solution: UnitFields) -> Array:
-    """(2,): largest sum over the fields of the scaled norms of the differences at points (n, 3): B and gradient."""
-    return _largest(_by_field(form, points), zip(*solution.unit_fields(points), strict=True), data)
+def difference_to_solver(form: Form, scale: Array, points: Array, solution: UnitFields) -> Array:
+    """(2,): largest sum over the fields of the norms of the differences at points (n, 3), each times its scale: B and
+    gradient."""
+    return _largest(_by_field(form, points), zip(*solution.unit_fields(points), strict=True), scale)
 
 
-def difference_of_forms(one: Form, other: Form, data: MapData, points: Array) -> Array:
+def difference_of_forms(one: Form, other: Form, scale: Array, points: Array) -> Array:
     """The same between two forms of one map."""
-    return _largest(_by_field(one, points), _by_field(other, points), data)
+    return _largest(_by_field(one, points), _by_field(other, points), scale)
 
 
 def _by_field(form: Form, points: Array) -> Iterator[tuple[Array, Array]]:
@@ -73,9 +74,9 @@ def _by_field(form: Form, points: Array) -> Iterator[tuple[Array, Array]]:
         yield flux, slope
 
 
-def _largest(ours: Iterable[Pair], theirs: Iterable[Pair], data: MapData) -> Array:
+def _largest(ours: Iterable[Pair], theirs: Iterable[Pair], scale: Array) -> Array:
     total: list[Array | float] = [0.0, 0.0]
-    for scale, (flux, slope), (exact, exact_slope) in zip(data.field_scale, ours, theirs, strict=True):
-        total[0] = total[0] + scale * np.linalg.norm(flux - exact, axis=1)
-        total[1] = total[1] + scale * np.linalg.norm(slope - exact_slope, axis=(1, 2))
+    for factor, (flux, slope), (exact, exact_slope) in zip(scale, ours, theirs, strict=True):
+        total[0] = total[0] + factor * np.linalg.norm(flux - exact, axis=1)
+        total[1] = total[1] + factor * np.linalg.norm(slope - exact_slope, axis=(1, 2))
     return np.array([np.max(part) for part in total])

@@ -49,10 +49,12 @@ class SaturatingFields:
 
 @dataclass(frozen=True, eq=False)
 class TrainedMap:
-    """A trained model, the fields that go with it, what training found, for the map's record, and what it cost."""
+    """A trained model, the fields that go with it, their largest weights (c + k,) at the currents of the domain, what
+    training found, for the map's record, and what it cost."""
 
     model: ReducedModel
     fields: SaturatingFields
+    largest_weights: Array
     error: FieldError | None
     about: Mapping[str, Any]
     spent: tuple[float, float]
@@ -128,6 +130,7 @@ def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict
         "states_failed": {str(number): reason for number, reason in states.failed.items()},
         "states_tried": {name: asdict(errors) for name, errors in trained.errors.items()},
         "rounds": [asdict(found) for found in trained.rounds],
+        "largest_weights": trained.largest_weights.tolist(),
         "modes": len(trained.model.constant),
         "sample_points": len(trained.model.weights),
     }
@@ -147,6 +150,7 @@ def _from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str
     return TrainedMap(
         ReducedModel(**{name: arrays[name] for name in _MODEL}),  # type: ignore[arg-type]
         SaturatingFields(device.coils, faces, charge, report),
+        np.array(about["largest_weights"]),
         _largest_error(about["states_tried"].values()),
         {key: value for key, value in about.items() if key not in ("report", *SPENT)},
         (about[SPENT[0]], about[SPENT[1]]),

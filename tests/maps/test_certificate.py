@@ -7,7 +7,8 @@ import pytest
 
 from fieldmap.device import read_device
 from fieldmap.lookup import open_map
-from fieldmap.maps import generate
+from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.maps import generate, generation
 from fieldmap.maps.certificate import between_samples, box_surface, certified_bounds
 from fieldmap.sources import unit_flux_densities
 from fieldmap.store import Grid, read_map
@@ -62,9 +63,64 @@ def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig):
         flux = 1.01 * unit_flux_densities(coils, points)
         return flux, np.zeros((*flux.shape, 3))
 
-    bounds = certified_bounds(data, SimpleNamespace(unit_fields=louder))
+    bounds = certified_bounds(data, SimpleNamespace(unit_fields=louder), data.reference_current)
     largest = np.linalg.norm(data.flux_density, axis=-1).reshape(len(coils), -1).sum(axis=0).max()
     assert bounds["harmonic"].flux_density > 0.009 * largest
+
+
+SATURATING = """
+format = 1
+title = "Two cores, saturating"
+device = "two_cores.toml"
+spacing_mm = 2.5
+
+[iron]
+model = "saturating"
+refinement = 0.5
+
+[currents]
+lower_A = [0.5, -1.0]
+upper_A = 2.0
+states = 10
+accuracy = 1e-9
+modes = 12
+points = 60
+fields = 4
+held_out = 2
+"""
+
+
+def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(two_cores, tmp_path, monkeypatch):
+    """Against the fields that the weights add up, wherever the solver is asked: not the map's own nodes."""
+    (tmp_path / "two_cores.toml").write_text(two_cores)
+    (tmp_path / "recipe.toml").write_text(SATURATING)
+    evaluated = []
+
+    def keep(data, fields, weights):
+        evaluated.append(fields)
+        return certified_bounds(data, fields, weights)
+
+    monkeypatch.setattr(generation, "certified_bounds", keep)
+    path = generate(tmp_path / "recipe.toml", tmp_path / "map.h5")
+    for kind in ("harmonic", "global"):
+        opened = open_map(path, kind)
+        points = dense_points(opened, 2000)
+        flux, slope = evaluated[0].unit_fields(points)
+        model = CurrentModel(opened.info.reduced_model, opened.coil_names)
+        largest = np.zeros(2)
+        draw = np.random.default_rng(8).random((40, 2))
+        for currents in (*([0.5, -1.0] + draw * [1.5, 3.0]), np.array([2.0, 2.0]), np.array([2.0, -1.0])):
+            weights = model.weights(currents)
+            off = opened.field(points, currents) - np.tensordot(weights, flux, 1)
+            off_slope = opened.gradient(points, currents) - np.tensordot(weights, slope, 1)
+            sizes = np.linalg.norm(off, axis=1).max(), np.linalg.norm(off_slope, axis=(1, 2)).max()
+            largest = np.maximum(largest, sizes)
+            stated = opened.info.provenance.solver_report["largest_weights"]
+            assert (np.abs(weights) <= stated).all()
+        bound = opened.error_bound
+        # Chebyshev points cost a factor of up to 6.8 and 4; fields that cancel, and currents that are less, the rest.
+        assert largest[0] <= bound.flux_density < 30 * largest[0]
+        assert largest[1] <= bound.gradient < 30 * largest[1]
 
 
 def test_forms_without_a_certificate_say_so(rig):

@@ -83,6 +83,12 @@ def test_a_domain_holds_its_states_and_no_others():
         for currents in (*domain.corners(), *domain.held_out(5), *domain.sequence(0, 5)):
             assert domain.holds(currents)
             assert not domain.holds(currents + 3.0)
+        anywhere = domain.currents(
+            domain.lower
+            + np.random.default_rng(3).random((500, len(domain.lower))) * (domain.upper - domain.lower)
+        )
+        assert (np.abs(anywhere) <= domain.largest).all()
+        assert domain.largest == pytest.approx(np.abs(domain.corners()).max(axis=0))
     # The mirror y = 0 of the unit exchanges coils 1, 3 and 4, 6 and the sign of y; no division has one coil alone off.
     off_axis = family.currents(np.array([1.5, 0.2, 0.1]))
     assert family.holds(off_axis[[2, 1, 0, 5, 4, 3]])

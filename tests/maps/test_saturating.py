@@ -114,6 +114,9 @@ def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
     tried = data.provenance.solver_report["states_tried"]["at random"]
     assert f"error at random B within {100 * tried['flux_density_share']:.2g} %" in text
     assert "error in corners" in text
+    bound = data.error_bounds["harmonic"]
+    assert f"(harmonic) are within {1e6 * bound.flux_density:.2g} uT" in text
+    assert "at all currents below; the errors of the current model come on top" in text
     assert f"cost {data.provenance.solver_report['states_solved']} states solved;" in text
 
 

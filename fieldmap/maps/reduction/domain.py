@@ -41,6 +41,13 @@ class CurrentDomain:
         u, x, y = np.moveaxis(parameters, -1, 0)
         return divide_currents(u, x, y, self.division_exponent)
 
+    @property
+    def largest(self) -> Array:
+        """Largest size of every current (c,); a current of a division is linear in each of its signals."""
+        if self.division_exponent is None:
+            return np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.asarray(np.abs(self.corners()).max(axis=0))
+
     def sequence(self, first: int, count: int) -> Array:
         """Currents (count, c), from number `first` on, of a sequence that fills the domain evenly: the middle, then low
         discrepancy (Sobol), denser towards the faces, where a model has neighbours on one side only."""

@@ -22,13 +22,16 @@ from fieldmap.store.reduced_model import ReducedModel
 
 Array = NDArray[np.float64]
 Say = Callable[[str, float], None]
+# At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
+# between. They are smooth and largest at the rim, where the sequence is densest and the corners are.
+_WEIGHED, _MARGIN = 128, 1.1
 
 
 @dataclass(frozen=True, eq=False)
 class Trained:
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
-    trained on, how many of these are corners of the domain, and how the others were chosen; and its errors on states
-    that it was not trained on, by their kind."""
+    trained on, how many of these are corners of the domain, and how the others were chosen; its errors on states
+    that it was not trained on, by their kind; and the largest weights (c + k,) of the map's fields over the domain."""
 
     model: ReducedModel
     charge: Array
@@ -36,6 +39,7 @@ class Trained:
     corners: int
     rounds: tuple[Round, ...]
     errors: Mapping[str, Errors]
+    largest_weights: Array
 
 
 def train(
@@ -85,7 +89,16 @@ def train(
         for name, found in tried.items()
         if found.solved
     }
-    return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors)
+    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, corners]))
+    return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
+
+
+def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Array, currents: Array) -> Array:
+    """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at the
+    currents (s, c) and at a sequence that fills the domain, and a margin for the places between."""
+    places = np.concatenate([currents, domain.sequence(0, _WEIGHED)])
+    iron = np.abs(_weights(reduced, output, places)).max(axis=0)
+    return np.concatenate([domain.largest, _MARGIN * iron])
 
 
 def _weights(reduced: GalerkinModel, output: Array, currents: Array) -> Array:
