@@ -55,7 +55,10 @@ def _events(batch: Batch) -> list[str]:
     for result in batch.results:
         if result.metrics.event:
             names.setdefault(result.metrics.event, []).append(result.metrics.end_s)
-    return [f"{name}: {len(ends)}, first at {min(ends):.3f} s" for name, ends in names.items()] or ["none"]
+    lines = [f"{name}: {len(ends)}, first at {min(ends):.3f} s" for name, ends in names.items()] or ["none"]
+    touched = sorted({name for result in batch.results for name in result.metrics.touched})
+    words = {"currents": "currents beyond the table of the iron, which was extrapolated"}
+    return lines + [words.get(name, f"touched the {name}") for name in touched]
 
 
 def _axes(batch: Batch) -> Any:

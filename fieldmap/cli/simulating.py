@@ -115,6 +115,7 @@ def _batch(
     def keep(run: LoopRun) -> Result:
         return Result(run_metrics(scenario, run), run if keep_all else None)
 
+    experiment.warm()
     begin = time.process_time()
     if wanted.runs == 1:
         results = [keep(experiment.run(seed))]

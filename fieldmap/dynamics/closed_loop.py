@@ -20,11 +20,12 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.allocation import DIVISION, MATRIX
 from fieldmap.kernels.motion.closed_loop import closed_loop
 from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
+from fieldmap.kernels.motion.events import BEYOND
 from fieldmap.kernels.motion.layout import STATE
 
 Array = NDArray[np.float64]
 
-CONTACTS = {"floor": ON_FLOOR, "ceiling": ON_CEILING, "tube": ON_WALL}
+CONTACTS = {"floor": ON_FLOOR, "ceiling": ON_CEILING, "tube": ON_WALL, "currents": BEYOND}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,8 @@ class Mixing:
 class Machine:
     """Everything that moves, senses and drives, but the controller.
 
-    magnetic: the field of the currents. ending: names of contacts that end a run: "floor", "ceiling", "tube".
+    magnetic: the field of the currents. ending: what ends a run: the contacts "floor",
+    "ceiling", "tube", and "currents" beyond the table of saturating iron.
     longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it; 0
     for never.
     """

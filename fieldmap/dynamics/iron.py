@@ -85,7 +85,7 @@ def tabled(
         float(scale),
         grid,
         np.ascontiguousarray(values),
-        np.ascontiguousarray(slopes),
+        np.ascontiguousarray(np.swapaxes(slopes, 1, 2)),
         float(exponent),
     )
     return FieldOfCurrents(unit_block(field_map), numbers, (words, *_words(scale)))

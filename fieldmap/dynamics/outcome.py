@@ -39,7 +39,8 @@ class LoopRun:
     """A closed-loop run; one row per recorded control period, taken at its beginning.
 
     time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
-    outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met. seen_at (3,): the
+    outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
+    "currents" if they were ever beyond the table of saturating iron. seen_at (3,): the
     sensed point in the body.
     """
 

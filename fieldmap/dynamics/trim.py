@@ -21,7 +21,8 @@ from fieldmap.kernels.motion.weights import find_weights
 
 Array = NDArray[np.float64]
 
-_ACCURACY = 1e-7
+# Of the weight; the harmonic form of a map steps from cell to cell by about 1e-7 of its field.
+_ACCURACY = 1e-6
 # Units of what is searched for: 1 mm, 0.1 rad, 1 V; of the balance: the weight, and the weight times 10 mm.
 _MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
 # What is tried beside the guess of every output but the first, the lift.

@@ -84,3 +84,12 @@ def test_generation_is_held_against_magpylib_on_the_same_coils():
     assert differences[0] > 10 * differences[1]
     assert differences[-1] < 1e-6
     assert sum("map of" in row["what"] for row in rows) == 1
+
+
+def test_benchmark_of_dynamics_prints_a_row_per_machine():
+    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "dynamics", "--quick", "--json"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    result = json.loads(done.stdout)["dynamics"]
+    assert len(result["rows"]) == 4
+    assert all(row["times_real_time"] > 1 for row in result["rows"])
+    assert result["many"]["runs"] == 10

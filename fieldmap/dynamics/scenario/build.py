@@ -1,6 +1,6 @@
 """From a scenario to what runs: machine, controller, schedule, state at the start."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,11 @@ class Experiment:
     state: Array
     currents: Array
     rest: Trim
+
+    def warm(self) -> None:
+        """One control period, so that what is timed after it is compiled."""
+        first = replace(self.schedule, references=self.schedule.references[:1], feedforward=None, loads=None)
+        simulate_closed_loop(self.machine, self.controller, first, self.state, self.currents, None)
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LoopRun:
         """One run; the scenario's own seed unless one is given."""
@@ -93,7 +98,8 @@ def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tu
     body = body_of(scenario, device, opened)
     keys = scenario.contents.field
     guess = _guess(scenario, device, opened, body)
-    if not saturates(opened) or keys.iron == "table":
+    divided = division_domain(opened) is not None
+    if not saturates(opened) or keys.iron == "table" or (keys.iron == "auto" and divided):
         nodes = (keys.table[0], keys.table[1], keys.table[2])
         superposes = not saturates(opened)
         field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)

@@ -29,11 +29,13 @@ class AxisMetrics:
 
 @dataclass(frozen=True)
 class RunMetrics:
-    """Of a run: its axes; end of it, s; name of the event, "" without one; largest lean, deg and current, A."""
+    """Of a run: its axes; end of it, s; name of the event, "" without one; walls that
+    were met, and "currents" beyond the table of the iron; largest lean, deg and current, A."""
 
     axes: tuple[AxisMetrics, ...]
     end_s: float
     event: str
+    touched: tuple[str, ...]
     largest_lean_deg: float
     largest_current_A: float
 
@@ -48,7 +50,7 @@ def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
     true, seen, wanted = (reading_mm(scenario, p) for p in (run.sensed, run.seen, run.references))
     if not len(run.time):
         nothing = tuple(AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None) for axis in AXES)
-        return RunMetrics(nothing, 0.0, run.event.name if run.event else "", 0.0, 0.0)
+        return RunMetrics(nothing, 0.0, run.event.name if run.event else "", run.touched, 0.0, 0.0)
     axes = []
     for k, axis in enumerate(AXES):
         error = true[:, k] - wanted[:, k]
@@ -66,6 +68,7 @@ def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
         tuple(axes),
         run.event.time if run.event else float(run.time[-1]),
         run.event.name if run.event else "",
+        run.touched,
         float(np.rad2deg(run.tilt.max())),
         float(np.abs(run.currents).max()),
     )

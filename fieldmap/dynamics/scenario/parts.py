@@ -78,7 +78,7 @@ def machine_of(scenario: Scenario, device: Device, body: RigidBody, field: Field
             tuple(plate.normal),  # type: ignore[arg-type]
         ),
         None if walls is None else _walls(scenario),
-        () if walls is None else tuple(walls.end),
+        (*(() if walls is None else walls.end), *(("currents",) if keys.end_beyond_table else ())),
         keys.longest_saturation_s,
     )
 

@@ -35,7 +35,8 @@ class FieldKeys(Table):
     scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
     iron: Literal["auto", "linearised", "table"] = Field(
         default="auto",
-        description="of saturating iron: linearised about the starting currents (auto), or a table of the division",
+        description="of saturating iron: a table of its division, or linearised about the currents at rest; auto: the "
+        "table where the map has a division",
     )
     table: Annotated[list[int], Field(min_length=3, max_length=3)] = Field(
         default=[7, 17, 17], description="nodes of that table for u, x and y"
@@ -102,6 +103,9 @@ class CoilKeys(Table):
     noise_A: NotNegative = Field(default=0.0, description="standard deviation of the current")
     output_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
         default=None, description="of the output converter, range -10 to 10 V"
+    )
+    end_beyond_table: bool = Field(
+        default=False, description="currents beyond the table of the iron end the run"
     )
     longest_saturation_s: NotNegative = Field(
         default=0.0, description="a limit that holds longer ends the run; 0 for never"

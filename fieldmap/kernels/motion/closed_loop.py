@@ -20,7 +20,7 @@ from fieldmap.kernels.map_block import INSIDE, OUTER, SETS
 from fieldmap.kernels.motion.allocation import allocate
 from fieldmap.kernels.motion.coils import AMPLIFIER, WINDING, advance_currents
 from fieldmap.kernels.motion.controller import SIGNALS, control
-from fieldmap.kernels.motion.events import BEYOND_CURRENTS, NOTHING, SATURATED, hit, way_out
+from fieldmap.kernels.motion.events import BEYOND, BEYOND_CURRENTS, NOTHING, SATURATED, hit, way_out
 from fieldmap.kernels.motion.layout import FORCE, POSITION, STATE
 from fieldmap.kernels.motion.sensing import add_scans, see, sensed_point
 from fieldmap.kernels.motion.step import find_load, step_of_two
@@ -73,8 +73,7 @@ def closed_loop(timing, plant, sensing, controller, allocation, ending, signals,
     next_scan, row, saturated, ever = 0, 0, 0, 0
     if scanning:
         next_scan = add_scans(scan, point, point, 0.0, h * 1e-9, 0, scans, into, shift)
-    if not find_weights(kind, scale, grid, values, slopes, exponent, currents, near, room, weights):
-        return BEYOND_CURRENTS, 0, row, ever
+    find_weights(kind, scale, grid, values, slopes, exponent, currents, near, room, weights)
     body[FORCE : FORCE + 6] = loads[0]
     status, touched = find_load(block, 0, weights, body, state, load)
     if status != INSIDE:
@@ -104,7 +103,9 @@ def closed_loop(timing, plant, sensing, controller, allocation, ending, signals,
                     find_load(block, 0, weights, body, state, load)
             held |= advance_currents(coils, commands, currents)
             if not find_weights(kind, scale, grid, values, slopes, exponent, currents, near, room, weights):
-                return BEYOND_CURRENTS, first + step, row, ever
+                ever |= BEYOND
+                if ending[0] & BEYOND:
+                    return BEYOND_CURRENTS, first + step, row, ever
             if scanning:
                 sensed_point(state, seen_at, before)
             status, touched = step_of_two(block, 0, weights, body, state, load, h)

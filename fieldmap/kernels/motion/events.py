@@ -7,6 +7,8 @@ from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
 
 NOTHING, FELL_OUT, LEFT_ABOVE, LEFT_SIDEWAYS, NOT_A_NUMBER = 0, 1, 2, 3, 4
 HIT_FLOOR, HIT_POLE, HIT_TUBE, SATURATED, BEYOND_CURRENTS = 5, 6, 7, 8, 9
+# Beside the sum of contacts: the currents were beyond the table of saturating iron.
+BEYOND = 8
 
 
 @njit(**OUTER)
