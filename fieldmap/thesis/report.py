@@ -16,7 +16,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.thesis.comparison import Comparison, agreeing
 from fieldmap.thesis.computation import PartResult
 from fieldmap.thesis.curves import Curves
-from fieldmap.thesis.registry import ROWS, row_names
+from fieldmap.thesis.registry import ROWS, WITHOUT_PRINTED_NUMBERS, row_names
 from fieldmap.thesis.words import deviation_in_words, minutes, powers, resting_on
 
 Draw = Callable[[Curves, Path], Any]
@@ -115,7 +115,11 @@ def write_report(folder: Path, results: Iterable[PartResult], draw: Draw) -> Pat
     agree, sharp = agreeing(numbers)
     known = {
         "rows": rows,
-        "planned": {row: system for row, system in ROWS.items() if row not in row_names()},
+        "planned": {
+            row: f"{system}: {WITHOUT_PRINTED_NUMBERS[row]}" if row in WITHOUT_PRINTED_NUMBERS else system
+            for row, system in ROWS.items()
+            if row not in row_names()
+        },
         "problems": [part for part, _ in drawn if part.problem],
         "agree": agree,
         "sharp": sharp,

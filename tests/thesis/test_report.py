@@ -10,6 +10,7 @@ from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.thesis import ROWS, Curves, Series, attempt_rows, kept, row_names
 from fieldmap.thesis.computation import PartResult, attempt_part, compute_part
+from fieldmap.thesis.registry import WITHOUT_PRINTED_NUMBERS
 from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
 
 QUICK = ["S3", "S6", "S9"]
@@ -110,6 +111,7 @@ def test_rows_without_numbers_are_listed(folder):
     text = (folder / "report.md").read_text()
     for row in set(ROWS) - set(row_names()):
         assert f"- {row}: {ROWS[row]}" in text
+    assert f"- S1: {ROWS['S1']}: {WITHOUT_PRINTED_NUMBERS['S1']}" in text
 
 
 def test_explanations_misprints_and_assumptions_are_on_the_page(folder):
