@@ -10,6 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dgemm
 from scipy.optimize import nnls
 
 Array = NDArray[np.float64]
@@ -46,7 +47,11 @@ def empirical_cubature(
 
 
 def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Generator) -> Array:
-    total: Array | float = 0.0
+    total: Array | None = None
     for part in contributions:
-        total = total + part @ random.standard_normal((part.shape[1], columns))
-    return np.asarray(total)
+        if total is None:
+            total = np.zeros((columns, len(part)), order="F")
+        mixed = np.asfortranarray(random.standard_normal((part.shape[1], columns)).T)
+        # Added in place: a new array of this size for every state would cost eight times the product itself.
+        total = dgemm(1.0, mixed, np.ascontiguousarray(part).T, beta=1.0, c=total, overwrite_c=1)
+    return np.empty((0, columns)) if total is None else np.asarray(total.T)

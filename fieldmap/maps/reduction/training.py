@@ -1,6 +1,6 @@
 """From solved states of saturating iron to a reduced model, its fields' charges, and its errors on other states."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,9 +71,7 @@ def train(
     if snapshots.solved > before:
         modes = SolvedModes(solver, snapshots, plan.modes)
     full, currents, amplitudes = modes.model, modes.currents, modes.amplitudes
-    say("sample points", 0.9)
-    pairs = zip(currents, amplitudes, strict=True)
-    parts = (full.energy_contributions(i, a) for i, a in pairs)
+    parts = _contributions(full, currents, amplitudes, say)
     chosen, factors = empirical_cubature(parts, plan.points)
     reduced = full.sampled(chosen, factors * full.weights[chosen])
     say("fields of the modes", 0.95)
@@ -99,6 +97,16 @@ def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Arra
     places = np.concatenate([currents, domain.sequence(0, _WEIGHED)])
     iron = np.abs(_weights(reduced, output, places)).max(axis=0)
     return np.concatenate([domain.largest, _MARGIN * iron])
+
+
+def _contributions(full: GalerkinModel, currents: Array, amplitudes: Array, say: Say) -> Iterator[Array]:
+    """What the points add to the residual of every state (p, r), one state after the other."""
+    for number, (values, amplitude) in enumerate(zip(currents, amplitudes, strict=True)):
+        say(
+            f"sample points, from state {number + 1} of {len(currents)}", 0.88 + 0.05 * number / len(currents)
+        )
+        yield full.energy_contributions(values, amplitude)
+    say("sample points, their choice", 0.93)
 
 
 def _weights(reduced: GalerkinModel, output: Array, currents: Array) -> Array:
