@@ -17,7 +17,7 @@ from dataclasses import asdict, replace
 
 from rich.console import Console
 from rich.table import Table
-from validation import axisymmetric, closed_forms, drive_units, map_files
+from validation import axisymmetric, closed_forms, drive_units, map_files, thesis_statics
 from validation.row import Row
 
 from fieldmap.errors import FieldmapError
@@ -37,6 +37,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "spoiled_maps": (map_files.spoiled_maps, 100),
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),
+    "thesis_statics": (thesis_statics.thesis_statics, 900),
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from fieldmap.arguments import check_matrix, check_positive, check_signal
+from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.levitation.branches import equilibrium_at
@@ -24,6 +24,7 @@ _TYPICAL = {"field_scale": 1.0, "magnet_offset": 0.01}
 _FAR = 3.0
 """What a place that does not exist counts, in measured places, and a hundred deviations besides."""
 _RANK = 1e-6
+"""Smallest singular value over the largest, the columns scaled to 1, at which parameters are told apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class PositionReadings:
 
     sensed (n,): z of the point that the sensor reads, m; currents (n, n_coils), A; places (n, 2), m, NaN where a
     coordinate was not read; deviation, m. height_held: a controller kept the height by scaling all currents alike, so
-    that only their proportions are known, and the level is sought at which the magnet is carried.
+    that only their proportions are known, and the level is sought at which the magnet is carried. from_first: places
+    count from where the magnet was at the first reading, as a sensor's do that was set to zero there.
     """
 
     sensed: ArrayLike
@@ -52,6 +54,7 @@ class PositionReadings:
     places: ArrayLike
     deviation: float = 1e-4
     height_held: bool = False
+    from_first: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +130,8 @@ class _Rig:
         assert self.positions is not None
         read = self.positions
         rows = zip(np.asarray(read.sensed), np.asarray(read.currents), np.asarray(read.places), strict=True)
-        return np.array([self._place(k, values, gains, *row) for k, row in enumerate(rows)])
+        places = np.array([self._place(k, values, gains, *row) for k, row in enumerate(rows)])
+        return places - places[0] if read.from_first else places
 
     def _place(
         self, k: int, values: Mapping[str, float], gains: Array, z: float, currents: Array, place: Array
@@ -162,6 +166,7 @@ def calibrate(
     positions: PositionReadings | None = None,
     fit: Sequence[str] = ("field_scale", "magnet_offset"),
     given: Mapping[str, float] | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
 ) -> Calibration:
@@ -171,10 +176,12 @@ def calibrate(
     magnet's centre below the point that the sensor reads, m; "current_scale" multiplies all currents before the field
     is asked (turns, or an amplifier's gain; where iron saturates that is not the same as a field scale); "gains" stands
     for one such factor for each coil, called "gain NAME". given: values of parameters that are not free, or where the
-    free ones begin; 1, the payload's magnet_offset, and 1 unless given. moment, lever: `magnet_balance`. The field must
+    free ones begin; 1, the payload's magnet_offset, and 1 unless given. limits: lower and upper bound of free
+    parameters, narrower than what is said below. moment, lever: `magnet_balance`. The field must
     hold at the currents and places that the fit tries.
 
-    Raises InputError where there are no readings, fewer than free parameters, or readings that cannot tell the free
+    The scales are kept within 0.05 to 20, the offset so that no magnet leaves the field's box. Raises InputError where
+    there are no readings, fewer than free parameters, or readings that cannot tell the free
     parameters apart (named).
 
     Example::
@@ -200,7 +207,11 @@ def calibrate(
 
     begin = np.array([start[name] for name in names]) / scale
     before = rig.computed(start)[words.read]
-    answer = least_squares(residual, begin, x_scale="jac", diff_step=1e-4, xtol=1e-10, ftol=1e-12)
+    bounds = _bounds(names, field_map, lift, positions, limits or {}) / scale
+    begin = np.clip(begin, *(bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])))
+    answer = least_squares(
+        residual, begin, x_scale="jac", diff_step=1e-4, xtol=1e-10, ftol=1e-12, bounds=tuple(bounds)
+    )
     values = {**start, **dict(zip(names, (answer.x * scale).tolist(), strict=True))}
     after = rig.computed(values)[words.read]
     table = tuple(
@@ -215,7 +226,7 @@ def calibrate(
         float(np.sqrt(np.mean(((after - measured) / deviation) ** 2))),
         float(np.sqrt(np.mean(((before - measured) / deviation) ** 2))),
         table,
-        (*model_assumptions(moment, lever), f"fitted: {', '.join(names)}; all else as given"),
+        (*model_assumptions(moment, lever), *_fit_words(names, answer.active_mask)),
     )
 
 
@@ -245,6 +256,7 @@ def _readings(
         count = len(check_signal("calibrate(positions.sensed)", positions.sensed))
         check_matrix("calibrate(positions.currents)", positions.currents, (count, coils))
         places = np.asarray(positions.places, dtype=float).reshape(count, 2)
+        places = places - places[0] if positions.from_first else places
         measured.append(places.ravel())
         deviation.append(np.full(2 * count, positions.deviation))
         names += [f"{axis} of reading {k}" for k in range(count) for axis in "xy"]
@@ -263,6 +275,34 @@ def _free(fit: Sequence[str], coil_names: tuple[str, ...]) -> tuple[str, ...]:
         raise InputError(Problem("calibrate(fit)", must, f"{wanted}", "the gains hold the current scale"))
     gains = tuple(f"gain {name}" for name in coil_names)
     return tuple(n for name in wanted for n in (gains if name == "gains" else (name,)))
+
+
+def _bounds(
+    names: tuple[str, ...],
+    field_map: LevitationField,
+    lift: LiftReadings | None,
+    positions: PositionReadings | None,
+    limits: Mapping[str, tuple[float, float]],
+) -> Array:
+    """Lower and upper bounds (2, k): scales are positive, and the magnet stays in the field's box."""
+    for name, (least, most) in limits.items():
+        check_ordered(f"calibrate(limits[{name!r}])", least, most)
+    sensed = np.concatenate([np.ravel(read.sensed) for read in (lift, positions) if read is not None])
+    low, high = float(np.asarray(field_map.lower)[2]), float(np.asarray(field_map.upper)[2])
+    rim = 1e-3 * (high - low)
+    offset = (sensed.max() - high + rim, sensed.min() - low - rim)
+    scales = (0.05, 20.0)
+    widest = [offset if name == "magnet_offset" else scales for name in names]
+    asked = [limits.get(name, bound) for name, bound in zip(names, widest, strict=True)]
+    return np.array([(max(a, c), min(b, d)) for (a, b), (c, d) in zip(widest, asked, strict=True)]).T
+
+
+def _fit_words(names: tuple[str, ...], active: NDArray[np.int_]) -> tuple[str, ...]:
+    at_bound = [name for name, mask in zip(names, active, strict=True) if mask]
+    words = [f"fitted: {', '.join(names)}; all else as given"]
+    if at_bound:
+        words.append(f"the fit ended at the bound of {' and '.join(at_bound)}")
+    return tuple(words)
 
 
 def _start(

@@ -38,6 +38,7 @@ PARTS = {
     "S14_magnet_models": "fieldmap.thesis.shift_studies:magnet_models",
     "S14_own_current": "fieldmap.thesis.shift_studies:own_current",
     "S14_noise": "fieldmap.thesis.shift_studies:noise",
+    "S14_calibration": "fieldmap.thesis.reconciliation:reconciliation",
     "S15": "fieldmap.thesis.reach:reach",
     "S16_controller": "fieldmap.thesis.vertical:controller",
     "S16_closed_loop": "fieldmap.thesis.vertical:closed_loop",

@@ -68,7 +68,7 @@ def _each_coil(unit: LinearSolution, z: Array) -> Curves:
     at = np.column_stack([x, np.zeros_like(x), np.full_like(x, magnet_height(10.0, 0.015))])
     slope = unit.unit_fields(at)[1]
     series = tuple(
-        Series(f"coil {name}", 1e3 * x, slope[:, k, 2, 2]) for k, name in enumerate(unit.coil_names)
+        Series(f"coil {name}", 1e3 * x, slope[k, :, 2, 2]) for k, name in enumerate(unit.coil_names)
     )
     return Curves(
         "dBz/dz of each coil alone, linear iron, 102 mm below the disk", "x (mm)", "dBz/dz (T/m/A)", series

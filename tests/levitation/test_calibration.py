@@ -134,7 +134,7 @@ def test_places_at_a_held_height(rig):
 
 
 def test_the_covariance_is_the_scatter_of_repeated_readings(rig):
-    fits = [calibrate(rig, PAYLOAD, lift=lift_readings(rig, TRUTH, noise=0.02, seed=k)) for k in range(60)]
+    fits = [calibrate(rig, PAYLOAD, lift=lift_readings(rig, TRUTH, noise=0.02, seed=k)) for k in range(20)]
     scatter = np.std([[f.values[name] for name in f.fitted] for f in fits], axis=0)
     stated = np.mean([list(f.deviations.values()) for f in fits], axis=0)
     # Lift is tanh of the current, so its relative deviation is a little less than the current's.

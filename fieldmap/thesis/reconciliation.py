@@ -1,0 +1,166 @@
+"""S12 and S14 together: named calibrations, and whether one of them makes one picture of both."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.current_division import divide_currents
+from fieldmap.levitation import (
+    Calibration,
+    LiftReadings,
+    PositionReadings,
+    calibrate,
+    magnet_height,
+    thesis_lift_current,
+)
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.reach import EXTRAPOLATED, extended_map
+from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.shifts import payload
+
+Array = NDArray[np.float64]
+
+FITS: dict[str, tuple[tuple[str, ...], str]] = {
+    "scale": (("field_scale",), ""),
+    "scale_and_h": (("field_scale", "magnet_offset"), ""),
+    "with_x": (("field_scale", "magnet_offset", "current_scale"), "x"),
+    "with_x_and_y": (("field_scale", "magnet_offset", "current_scale"), "xy"),
+}
+"""Name -> free parameters, and the axes whose positions are fitted besides (7-18). Held otherwise: h = 15 mm, 1, 1."""
+OFFSET_LIMITS = (5e-3, 30e-3)
+"""m: the magnet is 10 mm tall and lies inside the body."""
+
+
+def reconciliation(inputs: dict[str, Any]) -> Answers:
+    """(7-18) and Tables 6-4, 6-6 before and after each fit."""
+    found = {name: _fit(name, *_frozen(inputs)) for name in FITS}
+    numbers: dict[str, Any] = {}
+    for name, fit in found.items():
+        about = _about(name, fit, inputs)
+        lifts, x, y = _computed(fit, inputs)
+        numbers[f"current_{name}"] = Ours([thesis_lift_current(z) / lift for z, lift in lifts], about)
+        numbers[f"x_{name}"] = Ours(x, about)
+        numbers[f"y_{name}"] = Ours(y, about)
+    return Answers(numbers, _figures(found, inputs), {"": _verdict(found)})
+
+
+def _frozen(inputs: dict[str, Any]) -> tuple[Any, ...]:
+    names = ("depths_mm", "x_signals", "x_mm", "y_signals", "y_mm")
+    tables = tuple(tuple(float(v) for v in inputs[name]) for name in names)
+    return (*tables, inputs["lift_deviation"], inputs["position_deviation_mm"])
+
+
+@cache
+def _fit(
+    name: str, depths: Any, xs: Any, x_mm: Any, ys: Any, y_mm: Any, lift: float, place: float
+) -> Calibration:
+    free, axes = FITS[name]
+    return calibrate(
+        extended_map(),
+        payload(),
+        lift=_lift_readings(np.array(depths), lift),
+        positions=_position_readings(axes, (xs, x_mm), (ys, y_mm), place) if axes else None,
+        fit=free,
+        limits={"magnet_offset": OFFSET_LIMITS},
+    )
+
+
+def _lift_readings(depths: Array, deviation: float) -> LiftReadings:
+    currents = np.outer([thesis_lift_current(z) for z in depths], np.ones(6))
+    return LiftReadings([magnet_height(z) for z in depths], currents, deviation)
+
+
+def _position_readings(axes: str, of_x: Any, of_y: Any, deviation_mm: float) -> PositionReadings:
+    """Rising branches; the first reading is that of signal 0, from which the others are counted."""
+    currents, places = [np.full(6, thesis_lift_current(10.0))], [[0.0, 0.0]]
+    for axis, (signals, mm) in zip("xy", (of_x, of_y), strict=True):
+        if axis not in axes:
+            continue
+        for signal, place in zip(signals[1:], mm[1:], strict=True):
+            x, y = (signal, 0.0) if axis == "x" else (0.0, signal)
+            currents.append(divide_currents(thesis_lift_current(10.0), x, y, 1.25))
+            moved = 1e-3 * (place - mm[0])
+            places.append([moved, np.nan] if axis == "x" else [np.nan, moved])
+    sensed = np.full(len(places), magnet_height(10.0))
+    return PositionReadings(sensed, currents, places, 1e-3 * deviation_mm, height_held=True, from_first=True)
+
+
+def _computed(fit: Calibration, inputs: dict[str, Any]) -> tuple[list[tuple[float, float]], Array, Array]:
+    """(z_s, lift over weight at the measured current) and the places of both tables, mm, at the fit's values."""
+    tables = ((inputs["x_signals"], inputs["x_mm"]), (inputs["y_signals"], inputs["y_mm"]))
+    rig = calibrate(
+        extended_map(),
+        payload(),
+        lift=_lift_readings(inputs["depths_mm"], 0.01),
+        positions=_position_readings("xy", *tables, 1.0),
+        fit=("field_scale",),
+        given=fit.values,
+    )
+    count = len(inputs["depths_mm"])
+    lifts = [row.before for row in rig.table[:count]]
+    moved = [1e3 * row.before for row in rig.table[count + 2 :]]
+    split = len(inputs["x_signals"]) - 1
+    x = inputs["x_mm"][0] + np.array([0.0, *moved[:split]])
+    y = inputs["y_mm"][0] + np.array([0.0, *moved[split:]])
+    return list(zip(inputs["depths_mm"].tolist(), lifts, strict=True)), x, y
+
+
+def _about(name: str, fit: Calibration, inputs: dict[str, Any]) -> tuple[str, ...]:
+    deviations = fit.deviations
+    values = ", ".join(f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted)
+    return (
+        f"fit `{name}`: {values} (magnet_offset in m)",
+        f"misfit {fit.misfit:.2f} deviations, {fit.misfit_before:.1f} with nothing fitted; deviations assumed: "
+        f"{100 * inputs['lift_deviation']:g} % of a current, {inputs['position_deviation_mm']:g} mm",
+        "level held by the lift; places counted from signal 0; rising branches only",
+        "the current that carries is linearised: the measured one over lift per weight there",
+        EXTRAPOLATED,
+        *fit.assumptions,
+    )
+
+
+def _figures(found: dict[str, Calibration], inputs: dict[str, Any]) -> tuple[Curves, ...]:
+    computed = {name: _computed(fit, inputs) for name, fit in found.items()}
+    z = inputs["depths_mm"]
+    lift = [Series("measured, (7-18)", z, np.ones(len(z)), "measured")]
+    lift += [Series(f"fit `{name}`", z, np.array([s for _, s in of[0]])) for name, of in computed.items()]
+    figures = [
+        Curves(
+            "Lift at the measured currents, after each fit",
+            "sensor depth z_s (mm)",
+            "lift over weight (1)",
+            tuple(lift),
+        )
+    ]
+    for k, axis in enumerate("xy", start=1):
+        signals = inputs[f"{axis}_signals"]
+        lines = [Series(f"fit `{name}`", signals, np.asarray(of[k])) for name, of in computed.items()]
+        points = Series("measured, rising", signals, inputs[f"{axis}_mm"], "measured", points=True)
+        figures.append(
+            Curves(
+                f"Shift along {axis} after each fit",
+                f"{axis} control signal (1)",
+                f"{axis} (mm)",
+                (points, *lines),
+            )
+        )
+    return tuple(figures)
+
+
+def _verdict(found: dict[str, Calibration]) -> str:
+    """What the fits say together."""
+
+    def said(name: str) -> str:
+        fit, v = found[name], found[name].values
+        return (
+            f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
+            f"{v['current_scale']:.2f}, misfit {fit.misfit:.1f} deviations"
+        )
+
+    return (
+        f"(7-18) alone: {said('scale')}; with h free {said('scale_and_h')}. With the shifts along x: {said('with_x')}. "
+        f"With those along y as well: {said('with_x_and_y')}. A scale of the force does not move an equilibrium whose "
+        "level is held: the one number that (7-18) asks for leaves the shifts as they are computed."
+    )
