@@ -1,5 +1,6 @@
 """S11 to S13: the unit's coils, the current that levitates, and how it is divided."""
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -51,11 +52,26 @@ def coils(inputs: dict[str, Any]) -> Answers:
         "the thesis does not say whether its coils were measured alone, on a core, or in the unit",
     )
     numbers = {
+        "on_its_core": Ours(
+            1e3 * _on_its_core(), ("each winding on its own core alone, linear iron of initial slope",)
+        ),
         "in_the_unit": Ours(1e3 * np.diag(unit.inductance()), about),
         "without_iron": Ours(1e3 * np.diag(bare_inductance(unit.coils)), ("windings of 840 turns, no iron",)),
     }
     z = np.linspace(-0.130, -0.085, 46)
     return Answers(numbers, (_each_coil(unit, z), _all_coils(z), _variants(z)), {"": _saturation_words()})
+
+
+@cache
+def _on_its_core() -> Array:
+    """Self-inductance (c,), H, of each winding on its own core, without the rest of the unit."""
+    device = read_device("drive_unit")
+    found = []
+    for coil in device.coils:
+        core = tuple(body for body in device.bodies if body.name == f"core {coil.name}")
+        alone = replace(device, bodies=core, coils=(coil,), sections=())
+        found.append(float(solve_linear(alone).inductance()[0, 0]))
+    return np.array(found)
 
 
 def _axis(z: Array) -> Array:
