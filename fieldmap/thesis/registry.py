@@ -49,6 +49,10 @@ PARTS = {
     "S17_arithmetic": "fieldmap.thesis.horizontal:arithmetic",
     "S17_recovery": "fieldmap.thesis.identification:horizontal_recovery",
     "S17_map_plant": "fieldmap.thesis.map_plants:horizontal",
+    "S18_vertical": "fieldmap.thesis.linked_loop:vertical",
+    "S18_horizontal": "fieldmap.thesis.linked_loop:horizontal",
+    "S18_spikes": "fieldmap.thesis.linked_loop:spikes",
+    "S19": "fieldmap.thesis.linked_loop:circles",
     "S20_models": "fieldmap.thesis.optimal:models",
     "S20_closed_loop": "fieldmap.thesis.optimal:closed_loop",
 }
