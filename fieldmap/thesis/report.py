@@ -64,7 +64,7 @@ class Row:
     @property
     def largest(self) -> Comparison | None:
         """The number farthest from the thesis, misprints and sharp numbers that agree left out."""
-        rest = [n for n in self.numbers if n.deviation is not None and not n.misprint and not n.agrees]
+        rest = [n for n in self.numbers if n.deviation and not n.misprint and not n.agrees]
         return max(rest, key=lambda n: abs(n.deviation or 0.0), default=None)
 
     @property

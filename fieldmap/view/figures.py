@@ -12,7 +12,7 @@ from fieldmap.thesis.curves import Curves, Series
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 # Okabe and Ito's colours, which the colour-blind tell apart; the pale yellow one is left out.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
-_LINES = {"ours": "-", "thesis": "--", "measured": ":"}
+_LINES = {"ours": "-", "thesis": "--", "measured": "-."}
 _MARKS = {"ours": "o", "thesis": "s", "measured": "x"}
 _MANY = 6
 
@@ -42,8 +42,10 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
 
 def _style(series: Series) -> dict[str, Any]:
     if series.points:
-        return {"linestyle": "none", "marker": _MARKS[series.kind], "markersize": 6}
-    return {"linestyle": _LINES[series.kind], "linewidth": 1.6}
+        return {"linestyle": "none", "marker": _MARKS[series.kind], "markersize": 6, "zorder": 4}
+    # What is not ours lies on top, and through its gaps ours is seen.
+    ours = series.kind == "ours"
+    return {"linestyle": _LINES[series.kind], "linewidth": 1.6 if ours else 2.2, "zorder": 2 if ours else 3}
 
 
 def _add_legend(axes: Axes, curves: Curves) -> None:
