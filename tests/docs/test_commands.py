@@ -52,7 +52,11 @@ def test_options_exist(page, line, whole):
     """Parsed by the program itself up to the point at which it would begin to work."""
     words = words_of(line)
     if not words or words[0].startswith("--"):
-        assert words in ([], ["--help"], ["--version"])
+        known = {
+            name for parameter in PROGRAM.params for name in (*parameter.opts, *parameter.secondary_opts)
+        }
+        given = {word for word in words if word.startswith("--")}
+        assert given <= known | {"--help"}, f"{page}: {line}"
         return
     command = PROGRAM.commands.get(words[0])
     assert command is not None, f"{page}: no command {words[0]}"
