@@ -9,20 +9,18 @@ from fieldmap.cli.printing import assumption_lines, facts, heading, print_page, 
 from fieldmap.studies import StudyRun
 from fieldmap.studies.quantities import Quantity, recorded
 
-# Heads of the table's columns; what has none is in the data set only.
+# Heads of the table's columns and their significant digits; what has none is in the data set only.
 _HEADS = {
-    "common_current": "mean current",
-    "equilibrium_x": "x",
-    "equilibrium_y": "y",
-    "stiffness_x": "k_x",
-    "stiffness_y": "k_y",
-    "stiffness_z": "k_z",
-    "equilibrium_area": "eq. area",
-    "reach_height": "reach",
-    "reachable_share": "reachable",
-    "largest_flux_density": "iron up to",
-    "error_flux_density": "error B",
-    "surface_faces": "faces",
+    "common_current": ("current", 4),
+    "equilibrium_x": ("x", 3),
+    "equilibrium_y": ("y", 3),
+    "stiffness_x": ("k_x", 3),
+    "stiffness_z": ("k_z", 3),
+    "equilibrium_area": ("area", 3),
+    "reach_height": ("reach", 4),
+    "reachable_share": ("reachable", 3),
+    "largest_flux_density": ("B iron", 3),
+    "error_flux_density": ("error", 2),
 }
 _UNITS = {"N m-1": "N/m", "mm2": "mm^2", "1": ""}
 
@@ -51,13 +49,15 @@ def _places(run: StudyRun) -> list[tuple[dict[str, int], str]]:
 
 def print_study(run: StudyRun, files: list[Path]) -> None:
     """The scalar summaries, the reasons of what is missing, what the numbers rest on, and the files."""
-    shown = [q for q in recorded(run.study.record.groups) if q.name in _HEADS]
+    summaries = [q for q in recorded(run.study.record.groups) if q.name in _HEADS]
+    rows_of_data = study_rows(run)
+    shown = [q for q in summaries if any(_cell(q, row[q.name]) not in ("-", "0") for row in rows_of_data)]
     axes = [f"{axis.name}\n{_UNITS.get(axis.unit, axis.unit)}" for axis in run.study.axes] or ["variant"]
     several = len(run.study.current_sets) > 1
     columns = [*axes, *(["currents"] if several else []), *(_head(q) for q in shown)]
     rows = []
-    for row in study_rows(run):
-        about = [str(row[axis.name]) for axis in run.study.axes] or [str(row["variant"])]
+    for row in rows_of_data:
+        about = [_setting(row[axis.name]) for axis in run.study.axes] or [str(row["variant"])]
         rows.append(
             [*about, *([row["currents"]] if several else []), *(_cell(q, row[q.name]) for q in shown)]
         )
@@ -74,9 +74,13 @@ def print_study(run: StudyRun, files: list[Path]) -> None:
     )
 
 
+def _setting(value: Any) -> str:
+    return str(value) if isinstance(value, str) else f"{value:g}"
+
+
 def _head(quantity: Quantity) -> str:
     unit = _UNITS.get(quantity.printed_unit, quantity.printed_unit)
-    return f"{_HEADS[quantity.name]}\n{unit}"
+    return f"{_HEADS[quantity.name][0]}\n{unit}"
 
 
 def _cell(quantity: Quantity, value: Any) -> str:
@@ -84,7 +88,7 @@ def _cell(quantity: Quantity, value: Any) -> str:
     number = 0.0 if abs(number) < 1e-6 else number  # what rounding left
     if not np.isfinite(number):
         return "-"
-    return f"{number:.0f}" if quantity.name == "surface_faces" else f"{number:.4g}"
+    return f"{number:.{_HEADS[quantity.name][1]}g}"
 
 
 def _limits(run: StudyRun) -> list[tuple[str, str]]:

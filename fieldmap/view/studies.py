@@ -90,6 +90,8 @@ def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
     axes.tick_params(labelsize=8)
     axes.grid(color="0.92")
     axes.margins(y=0.12)
+    room = 0.06 * max(float(np.ptp(x)), 1e-9 if len(x) > 1 else 1.0)
+    axes.set_xlim(float(np.min(x)) - room, float(np.max(x)) + room)
 
 
 def _lines(data: Any, name: str, abscissa: str) -> Iterator[tuple[Any, Any, str, str, str]]:
