@@ -71,6 +71,11 @@ class Machine:
                 problem = Problem("Machine(ending)", f"must be among {', '.join(CONTACTS)}", name, remedy)
                 raise InputError(problem)
 
+    def end_numbers(self, period: float) -> tuple[int, int]:
+        """What ends a run, as a sum; longest saturation in control periods, 0 for any."""
+        longest = round(self.longest_saturation / period)
+        return sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
+
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What its motion rests on."""
@@ -124,6 +129,11 @@ class Schedule:
             )
 
     @property
+    def clock(self) -> tuple[float, int, int, int]:
+        """Step, steps per period, delay in steps, periods per row: as the compiled loop takes them."""
+        return self.step, round(self.period / self.step), round(self.delay / self.step), self.every
+
+    @property
     def duration(self) -> float:
         """Length of a run, s."""
         return len(self.references) * self.period
@@ -144,10 +154,9 @@ def simulate_closed_loop(
     """
     begin = np.array(check_signal("simulate_closed_loop(state)", state, columns=STATE))
     amperes = np.array(check_signal("simulate_closed_loop(currents)", currents))
-    n, m, periods = machine.drive.coils, controller.outputs, len(schedule.references)
+    n, m = machine.drive.coils, controller.outputs
     _check_fit(machine, controller, amperes)
-    per_period, delay = round(schedule.period / schedule.step), round(schedule.delay / schedule.step)
-    rows = np.empty((-(-periods // schedule.every), STATE + 2 * n + 3 + m))
+    rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))
     plant = (
         machine.magnetic.block,
         machine.body.numbers(machine.drag, machine.plate, machine.walls),
@@ -156,21 +165,15 @@ def simulate_closed_loop(
         machine.drive.numbers(schedule.step),
         machine.drive.drives,
     )
-    longest = round(machine.longest_saturation / schedule.period)
-    ending = (
-        sum(CONTACTS[name] for name in machine.ending),
-        max(longest, int(machine.longest_saturation > 0)),
-    )
-    memory = controller.memory.copy()
     event, steps, filled, touched = closed_loop(
-        (schedule.step, per_period, delay, schedule.every),
+        schedule.clock,
         plant,
         machine.sensors.numbers,
         controller.arrays,
         _allocation(machine.allocation, n, m),
-        ending,
+        machine.end_numbers(schedule.period),
         _signals(machine, schedule, n, m, seed),
-        (begin, amperes, memory),
+        (begin, amperes, controller.memory.copy()),
         rows,
     )
     return LoopRun(

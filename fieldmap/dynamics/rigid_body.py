@@ -123,43 +123,53 @@ def body_of_payload(
     >>> (1e7 * body.inertia).round(3).tolist()
     [6.802, 6.802, 1.948]
     """
-    own = payload.magnet
-    cylinder = isinstance(own, MagnetCylinder)
-    r = radius if radius is not None else own.diameter / 2 if isinstance(own, MagnetCylinder) else None
-    h = height if height is not None else own.height if isinstance(own, MagnetCylinder) else None
-    low = below if below is not None else own.height / 2 if isinstance(own, MagnetCylinder) else 0.0
-    words: list[str] = []
-    inertia = payload.inertia
-    if inertia is None:
-        if r is None or h is None:
-            remedy = "give radius and height of the body, or payload.inertia in the device file"
-            problem = Problem("body_of_payload(payload)", "must have an inertia", "none", remedy)
-            raise InputError(problem)
-        across = payload.mass * (r**2 / 4 + h**2 / 12)
-        inertia = (across, across, payload.mass * r**2 / 2)
-        size = f"{2e3 * r:g} x {1e3 * h:g} mm"
-        words.append(
-            f"inertia of a uniform cylinder of {size}" + ("" if radius or not cylinder else ", the magnet's")
-        )
+    r, h, low = _cylinder(payload, radius, height, below)
+    inertia, words = _inertia(payload, r, h, own_size=radius is None)
     if upright:
-        words = ["the body stays upright: it does not turn"]
-    words.append(f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre")
-    words.append(f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre")
+        words = ("the body stays upright: it does not turn",)
     point = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
-    carried = magnet or point
-    words.append("point dipole" if len(carried.points) == 1 else f"magnet of {len(carried.points)} dipoles")
-    shift = -centre_of_mass
-    skin = _nowhere() if r is None or h is None else _rims(r, shift - low, shift - low + h)
+    carried, shift = magnet or point, -centre_of_mass
     return RigidBody(
         payload.mass,
-        np.array(inertia, float),
+        inertia,
         FiniteMagnet(carried.points, direction * carried.moments, carried.error),
         np.array([0.0, 0.0, shift]),
         np.array([0.0, 0.0, shift + payload.magnet_offset]),
-        skin,
+        _nowhere() if r is None or h is None else _rims(r, shift - low, shift - low + h),
         upright=upright,
-        assumptions=tuple(words),
+        assumptions=(
+            *words,
+            f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre",
+            f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre",
+            "point dipole" if len(carried.points) == 1 else f"magnet of {len(carried.points)} dipoles",
+        ),
     )
+
+
+def _cylinder(
+    payload: Payload, radius: float | None, height: float | None, below: float | None
+) -> tuple[float | None, float | None, float]:
+    """Radius and height of the body, and the magnet's height in it; those of the magnet where nothing is given."""
+    own = payload.magnet
+    if not isinstance(own, MagnetCylinder):
+        return radius, height, below or 0.0
+    low = own.height / 2 if below is None else below
+    return own.diameter / 2 if radius is None else radius, own.height if height is None else height, low
+
+
+def _inertia(
+    payload: Payload, r: float | None, h: float | None, own_size: bool
+) -> tuple[Array, tuple[str, ...]]:
+    """Of the payload, or of a uniform cylinder, and what that assumes."""
+    if payload.inertia is not None:
+        return np.array(payload.inertia, float), ()
+    if r is None or h is None:
+        remedy = "give radius and height of the body, or payload.inertia in the device file"
+        raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
+    across = payload.mass * (r**2 / 4 + h**2 / 12)
+    size = f"{2e3 * r:g} x {1e3 * h:g} mm" + (", the magnet's" if own_size else "")
+    inertia = np.array([across, across, payload.mass * r**2 / 2])
+    return inertia, (f"inertia of a uniform cylinder of {size}",)
 
 
 def _rims(radius: float, low: float, high: float) -> Array:
