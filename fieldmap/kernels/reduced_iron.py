@@ -43,18 +43,30 @@ def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, 
         vector[3 * p], vector[3 * p + 1], vector[3 * p + 2] = m * x, m * y, m * z
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _tangent_factor(h, single, isotropic, along, air, rows, factor):
-    """factor (r, r), lower: that of Cholesky of K; rows (3 p, r), single precision, is overwritten."""
+@njit(cache=True, fastmath=True)
+def _material_rows(h, single, isotropic, along, rows):
+    """rows (3 p, r) = w (db/dh - 1) G, 3 x 3 at every point."""
+    radial = np.empty(single.shape[1], np.float32)
     for p in range(isotropic.size):
         x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
         m, extra = np.float32(isotropic[p]), np.float32(along[p])
-        for j in range(single.shape[1]):
-            gx, gy, gz = single[3 * p, j], single[3 * p + 1, j], single[3 * p + 2, j]
-            e = extra * (x * gx + y * gy + z * gz)
-            rows[3 * p, j] = m * gx + e * x
-            rows[3 * p + 1, j] = m * gy + e * y
-            rows[3 * p + 2, j] = m * gz + e * z
+        gx, gy, gz = single[3 * p], single[3 * p + 1], single[3 * p + 2]
+        out_x, out_y, out_z = rows[3 * p], rows[3 * p + 1], rows[3 * p + 2]
+        # One result per loop: of more, the compiler cannot tell that they do not overlap, and makes no vector code.
+        for j in range(radial.size):
+            radial[j] = extra * (x * gx[j] + y * gy[j] + z * gz[j])
+        for j in range(radial.size):
+            out_x[j] = m * gx[j] + x * radial[j]
+        for j in range(radial.size):
+            out_y[j] = m * gy[j] + y * radial[j]
+        for j in range(radial.size):
+            out_z[j] = m * gz[j] + z * radial[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _tangent_factor(h, single, isotropic, along, air, rows, factor):
+    """factor (r, r), lower: that of Cholesky of K; rows (3 p, r), single precision, is overwritten."""
+    _material_rows(h, single, isotropic, along, rows)
     tangent = np.dot(single.T, rows)
     for i in range(air.shape[0]):
         whole = np.float64(tangent[i, i]) + air[i, i]
