@@ -22,8 +22,11 @@ from numba import njit
 
 from fieldmap.kernels.kept_tangent import PAIRS, direction, keep_pair, solve_factored
 from fieldmap.kernels.magnetisation_law import flux_density
+from fieldmap.kernels.matrix_vector import times, times_transposed
 
 _TINY, _ROUNDING = 1e-14, 1e-7
+# Numbers in a vector register, single precision.
+_WIDTH = 16
 # Below this relative decrement the tangent is kept for the next steps, as long as each leaves less than `_GAIN` of it.
 _NEAR, _GAIN = 0.1, 0.6
 # Error of h and R after steps in single precision, as a share of the largest relative decrement among them.
@@ -44,30 +47,45 @@ def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, 
 
 
 @njit(cache=True, fastmath=True)
-def _material_rows(h, single, isotropic, along, rows):
-    """rows (3 p, r) = w (db/dh - 1) G, 3 x 3 at every point."""
-    radial = np.empty(single.shape[1], np.float32)
+def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
+    """Three rows (r,) of w (db/dh - 1) G, those of point p."""
+    x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
+    m, extra = np.float32(isotropic[p]), np.float32(along[p])
+    gx, gy, gz = single[3 * p], single[3 * p + 1], single[3 * p + 2]
+    # One result per loop: of more, the compiler cannot tell that they do not overlap, and makes no vector code.
+    for j in range(gx.size):
+        radial[j] = extra * (x * gx[j] + y * gy[j] + z * gz[j])
+    for j in range(gx.size):
+        out_x[j] = m * gx[j] + x * radial[j]
+    for j in range(gx.size):
+        out_y[j] = m * gy[j] + y * radial[j]
+    for j in range(gx.size):
+        out_z[j] = m * gz[j] + z * radial[j]
+
+
+@njit(cache=True, fastmath=True)
+def _material_tangent(h, single, isotropic, along):
+    """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete."""
+    count = single.shape[1]
+    # Rows of whole vector registers; the numbers behind the last one are zero.
+    wide = _WIDTH * ((count + _WIDTH - 1) // _WIDTH)
+    total = np.zeros((count, wide), np.float32)
+    radial = np.zeros(wide, np.float32)
+    at_x, at_y, at_z = np.zeros(wide, np.float32), np.zeros(wide, np.float32), np.zeros(wide, np.float32)
     for p in range(isotropic.size):
-        x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
-        m, extra = np.float32(isotropic[p]), np.float32(along[p])
+        _material_row(p, h, single, isotropic, along, radial, at_x, at_y, at_z)
         gx, gy, gz = single[3 * p], single[3 * p + 1], single[3 * p + 2]
-        out_x, out_y, out_z = rows[3 * p], rows[3 * p + 1], rows[3 * p + 2]
-        # One result per loop: of more, the compiler cannot tell that they do not overlap, and makes no vector code.
-        for j in range(radial.size):
-            radial[j] = extra * (x * gx[j] + y * gy[j] + z * gz[j])
-        for j in range(radial.size):
-            out_x[j] = m * gx[j] + x * radial[j]
-        for j in range(radial.size):
-            out_y[j] = m * gy[j] + y * radial[j]
-        for j in range(radial.size):
-            out_z[j] = m * gz[j] + z * radial[j]
+        for i in range(count):
+            row, x, y, z = total[i], gx[i], gy[i], gz[i]
+            for j in range(_WIDTH * (i // _WIDTH + 1)):
+                row[j] += x * at_x[j] + y * at_y[j] + z * at_z[j]
+    return total
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _tangent_factor(h, single, isotropic, along, air, rows, factor):
-    """factor (r, r), lower: that of Cholesky of K; rows (3 p, r), single precision, is overwritten."""
-    _material_rows(h, single, isotropic, along, rows)
-    tangent = np.dot(single.T, rows)
+def _tangent_factor(h, single, isotropic, along, air, factor):
+    """factor (r, r), lower: that of Cholesky of K."""
+    tangent = _material_tangent(h, single, isotropic, along)
     for i in range(air.shape[0]):
         whole = np.float64(tangent[i, i]) + air[i, i]
         for j in range(i + 1):
@@ -114,21 +132,20 @@ def newton(
     of steps, and the last relative decrement (larger than `tolerance` if `limit` steps were not enough).
     """
     a, change = start.copy(), np.empty_like(start)
-    h = source - np.dot(gradients, a)
+    h = source - times(gradients, a)
     trial, vector, moved = np.empty_like(h), np.empty_like(h), np.empty_like(h)
     isotropic, along = np.empty(weights.size), np.empty(weights.size)
-    rows = np.empty(single.shape, np.float32)
     changes, responses, count = np.empty((PAIRS, a.size)), np.empty((PAIRS, a.size)), 0
     tables = (weights, law, offset, knots, coefficients)
     _magnetise(h, *tables, vector, isotropic, along)
-    residual = np.dot(vector, gradients) + constant - np.dot(air, a)
+    residual = times_transposed(vector, gradients) + constant - times(air, a)
     decrement, before, farthest, largest = np.inf, np.inf, 0.0, 1e-300
     known = factor[0, 0] > 0.0
     for step in range(limit):
         for _ in range(2):
             fresh = not known
             if fresh:
-                _tangent_factor(h, single, isotropic, along, air, rows, factor)
+                _tangent_factor(h, single, isotropic, along, air, factor)
                 count = 0
             direction(factor, residual, changes, responses, count, change)
             slope = np.dot(residual, change)
@@ -143,19 +160,19 @@ def newton(
         if (fresh or before < np.inf) and decrement < tolerance:
             if _SINGLE * farthest < tolerance:
                 return a + change, step + 1, decrement
-            h = source - np.dot(gradients, a)
+            h = source - times(gradients, a)
             _magnetise(h, *tables, vector, isotropic, along)
-            residual = np.dot(vector, gradients) + constant - np.dot(air, a)
+            residual = times_transposed(vector, gradients) + constant - times(air, a)
             before, farthest = np.inf, 0.0
             continue
         before, farthest = decrement, max(farthest, decrement)
         known = decrement < _NEAR
-        step_h = np.dot(single, change.astype(np.float32)).astype(np.float64)
-        air_change = np.dot(air, change)
+        step_h = times(single, change.astype(np.float32)).astype(np.float64)
+        air_change = times(air, change)
         rest = np.dot(vector, step_h) - slope, np.dot(air_change, change)
         t = _step_length(h, step_h, rest, slope, tables, trial, moved, isotropic, along)
         h, trial = trial, h
-        response = t * air_change - np.dot((moved - vector).astype(np.float32), single)
+        response = t * air_change - times_transposed((moved - vector).astype(np.float32), single)
         vector, moved = moved, vector
         residual -= response
         change *= t
@@ -196,12 +213,28 @@ def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
 @njit(cache=True)
 def tangent_factor(source, gradients, single, weights, law, offset, knots, coefficients, air, amplitude):
     """Cholesky factor (r, r), lower, of K at amplitudes (r,) and the coils' field `source` (3 p,); see `newton`."""
-    h = source - np.dot(gradients, amplitude)
+    h = source - times(gradients, amplitude)
     vector, isotropic, along = np.empty_like(h), np.empty(weights.size), np.empty(weights.size)
     _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
     factor = np.zeros_like(air)
-    _tangent_factor(h, single, isotropic, along, air, np.empty(single.shape, np.float32), factor)
+    _tangent_factor(h, single, isotropic, along, air, factor)
     return factor
+
+
+@njit(cache=True)
+def _right_sides(h, single, isotropic, along, unit):
+    """G^T w (db/dh - 1) s (r, c) for the coils' fields per ampere `unit` (3 p, c)."""
+    count = single.shape[1]
+    out = np.zeros((count, unit.shape[1]))
+    radial, at_x = np.empty(count, np.float32), np.empty(count, np.float32)
+    at_y, at_z = np.empty(count, np.float32), np.empty(count, np.float32)
+    for p in range(isotropic.size):
+        _material_row(p, h, single, isotropic, along, radial, at_x, at_y, at_z)
+        for c in range(unit.shape[1]):
+            x, y, z = unit[3 * p, c], unit[3 * p + 1, c], unit[3 * p + 2, c]
+            for j in range(count):
+                out[j, c] += x * at_x[j] + y * at_y[j] + z * at_z[j]
+    return out
 
 
 @njit(cache=True)
@@ -217,16 +250,14 @@ def sensitivities(
     out = np.empty((states, modes, coils))
     vector = np.empty(gradients.shape[0])
     isotropic, along = np.empty(weights.size), np.empty(weights.size)
-    rows = np.empty(single.shape, np.float32)
     factors, column = np.zeros((states, modes, modes)), np.empty(modes)
-    unit = unit_source.astype(np.float32)
     for s in range(states):
-        h = sources[:, s] - np.dot(gradients, amplitudes[s])
+        h = sources[:, s] - times(gradients, amplitudes[s])
         _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
-        _tangent_factor(h, single, isotropic, along, air, rows, factors[s])
-        right = np.dot(rows.T, unit)
+        _tangent_factor(h, single, isotropic, along, air, factors[s])
+        right = _right_sides(h, single, isotropic, along, unit_source)
         for c in range(coils):
-            solve_factored(factors[s], right[:, c].astype(np.float64), column)
+            solve_factored(factors[s], right[:, c].copy(), column)
             out[s, :, c] = column
     return out, factors
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fieldmap.device.current_division import undivide_currents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
+from fieldmap.kernels.matrix_vector import times
 from fieldmap.kernels.reduced_iron import blended_start, newton, sensitivities
 from fieldmap.store import ReducedModel
 
@@ -90,7 +91,7 @@ class CurrentModel:
         """Amplitudes (r,), begun from `start`; factor: see `fieldmap.kernels.reduced_iron.newton`, overwritten."""
         model = self.model
         found, _, decrement = newton(
-            model.source @ currents,
+            times(model.source, currents),
             model.gradients,
             self._single,
             *self._laws,
