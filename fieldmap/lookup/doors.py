@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
 CHUNK = 16384
+_PIECES_PER_THREAD = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +72,10 @@ def in_chunks(kernel: Callable[..., int], points: Array, others: Sequence[Array]
     if workers == 1:
         box.check(points, part(0, n))
         return
-    edges = [n * w // workers for w in range(workers + 1)]
-    waiting = [_pool().submit(part, a, b) for a, b in pairwise(edges)]
+    # More pieces than threads, which each takes when it has done one: who is held up leaves the rest to the others.
+    count = min(_PIECES_PER_THREAD * workers, n // CHUNK)
+    pieces = iter(list(pairwise(n * w // count for w in range(count + 1))))
+    waiting = [_pool().submit(lambda: sum(part(a, b) for a, b in pieces)) for _ in range(workers)]
     box.check(points, sum(future.result() for future in waiting))
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device, Sphere
 from fieldmap.device.symmetry import find_symmetry
 from fieldmap.device.symmetry.chamber import Chamber, mirror_chamber
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.cad.chamber import glue_chamber
 from fieldmap.iron.cad.solids import glue_bodies
 from fieldmap.iron.meshing.copies import ChamberCopies, MeshSymmetry
@@ -125,7 +125,7 @@ def _netgen_mesh(shape, device: Device, refinement: float, local: LocalSizes | N
     if local is not None:
         for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):
             wanted.RestrictH(*point, size)
-    mesh = OCCGeometry(shape).GenerateMesh(mp=wanted)
+    mesh = _generated(OCCGeometry(shape), wanted, device, refinement)
     index = {name: k for k, name in enumerate(sizes)}
     domain = np.array([index[mesh.GetMaterial(k + 1)] for k in range(mesh.GetNDomains())])
     elements = mesh.Elements3D().NumPy()
@@ -137,6 +137,16 @@ def _netgen_mesh(shape, device: Device, refinement: float, local: LocalSizes | N
     curved = np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
     nodes = mesh.Elements3D().NumPy()["nodes"].astype(np.int64) - 1
     return points, tets, body, edges, _edge_midpoints(nodes, curved)
+
+
+def _generated(geometry, wanted, device: Device, refinement: float):
+    try:
+        return geometry.GenerateMesh(mp=wanted)
+    except Exception as error:  # the mesher's exception type is not exported
+        must_hold = "must have a mesh at these sizes"
+        received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
+        remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
+        raise GeometryError(Problem(f"the iron of {device.name}", must_hold, received, remedy)) from error
 
 
 def _edge_midpoints(nodes, curved):

@@ -1,0 +1,25 @@
+"""A mesher that gives up: the user learns what to change."""
+
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.errors import GeometryError
+from fieldmap.iron.meshing import mesh
+
+
+class GivesUp:
+    """A geometry of the mesher's that it cannot mesh."""
+
+    def __init__(self, shape):
+        pass
+
+    def GenerateMesh(self, mp):  # noqa: N802 - the mesher's name
+        raise RuntimeError("Meshing failed!")
+
+
+def test_a_mesh_that_cannot_be_made_is_a_geometry_error(monkeypatch):
+    import netgen.occ
+
+    monkeypatch.setattr(netgen.occ, "OCCGeometry", GivesUp)
+    with pytest.raises(GeometryError, match=r"loop_and_sphere.*Meshing failed!.*refinement 0.3.*smaller elements"):
+        mesh.generate_mesh(read_device("loop_and_sphere"), 0.3)
