@@ -48,6 +48,8 @@ import psutil
 from distributed import LocalCluster
 from fieldmap.maps import generate
 
+# Ignored where the tests themselves run in the background of a shell.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 folder = sys.argv[1]
 
 def at(moment, act):
