@@ -1,5 +1,7 @@
 """What results rest on, said in words."""
 
+from typing import Any
+
 from fieldmap.device.model import Device, Payload, SaturatingMaterial
 
 
@@ -26,3 +28,21 @@ def payload_assumptions(payload: Payload | None) -> tuple[str, ...]:
         return ()
     depth = f"magnet_offset {1e3 * payload.magnet_offset:g} mm"
     return (f"point dipole, {depth} below the point that the sensor reads",)
+
+
+def overdriven_words(solution: Any, device: Device, currents: Any) -> tuple[str, ...]:
+    """A warning for every material of linear iron of which a body carries more than it can polarise."""
+    from fieldmap.iron import overdriven_bodies
+
+    warnings: dict[str, str] = {}
+    for found in sorted(overdriven_bodies(solution, device, currents), key=lambda body: -body.largest):
+        first = (
+            f"warning: linear iron does not saturate: up to {found.largest:.3g} T, while '{found.material}' polarises "
+            f"{found.most:.3g} T at most; above that are"
+        )
+        share = f" {100 * found.share:.3g} % of '{found.body}'"
+        before = warnings.get(found.material, "")
+        warnings[found.material] = f"{before},{share}" if before else first + share
+    return tuple(
+        f"{text}. Such an answer does not hold: --nonlinear follows a B-H law" for text in warnings.values()
+    )

@@ -59,6 +59,7 @@ def lifted(source: Source, payload: Payload, height: float) -> dict[str, Any]:
             if source.kind == "map"
             else lift_current(searchable(source, field), payload, point)
         )
+        assumptions = (*assumptions, *source.warnings(field, lift.currents))
     else:
         lift, assumptions = _lift_by_states(source, payload, point)
     answer = _common(source, payload, lift, assumptions)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.cli.assumptions import overdriven_words
 from fieldmap.cli.iron import IronChoice, States, require_iron, solve_device
 from fieldmap.device.model import Device, Driver, Payload, WorkspaceBox
 from fieldmap.errors import InputError, MapFileError, Problem
@@ -25,6 +26,7 @@ class Source:
 
     corners: the box in which the field may be searched, or None. open(currents): the field, and what it assumes;
     it holds for any currents unless the iron is nonlinear. states: a device's nonlinear states, one by one.
+    warnings(field, currents): what is wrong with an opened field at currents; `open` appends it where it has currents.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Source:
     corners: tuple[Array, Array] | None
     open: Callable[[Array | None], tuple[Any, tuple[str, ...]]]
     states: States | None = None
+    warnings: Callable[[Any, Array], tuple[str, ...]] = lambda field, currents: ()
 
 
 def refuse_directory(name: str) -> None:
@@ -136,9 +139,13 @@ def find_source(name: str, choice: IronChoice) -> Source:
 
     def solved(currents: Array | None) -> tuple[Any, tuple[str, ...]]:
         solution = solve_device(device, choice)
-        return solution, tuple(solution.report.assumptions)
+        assumptions = tuple(solution.report.assumptions)
+        return solution, assumptions if currents is None else (*assumptions, *warnings(solution, currents))
 
-    return Source(device.name, device.name, "device, linear iron", *about, solved)
+    def warnings(solution: Any, currents: Array) -> tuple[str, ...]:
+        return overdriven_words(solution, device, currents)
+
+    return Source(device.name, device.name, "device, linear iron", *about, solved, warnings=warnings)
 
 
 def _state(device: Device, states: States, currents: Array | None) -> tuple[Any, tuple[str, ...]]:

@@ -1,5 +1,6 @@
 """`fieldmap show`: look at a device or a map."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,7 +70,10 @@ def _shown(source: str, what: str, currents: list[str], choice: Any) -> Any:
     about |= {"lower": corners[0], "upper": corners[1]}
     if what not in _SOLVED:
         return Shown(title, **about)
-    about["field"] = found.open(amperes)[0]
+    about["field"], assumptions = found.open(amperes)
+    for text in assumptions:
+        if text.startswith("warning"):
+            print(text, file=sys.stderr)
     if device is not None:
         about |= _iron(about["field"], amperes)
     if what == "equilibrium":

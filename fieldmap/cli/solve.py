@@ -74,6 +74,7 @@ def solve(
 
 
 def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: Any) -> dict[str, Any]:
+    from fieldmap.cli.assumptions import overdriven_words
     from fieldmap.cli.iron import States, solve_device
     from fieldmap.cli.quantities import force_rows, section_rows
     from fieldmap.cli.references import compare
@@ -96,6 +97,9 @@ def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: 
         "forces": force_rows(solution, groups, at),
         "sections": section_rows(solution, sections, at),
         "references": compare(machine, field, choice, currents),
+        "warnings": ()
+        if choice.nonlinear or currents is None
+        else overdriven_words(solution, machine, currents),
     }
 
 
@@ -123,7 +127,7 @@ def _print(device: "Device", answer: dict[str, Any]) -> None:
     points, bodies, references = answer["points"], answer["bodies"], answer["references"]
     print_page(
         heading(device.name, device.title),
-        facts([*rows, *assumption_lines(report.assumptions)]),
+        facts([*rows, *assumption_lines((*report.assumptions, *answer["warnings"]))]),
         body_table(bodies) if bodies else None,
         section_table(answer["sections"]) if answer["sections"] else None,
         force_table(answer["forces"]) if answer["forces"] else None,

@@ -5,6 +5,7 @@ from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.linear import solve_linear
 from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
 from fieldmap.iron.nonlinear import NonlinearSolution, NonlinearSolver, solve
+from fieldmap.iron.overdriven import OverdrivenBody, overdriven_bodies
 from fieldmap.iron.quantities.sections import SectionFlux
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
@@ -15,12 +16,14 @@ __all__ = [
     "LinearSolution",
     "NonlinearSolution",
     "NonlinearSolver",
+    "OverdrivenBody",
     "Section",
     "SectionFlux",
     "SolverReport",
     "check_geometry",
     "generate_mesh",
     "geometry_notes",
+    "overdriven_bodies",
     "solve",
     "solve_linear",
     "solve_to_tolerance",

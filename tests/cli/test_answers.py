@@ -157,3 +157,11 @@ def test_schema_accepts_a_shipped_device(capsys):
     device["coil"][0]["turns"] = "many"
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(device, schema)
+
+
+def test_linear_iron_that_would_saturate_is_named(capsys):
+    """At 80 A the core of mu_r = 4000 carries some 4 T."""
+    words = ["probe", "single_electromagnet", "--at-mm", "0,0,-40", "--currents"]
+    assert main([*words, "80"]) == 0
+    assert "linear iron does not saturate" in " ".join(capsys.readouterr().out.split())
+    assert not any("warning" in text for text in answer(capsys, *words, "1")["assumptions"])

@@ -1,0 +1,79 @@
+"""Linear iron beyond its law: found at the current at which the field in a sphere passes its saturation."""
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+
+from fieldmap import read_device, solve_linear
+from fieldmap.device.model import Arctangent, BHTable, LinearMaterial, Marrocco
+from fieldmap.iron.overdriven import MOST_OF_ANY_IRON, largest_polarisation, overdriven_bodies
+
+SPHERE = """
+format = 1
+name = "sphere"
+title = "A small sphere in the middle of a wide loop"
+
+[material.iron]
+kind = "froehlich"
+mu_r = 1000.0
+saturation_polarisation_T = 1.5
+
+[[body]]
+name = "sphere"
+material = "iron"
+shape = "sphere"
+radius_mm = 5.0
+mesh_size_mm = 3.0
+
+[[coil]]
+name = "loop"
+kind = "circular"
+inner_radius_mm = 99.5
+outer_radius_mm = 100.5
+height_mm = 1.0
+turns = 1000
+position_mm = [0.0, 0.0, 0.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def sphere(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sphere") / "sphere.toml"
+    path.write_text(SPHERE)
+    device = read_device(path)
+    return device, solve_linear(device)
+
+
+def test_a_sphere_is_overdriven_where_three_times_the_applied_field_reaches_its_saturation(sphere):
+    device, solution = sphere
+    # B inside = 3 mu_r / (mu_r + 2) times the applied field, which is mu0 N i / 2a in the middle of the loop.
+    per_ampere = 3 * 1000 / 1002 * mu_0 * 1000 / 0.2
+    critical = 1.5 / per_ampere
+    assert overdriven_bodies(solution, device, [0.97 * critical]) == ()
+    (found,) = overdriven_bodies(solution, device, [1.03 * critical])
+    assert (found.body, found.material, found.most) == ("sphere", "iron", 1.5)
+    assert found.share > 0.9
+    (ten_times,) = overdriven_bodies(solution, device, [-10 * critical])
+    assert ten_times.share == 1.0
+    assert ten_times.largest == pytest.approx(15.0, rel=0.05)
+
+
+def test_the_largest_polarisation_of_a_law():
+    h, b = np.array([100.0, 1e4, 1e5]), np.array([0.5, 1.6, 1.8])
+    table = BHTable("t", h, b, "straight line to the origin", "slope mu0", 4000.0)
+    assert largest_polarisation(table) == pytest.approx(1.8 - mu_0 * 1e5)
+    rising = BHTable("t", h, b, "straight line to the origin", "towards saturation", 4000.0, saturation=2.1)
+    assert largest_polarisation(rising) == 2.1
+    assert largest_polarisation(Arctangent("a", 500.0, 1.9)) == 1.9
+    # mu0 dH/dB = 1 at the end: nothing on a fine grid of the formula polarises more.
+    marrocco = Marrocco("m", 2e-4, 1.0, 5.5, 5e4)
+    flux = np.linspace(0.0, 2.3, 20001)
+    power = flux**11
+    polarisation = flux * (1 - (2e-4 + (1 - 2e-4) * power / (power + 5e4)))
+    assert largest_polarisation(marrocco) == pytest.approx(polarisation.max(), rel=1e-6)
+
+
+def test_without_a_law_nothing_beats_iron_cobalt():
+    assert largest_polarisation(LinearMaterial("l", 4000.0)) == MOST_OF_ANY_IRON
+    # c < 1: the reluctivity never falls to that of free space.
+    assert largest_polarisation(Marrocco("m", 2e-4, 1e-3, 5.5, 5e4)) == MOST_OF_ANY_IRON
