@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from fieldmap.errors import NoEquilibrium, Problem
 from fieldmap.levitation.balance import Balance
 from fieldmap.levitation.interface import LevitationField
+from fieldmap.lookup import FieldMap
 
 Array = NDArray[np.float64]
 
@@ -41,12 +42,15 @@ def best_starts(grid: Array, unbalance: Array, source: LevitationField) -> Array
 
 def roots(balance: Balance, source: LevitationField, starts: Array) -> list[Array]:
     """Distinct points of balance reached from the starts (trust region, analytic derivative, kept in the
-    box)."""
+    box).
+
+    Where the force of a map steps from one cell to the next, by no more than the map's own error, balance may lie in
+    the step; such a point is taken if none is better.
+    """
     lower, upper = np.asarray(source.lower), np.asarray(source.upper)
     inset = 1e-9 * (upper - lower)
-    found: list[Array] = []
-    for start in starts:
-        answer = least_squares(
+    answers = [
+        least_squares(
             lambda x: balance.residual(x[None, :])[0] / balance.weight,
             np.clip(start, lower + inset, upper - inset),
             jac=lambda x: -balance.stiffness(x) / balance.weight,
@@ -57,10 +61,28 @@ def roots(balance: Balance, source: LevitationField, starts: Array) -> list[Arra
             gtol=1e-15,
             max_nfev=60,
         )
-        new = all(np.linalg.norm(answer.x - other) > 1e-5 * np.linalg.norm(upper - lower) for other in found)
-        if np.linalg.norm(answer.fun) <= TOLERANCE and new:
+        for start in starts
+    ]
+    apart = 1e-5 * float(np.linalg.norm(upper - lower))
+    return _distinct(answers, TOLERANCE, apart) or _distinct(answers, largest_step(balance, source), apart)
+
+
+def _distinct(answers: list[OptimizeResult], unbalance: float, apart: float) -> list[Array]:
+    """Where the answers lie that leave no more force than `unbalance` weights, each place once."""
+    found: list[Array] = []
+    for answer in answers:
+        new = all(np.linalg.norm(answer.x - other) > apart for other in found)
+        if new and np.linalg.norm(answer.fun) <= unbalance:
             found.append(answer.x)
     return found
+
+
+def largest_step(balance: Balance, source: LevitationField) -> float:
+    """Largest step of the force between cells of a map, over the weight; 0 for a field that has none."""
+    if not isinstance(source, FieldMap):
+        return 0.0
+    share = np.abs(balance.currents / source.info.reference_current).max(initial=1.0)
+    return float(balance.magnitude * source.jump().gradient_bound * share / balance.weight)
 
 
 def no_equilibrium(balance: Balance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
