@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from fieldmap.interpolants.form import Form, header
 from fieldmap.interpolants.node_potential import node_potential
-from fieldmap.kernels import hermite, map_block
+from fieldmap.interpolants.node_slopes import nodal_coefficients
+from fieldmap.kernels import map_block
 from fieldmap.store import MapData
 
 Array = NDArray[np.float64]
@@ -30,4 +31,4 @@ def _coefficients(data: MapData, values: Array, slopes: Array) -> Array:
     channels = len(values) * values.shape[-1]
     by_node = np.ascontiguousarray(np.moveaxis(values, 0, 3)).reshape(*shape, channels)
     slopes_by_node = np.ascontiguousarray(np.moveaxis(slopes, 0, 3)).reshape(*shape, channels, 3)
-    return hermite.nodal_coefficients(by_node, slopes_by_node, np.array(data.grid.spacing)).ravel()
+    return nodal_coefficients(by_node, slopes_by_node, np.array(data.grid.spacing)).ravel()

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from fieldmap.interpolants.node_slopes import difference_weights, nodal_coefficients
 from fieldmap.kernels import hermite
 
 LOWER = np.array([-0.3, 0.2, 1.0])
@@ -21,7 +22,7 @@ def sampled(function, shape, lower=LOWER, spacing=SPACING):
     x, y, z = np.moveaxis(nodes(lower, spacing, shape), -1, 0)
     values = function(x, y, z, 0, 0, 0)[..., None]
     slopes = np.stack([function(x, y, z, *order) for order in np.eye(3, dtype=int)], axis=-1)[..., None, :]
-    return hermite.nodal_coefficients(values, np.ascontiguousarray(slopes), spacing)
+    return nodal_coefficients(values, np.ascontiguousarray(slopes), spacing)
 
 
 def evaluated(coefficients, points, lower=LOWER, spacing=SPACING):
@@ -81,7 +82,7 @@ ORDERS = np.eye(3, dtype=int)
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5])
 def test_difference_weights_are_exact_on_polynomials(n):
-    weights = hermite.difference_weights(n)
+    weights = difference_weights(n)
     i = np.arange(n, dtype=float)
     for degree in range(n):
         exact = degree * i ** max(degree - 1, 0)

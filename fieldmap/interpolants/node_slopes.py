@@ -1,0 +1,55 @@
+"""Hermite coefficients at the nodes of a grid: values, exact first derivatives, estimated mixed ones.
+
+Done once when a map is opened, so in array operations of numpy: a compiled kernel takes longer to compile.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+STENCIL = 5
+
+
+def nodal_coefficients(values: Array, gradient: Array, spacing: Array) -> Array:
+    """Coefficients (nx, ny, nz, n_channels, 8) from values (nx, ny, nz, n_channels) and their exact gradient
+    (nx, ny, nz, n_channels, 3); layout: `fieldmap.kernels.hermite`.
+
+    Only mixed derivatives are estimated: f_xy is the mean of the differences of f_x along y and of f_y
+    along x, and so on; f_xyz is the mean of the differences of the mixed second derivatives. Their error,
+    O(h^4), enters the interpolant as O(h^6): below its own error, at the boundary as well as inside.
+    """
+    fx, fy, fz = (gradient[..., axis] * spacing[axis] for axis in range(3))
+    fxy = 0.5 * (difference(fx, 1) + difference(fy, 0))
+    fxz = 0.5 * (difference(fx, 2) + difference(fz, 0))
+    fyz = 0.5 * (difference(fy, 2) + difference(fz, 1))
+    fxyz = (difference(fxy, 2) + difference(fxz, 1) + difference(fyz, 0)) / 3.0
+    return np.stack([values, fz, fy, fyz, fx, fxz, fxy, fxyz], axis=-1)
+
+
+def difference(values: Array, axis: int) -> Array:
+    """d values / d index along an axis, over 5 nodes (all if there are fewer).
+
+    Fourth order; the stencil is centred inside and shifted, not shortened, at both ends.
+    """
+    along = np.moveaxis(values, axis, 0)
+    n = len(along)
+    width = min(n, STENCIL)
+    weights = difference_weights(width)
+    half = width // 2
+    out = np.empty_like(along)
+    inner = n - width + 1
+    out[half : half + inner] = sum(weights[half, s] * along[s : s + inner] for s in range(width))
+    out[:half] = np.tensordot(weights[:half], along[:width], 1)
+    out[half + inner :] = np.tensordot(weights[half + 1 :], along[n - width :], 1)
+    return np.moveaxis(out, 0, axis)
+
+
+def difference_weights(n_nodes: int) -> Array:
+    """Weights (n_nodes, n_nodes): row i differentiates the polynomial through unit-spaced nodes at node i."""
+    apart = np.subtract.outer(np.arange(n_nodes), np.arange(n_nodes)) + np.eye(n_nodes)
+    scale = apart.prod(axis=1)
+    weights: Array = scale[:, None] / scale / apart
+    np.fill_diagonal(weights, 0.0)
+    np.fill_diagonal(weights, -weights.sum(axis=1))
+    return weights
