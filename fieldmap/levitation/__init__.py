@@ -27,6 +27,7 @@ from fieldmap.levitation.lift_nonlinear import lift_current_nonlinear
 from fieldmap.levitation.magnet_models import MODELS, MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.result import Equilibrium, SearchReport
 from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
+from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface
 from fieldmap.levitation.stationary import StationaryPoint, StationarySet, stationary_points
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "DifferencedField",
     "Equilibrium",
     "EquilibriumBranch",
+    "EquilibriumSurface",
     "Exponential",
     "Fit",
     "FixedCurrents",
@@ -60,6 +62,7 @@ __all__ = [
     "dipole_stiffness",
     "equilibrium_at",
     "equilibrium_sensitivity",
+    "equilibrium_surface",
     "find_equilibrium",
     "fit_horizontal_force",
     "fit_quadratic_force",

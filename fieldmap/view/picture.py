@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _PANELS = 2
 # The viewer stands in front (-y), a little to the right and above.
 _VIEW = np.array([0.42, -1.0, 0.27])
+FROM_ABOVE = np.array([0.42, -1.0, 0.75])
 
 
 def save_picture(
@@ -64,9 +65,14 @@ def _core_bounds(device: Device) -> Array:
     return np.column_stack([together[:, :, 0].min(axis=0), together[:, :, 1].max(axis=0)])
 
 
-def look_at(scene: pv.Plotter, bounds: Array, margin: float = 0.06, panels: int = 1) -> None:
-    """Parallel projection from the front that just holds the box (3, 2); panels: into which the window is divided."""
-    forward = -_VIEW / np.linalg.norm(_VIEW)
+def look_at(
+    scene: pv.Plotter, bounds: Array, margin: float = 0.06, panels: int = 1, view: Array = _VIEW
+) -> None:
+    """Parallel projection from the front that just holds the box (3, 2); panels: into which the window is divided.
+
+    view (3,): towards the viewer.
+    """
+    forward = -view / np.linalg.norm(view)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from functools import lru_cache
 
+from vtkmodules.vtkCommonCore import vtkLogger
+
 from fieldmap.errors import FieldmapError, Problem
 
 _PROGRAM = (
@@ -26,6 +28,8 @@ def can_render() -> bool:
 
 def require_renderer() -> None:
     """Raise FieldmapError where nothing can be drawn."""
+    # Without a display VTK draws by EGL, after a line about an X server that nobody asked for.
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
     if not can_render():
         raise FieldmapError(
             Problem(

@@ -1,4 +1,4 @@
-"""Axes in mm along three edges of the scene's box, with ticks at round numbers and upright labels."""
+"""Axes along three edges of the scene's box, with ticks at round numbers and upright labels."""
 
 import numpy as np
 import pyvista as pv
@@ -9,10 +9,13 @@ Array = NDArray[np.float64]
 INK = "#22282e"
 
 
-def add_rulers(scene: pv.Plotter, font_size: int = 18) -> None:
+MILLIMETRES = ("x, mm", "y, mm", "z, mm")
+
+
+def add_rulers(scene: pv.Plotter, font_size: int = 18, titles: tuple[str, str, str] = MILLIMETRES) -> None:
     """Rule the scene: x along the lower front edge, y along the lower right one, z along the left front one.
 
-    Front is the side of smallest y. Call it last: the box is that of everything drawn so far.
+    titles: of the three axes. Front is the side of smallest y. Call it last: the box is that of all drawn so far.
     """
     low, high = np.array(scene.bounds).reshape(3, 2).T
     size = float((high - low).max())
@@ -20,9 +23,9 @@ def add_rulers(scene: pv.Plotter, font_size: int = 18) -> None:
     low, high = low - 0.04 * size, high + 0.04 * size
     down, right, left = -np.eye(3)[2], np.eye(3)[0], -np.eye(3)[0]
     rulers = (
-        ("x, mm", 0, np.array([low[0], low[1], low[2]]), down),
-        ("y, mm", 1, np.array([high[0], low[1], low[2]]), 0.6 * right + 0.6 * down),
-        ("z, mm", 2, np.array([low[0], low[1], low[2]]), left),
+        (titles[0], 0, np.array([low[0], low[1], low[2]]), down),
+        (titles[1], 1, np.array([high[0], low[1], low[2]]), 0.6 * right + 0.6 * down),
+        (titles[2], 2, np.array([low[0], low[1], low[2]]), left),
     )
     for title, axis, corner, outward in rulers:
         _add_ruler(scene, title, axis, corner, high[axis], size, outward, font_size)
@@ -66,7 +69,8 @@ def _add_ruler(
     for value in values:
         lines += [at(value, 0.0), at(value, 0.012)]
     scene.add_lines(np.array(lines), color=INK, width=2)
-    words = [f"{value + 0.0:.0f}" for value in values] + [title]
+    decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
+    words = [f"{value + 0.0:.{decimals}f}" for value in values] + [title]
     # Along x the title would meet the labels of y.
     name_at = at(0.5 * (corner[axis] + end), 0.085) if axis == 0 else at(end + 0.06 * size, 0.0)
     places = [*(at(value, 0.035) for value in values), name_at]

@@ -7,15 +7,16 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.view.equilibrium_shift import COORDINATES, add_shift, shift_titles
 from fieldmap.view.field_lines import add_field_lines
 from fieldmap.view.forces import add_equilibrium, add_forces
 from fieldmap.view.iron_field import add_iron_field, add_mesh
-from fieldmap.view.picture import look_at
+from fieldmap.view.picture import FROM_ABOVE, look_at
 from fieldmap.view.rendering import require_renderer
-from fieldmap.view.rulers import INK, add_rulers
+from fieldmap.view.rulers import INK, MILLIMETRES, add_rulers
 from fieldmap.view.scene import MM, device_scene
 from fieldmap.view.shown import Shown
-from fieldmap.view.volumes import QUANTITIES, add_slices, add_surfaces
+from fieldmap.view.volumes import QUANTITIES, add_difference, add_slices, add_surfaces
 from fieldmap.view.web_page import save_web_page
 
 WINDOW = (1500, 1200)
@@ -47,36 +48,68 @@ SCENES: dict[str, Callable[[pv.Plotter, Shown, str], None]] = {
     "surfaces": add_surfaces,
     "forces": _without_quantity(add_forces),
     "equilibrium": _without_quantity(add_equilibrium),
+    "difference": add_difference,
+    "shift": add_shift,
 }
 """Name -> what draws it."""
+_WITHOUT_BOX = ("device", "mesh", "iron", "shift")
 
 
 def make_scene(
-    shown: Shown, what: str = "device", quantity: str = "B", off_screen: bool = True
+    shown: Shown,
+    what: str = "device",
+    quantity: str = "",
+    off_screen: bool = True,
+    window: tuple[int, int] = WINDOW,
 ) -> pv.Plotter:
-    """Draw one of SCENES with rulers in mm. quantity: of slices and surfaces, one of QUANTITIES.
+    """Draw one of SCENES with rulers. quantity: one of `quantities_of(what)`, the first unless given.
 
     Returns the plotter: `.show()` looks at it, `save_scene` writes it. Raises InputError for unknown names and for
     what a scene needs and there is not, FieldmapError on a machine without OpenGL.
     """
-    _check_choice("what", what, tuple(SCENES))
-    _check_choice("quantity", quantity, tuple(QUANTITIES))
+    chosen = check_scene(what, quantity)
     require_renderer()
-    scene = pv.Plotter(off_screen=off_screen, window_size=list(WINDOW))
+    scene = pv.Plotter(off_screen=off_screen, window_size=list(window))
     scene.background_color = pv.Color("white")
-    SCENES[what](scene, shown, quantity)
-    if what not in ("device", "mesh", "iron") and shown.lower is not None and shown.upper is not None:
+    SCENES[what](scene, shown, chosen)
+    if what not in _WITHOUT_BOX and shown.lower is not None and shown.upper is not None:
         box = pv.Box(tuple(MM * np.column_stack([shown.lower, shown.upper]).ravel())).extract_all_edges()
         scene.add_mesh(box, color=INK, line_width=2.5, lighting=False)
-    add_rulers(scene)
-    look_at(scene, np.array(scene.bounds).reshape(3, 2), margin=0.25)
+    add_rulers(scene, titles=axes_of(what, chosen))
+    bounds = np.array(scene.bounds).reshape(3, 2)
+    if what == "shift":
+        look_at(scene, bounds, margin=0.6, view=FROM_ABOVE)
+    else:
+        look_at(scene, bounds, margin=0.25)
     scene.add_text(shown.title, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
     scene.enable_anti_aliasing("ssaa")
     return scene
 
 
-def save_scene(scene: pv.Plotter, path: str | Path, title: str = "") -> Path:
+def check_scene(what: str, quantity: str = "") -> str:
+    """The quantity that is drawn. Raises InputError for a scene or quantity that there is not."""
+    _check_choice("what", what, tuple(SCENES))
+    known = quantities_of(what)
+    _check_choice("quantity", quantity or known[0], known)
+    return quantity or known[0]
+
+
+def quantities_of(what: str) -> tuple[str, ...]:
+    """What a scene can show: x or y of "shift", otherwise B, Bz or gradB (which only some scenes take)."""
+    return tuple(COORDINATES) if what == "shift" else tuple(QUANTITIES)
+
+
+def axes_of(what: str, quantity: str = "") -> tuple[str, str, str]:
+    """Titles of a scene's axes."""
+    return shift_titles(quantity or quantities_of(what)[0]) if what == "shift" else MILLIMETRES
+
+
+def save_scene(
+    scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+) -> Path:
     """Save as .png (a picture), .html (to turn in a browser, with a title) or .vtm (for ParaView).
+
+    axes: their titles in a page, `axes_of` of the scene.
 
     Raises InputError for other endings.
     """
@@ -86,7 +119,7 @@ def save_scene(scene: pv.Plotter, path: str | Path, title: str = "") -> Path:
     if target.suffix == ".png":
         scene.screenshot(str(target))
     elif target.suffix == ".html":
-        save_web_page(scene, target, title)
+        save_web_page(scene, target, title, axes)
     else:
         datasets = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
         pv.MultiBlock(datasets).save(target)

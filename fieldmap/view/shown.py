@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
+from fieldmap.levitation import EquilibriumSurface
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,7 @@ class Shown:
     title: a line of text for the picture. currents (n_coils,), A. lower, upper (3,): corners of the box, m. everywhere:
     the field also holds outside the box and inside iron (a solution, not a map). flux_density (e, 3): of every element
     of the iron, T, and mesh: these elements. equilibrium: position of the magnet's centre (3,), m, or None.
+    surface: where it rests over the direction signals.
     """
 
     title: str
@@ -42,6 +44,7 @@ class Shown:
     flux_density: Array | None = None
     payload: Payload | None = None
     equilibrium: Any = None
+    surface: EquilibriumSurface | None = None
 
     def need(self, *names: str) -> None:
         """Raise InputError for what is None though a scene needs it."""
@@ -78,6 +81,7 @@ _NEEDS = {
     "mesh": "iron with a mesh",
     "payload": "a payload",
     "equilibrium": "an equilibrium",
+    "surface": "places of rest over the direction signals",
 }
 _REMEDIES = {
     "device": "name the device file in the place of the map",

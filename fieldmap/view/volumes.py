@@ -48,18 +48,20 @@ def add_slices(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
     """Slices through the middle of the box and its floor, with a colour bar."""
     shown.need("field", "lower")
     chosen = QUANTITIES[quantity]
+    _draw_planes(scene, _planes(shown, chosen), chosen.title)
+
+
+def add_difference(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
+    """Slices of a field that is the difference of two, in the unit that gives readable numbers."""
+    shown.need("field", "lower")
+    chosen = QUANTITIES[quantity]
     planes = _planes(shown, chosen)
-    values = np.concatenate([plane[chosen.title] for plane in planes])
-    settings = colour_bar(chosen.title, values)
+    largest = max(float(np.abs(plane[chosen.title]).max()) for plane in planes)
+    prefix, factor = ("m", 1.0) if largest >= 0.5 else ("u", 1e3)
+    title = f"d {chosen.title}".replace(", m", f", {prefix}", 1)
     for plane in planes:
-        scene.add_mesh(
-            plane,
-            scalars=chosen.title,
-            cmap=COLOUR_MAP,
-            lighting=False,
-            show_scalar_bar=plane is planes[0],
-            **settings,
-        )
+        plane[title] = factor * plane[chosen.title]
+    _draw_planes(scene, planes, title)
 
 
 def add_surfaces(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
@@ -91,6 +93,19 @@ def sampled_box(shown: Shown, quantity: Quantity, points: int) -> pv.ImageData:
     )
     grid[quantity.title] = quantity.values(shown, np.clip(np.asarray(grid.points) / MM, lower, upper))
     return grid
+
+
+def _draw_planes(scene: pv.Plotter, planes: list[Any], title: str) -> None:
+    settings = colour_bar(title, np.concatenate([plane[title] for plane in planes]))
+    for plane in planes:
+        scene.add_mesh(
+            plane,
+            scalars=title,
+            cmap=COLOUR_MAP,
+            lighting=False,
+            show_scalar_bar=plane is planes[0],
+            **settings,
+        )
 
 
 def _planes(shown: Shown, quantity: Quantity) -> list[Any]:

@@ -15,22 +15,24 @@ import pyvista as pv
 
 from fieldmap.adapters.whole_files import write_whole
 from fieldmap.errors import FieldmapError, Problem
-from fieldmap.view.rulers import INK
+from fieldmap.view.rulers import INK, MILLIMETRES
 
 # The viewer empties the page's body, but not what a style sheet puts after it.
 _HEAD = """<title>{title}</title><style>body::after {{ content: "{words}"; white-space: pre; position: fixed;
 left: 1em; top: .6em; z-index: 99; color: #22282e; font: 15px system-ui, sans-serif; pointer-events: none; }}"""
-_HOW = "drag: turn; wheel: zoom; shift and drag: move; lengths in mm"
+_HOW = "drag: turn; wheel: zoom; shift and drag: move"
 
 
-def save_web_page(scene: pv.Plotter, path: str | Path, title: str = "") -> Path:
-    """Write the scene to an HTML file of some MB, with a line of text.
+def save_web_page(
+    scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+) -> Path:
+    """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
 
     The viewer knows no labels at points, so the rulers get axes of the viewer's own beside them. Raises FieldmapError
     where trame-vtk is not installed.
     """
     tools = _tools()
-    _prepare(scene)
+    _prepare(scene, axes)
     scene.render()
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -48,9 +50,9 @@ def _head(title: str) -> str:
     return _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
 
 
-def _prepare(scene: pv.Plotter) -> None:
+def _prepare(scene: pv.Plotter, axes: tuple[str, str, str]) -> None:
     """Axes of the viewer's kind, and a camera that it understands: it does not know parallel projection."""
-    scene.renderer.show_bounds(xtitle="x, mm", ytitle="y, mm", ztitle="z, mm", color=INK, font_size=10)
+    scene.renderer.show_bounds(xtitle=axes[0], ytitle=axes[1], ztitle=axes[2], color=INK, font_size=10)
     scene.camera.parallel_projection = False
     scene.renderer.reset_camera()
 

@@ -2,6 +2,8 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +12,17 @@ import pyvista as pv
 import fieldmap
 from fieldmap.cli import main
 from fieldmap.errors import FieldmapError, InputError
+from fieldmap.levitation import EquilibriumSurface
 from fieldmap.view import web_page
 from fieldmap.view.colours import colour_bar, colour_bar_by_decades
+from fieldmap.view.difference import FieldDifference, check_same_coils, common_box
+from fieldmap.view.equilibrium_shift import LEVEL, shift_surface
 from fieldmap.view.field_lines import TITLE, field_lines
 from fieldmap.view.forces import magnetic_force, places_in_box
 from fieldmap.view.iron_field import TITLE as IRON_TITLE
 from fieldmap.view.iron_field import iron_elements
 from fieldmap.view.rendering import can_render
-from fieldmap.view.scenes import SCENES, make_scene, save_scene
+from fieldmap.view.scenes import SCENES, axes_of, make_scene, save_scene
 from fieldmap.view.shown import Shown, element_flux_density
 from fieldmap.view.volumes import QUANTITIES, sampled_box
 
@@ -44,7 +49,18 @@ def shown():
         flux_density=element_flux_density(unit, currents),
         payload=payload,
         equilibrium=np.array([0.0, 0.0, -0.014]),
+        surface=tilted_plane(),
     )
+
+
+def tilted_plane():
+    """x = 20 mm times the x signal, the current rising with y; no place for one corner."""
+    x, y = np.linspace(-0.3, 0.3, 5), np.linspace(-0.2, 0.2, 4)
+    positions = np.zeros((5, 4, 3))
+    positions[..., 0] = 0.02 * x[:, None]
+    levels = 1.5 + y[None, :] + 0.0 * x[:, None]
+    positions[0, 0] = levels[0, 0] = np.nan
+    return EquilibriumSurface(x, y, positions, levels, np.isfinite(levels), 1.0, ())
 
 
 class Quadratic:
@@ -83,7 +99,7 @@ def coloured(image):
 @needs_opengl
 @pytest.mark.parametrize("what", SCENES)
 def test_every_scene_has_content(shown, what, tmp_path):
-    scene = make_scene(shown, what)
+    scene = make_scene(shown, what, window=(400, 320))
     bars = list(scene.scalar_bars.keys())
     image = pixels(save_scene(scene, tmp_path / f"{what}.png"))
     scene.close()
@@ -95,7 +111,7 @@ def test_every_scene_has_content(shown, what, tmp_path):
         right = image[:, int(0.86 * image.shape[1]) :]
         assert coloured(right) > 0.02
     if bars:
-        assert bars[0].strip().endswith(("T", "mT", "mN", "mT/m"))
+        assert bars[0].strip().endswith(("T", "mN", "mT/m", " A"))
 
 
 @pytest.mark.parametrize(
@@ -123,11 +139,13 @@ def test_the_force_is_that_of_a_vertical_dipole(simple):
 @needs_opengl
 def test_the_magnet_is_drawn_where_it_floats(tmp_path):
     path = tmp_path / "floating.png"
-    words = ["show", "drive_unit", "--what", "equilibrium", "--currents", "4.2", "--refinement", "0.4"]
+    words = ["show", "single_electromagnet", "--what", "equilibrium", "--currents", "1"]
     assert main([*words, "--save", str(path)]) == 0
     image = pixels(path)
     red = (image[:, :, 0] > image[:, :, 1] + 80) & (image[:, :, 0] > image[:, :, 2] + 80)
-    assert red.mean() > 0.002
+    # The sphere floats 44 mm below the core (thesis, Fig. 2-6), in the middle of a box from 30 to 60 mm.
+    assert red.sum() > 300
+    assert np.mean(np.nonzero(red), axis=1) / image.shape[:2] == pytest.approx([0.48, 0.5], abs=0.04)
 
 
 def test_elements_fill_the_iron_and_carry_its_flux(shown):
@@ -167,6 +185,49 @@ def test_colour_bars_have_round_limits():
     assert bar["scalar_bar_args"]["n_labels"] == 6
     assert colour_bar("B, mT", [2.0, 2.0])["clim"][0] < colour_bar("B, mT", [2.0, 2.0])["clim"][1]
     assert colour_bar_by_decades("B, mT", [0.3, 800.0])["clim"] == pytest.approx((0.1, 1000.0))
+
+
+def test_the_surface_of_rest_holds_signals_places_and_currents():
+    surface = shift_surface(tilted_plane(), "x")
+    assert surface.n_cells == 11
+    x, y, height = np.asarray(surface.points).T
+    np.testing.assert_allclose(height, 0.2 * x, atol=1e-6)  # mm over %
+    np.testing.assert_allclose(surface[LEVEL], 1.5 + 0.01 * y, rtol=1e-6)
+    assert axes_of("shift", "y") == ("x signal, %", "y signal, %", "y, mm")
+
+
+def test_a_difference_is_that_of_both_fields_in_the_box_they_share():
+    first, second = (
+        Quadratic(),
+        SimpleNamespace(
+            field=lambda points, currents: np.ones((len(points), 3)),
+            gradient=lambda points, currents: np.zeros((len(points), 3, 3)),
+        ),
+    )
+    difference = FieldDifference(first, second)
+    points, amperes = np.array([[0.01, 0.0, -0.02]]), np.array([2.0])
+    np.testing.assert_allclose(difference.field(points, amperes), first.field(points, amperes) - 1.0)
+    np.testing.assert_allclose(difference.gradient(points, amperes), first.gradient(points, amperes))
+    box = (np.array([-1.0, -1.0, -2.0]), np.array([1.0, 1.0, -1.0]))
+    lower, upper = common_box(box, (box[0] + 0.5, box[1] + 0.5), ("a", "b"))
+    np.testing.assert_allclose((lower, upper), (box[0] + 0.5, box[1]))
+    with pytest.raises(InputError, match="must share a volume"):
+        common_box(box, (box[0] + [0, 0, 1], box[1] + [0, 0, 1]), ("a", "b"))
+    with pytest.raises(InputError, match="same coils"):
+        check_same_coils(("1", "2"), ("2", "1"), ("a", "b"))
+
+
+@needs_opengl
+def test_a_small_difference_is_drawn_in_microtesla(simple):
+    tiny = replace(simple, currents=np.array([1e-3]))
+    scene = make_scene(tiny, "difference", window=(300, 240))
+    (title,) = scene.scalar_bars.keys()
+    data = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+    scene.close()
+    plane = next(d for d in data if title.strip() in d.array_names)
+    by_hand = 1e6 * np.linalg.norm(tiny.flux_density_at(1e-3 * np.asarray(plane.points, dtype=float)), axis=1)
+    assert title.strip() == "d B, uT"
+    np.testing.assert_allclose(plane[title.strip()], by_hand, rtol=1e-5, atol=1e-6)
 
 
 def test_what_is_not_there_is_named(simple):
