@@ -100,7 +100,12 @@ def without_noise(values: Any) -> np.ndarray:
 
 def print_json(value: Any) -> None:
     """Print a value made of dictionaries, lists, numpy arrays and dataclasses as JSON."""
-    print(json.dumps(plain(value), indent=2, allow_nan=False))
+    print(json_text(value))
+
+
+def json_text(value: Any) -> str:
+    """That JSON."""
+    return json.dumps(plain(value), indent=2, allow_nan=False)
 
 
 def plain(value: Any) -> Any:

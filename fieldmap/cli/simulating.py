@@ -86,7 +86,7 @@ def check_wanted(wanted: Wanted) -> None:
 
 def simulate_all(wanted: Wanted, progress: Callable[[str, float], None]) -> Outcome:
     """Every run of every value, and the files asked for."""
-    fixed = dict(_pair(text, "--set") for text in wanted.changes)
+    fixed = dict(pair(text, "--set") for text in wanted.changes)
     key, values = ("", [None]) if wanted.vary is None else _values(wanted.vary)
     batches = []
     opened = None
@@ -94,7 +94,7 @@ def simulate_all(wanted: Wanted, progress: Callable[[str, float], None]) -> Outc
         changes = fixed if value is None else {**fixed, key: value}
         scenario = read_scenario(wanted.scenario, changes)
         if wanted.map_file is not None and opened is None:
-            opened = _opened(wanted.map_file)
+            opened = opened_map(wanted.map_file)
         experiment = prepare(scenario, opened)
         label = "" if value is None else f"{key} = {value}"
 
@@ -127,14 +127,16 @@ def _batch(
     return Batch(label, experiment, tuple(results), time.process_time() - begin)
 
 
-def _opened(path: Path) -> Any:
+def opened_map(path: Path) -> Any:
+    """A map that answers for currents beyond its table too."""
     from fieldmap.cli.opening import check_map_path
     from fieldmap.lookup import open_map
 
     return open_map(check_map_path(str(path)), outside_currents="evaluate")
 
 
-def _pair(text: str, option: str) -> tuple[str, Any]:
+def pair(text: str, option: str) -> tuple[str, Any]:
+    """KEY=VALUE; raises InputError for anything else."""
     key, sign, value = text.partition("=")
     if not (sign and key.strip() and value.strip()):
         raise InputError(Problem(option, "must be KEY=VALUE", text, "write for example control.z.Kc=0.2"))

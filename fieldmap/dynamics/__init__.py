@@ -22,6 +22,16 @@ from fieldmap.dynamics.closed_loop import (
 )
 from fieldmap.dynamics.drives import CoilDrive, drive_of_device
 from fieldmap.dynamics.iron import FieldOfCurrents, linearised, superposed, tabled
+from fieldmap.dynamics.linear import (
+    LinearMachine,
+    close_loop,
+    coupling,
+    linearise,
+    margins,
+    modes,
+    reach,
+    sampled_machine,
+)
 from fieldmap.dynamics.motion import (
     FixedCurrentsRun,
     angular_momentum,
@@ -32,7 +42,14 @@ from fieldmap.dynamics.motion import (
 )
 from fieldmap.dynamics.outcome import Event, LoopRun
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
-from fieldmap.dynamics.scenario import ScenarioRun, prepare, read_scenario, run_metrics, simulate
+from fieldmap.dynamics.scenario import (
+    ScenarioRun,
+    linear_points,
+    prepare,
+    read_scenario,
+    run_metrics,
+    simulate,
+)
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.dynamics.trim import Trim, trim
@@ -46,6 +63,7 @@ __all__ = [
     "Event",
     "FieldOfCurrents",
     "FixedCurrentsRun",
+    "LinearMachine",
     "LoopRun",
     "Machine",
     "Mixing",
@@ -58,17 +76,25 @@ __all__ = [
     "Walls",
     "angular_momentum",
     "body_of_payload",
+    "close_loop",
     "constant_block",
+    "coupling",
     "drive_of_device",
     "energy",
+    "linear_points",
+    "linearise",
     "linearised",
+    "margins",
+    "modes",
     "move",
     "move_adaptively",
     "pid_block",
     "prepare",
+    "reach",
     "read_scenario",
     "regulator_block",
     "run_metrics",
+    "sampled_machine",
     "simulate",
     "simulate_closed_loop",
     "simulate_many",

@@ -1,6 +1,7 @@
 """Scenarios: an experiment in a TOML file, and what comes out of it."""
 
 from fieldmap.dynamics.scenario.build import Experiment, prepare
+from fieldmap.dynamics.scenario.linear_points import LinearPoint, linear_points
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.one_run import ScenarioRun, simulate
 from fieldmap.dynamics.scenario.reader import Scenario, find_scenario, read_scenario
@@ -8,10 +9,12 @@ from fieldmap.dynamics.scenario.reader import Scenario, find_scenario, read_scen
 __all__ = [
     "AxisMetrics",
     "Experiment",
+    "LinearPoint",
     "RunMetrics",
     "Scenario",
     "ScenarioRun",
     "find_scenario",
+    "linear_points",
     "prepare",
     "read_scenario",
     "reading_mm",

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device import Device, read_device
 from fieldmap.dynamics.blocks import ControllerBlock, stacked
@@ -150,9 +150,18 @@ def _guess(scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody
 
 
 def _rest(scenario: Scenario, machine: Machine, currents: Array) -> Trim:
+    guess = [float(np.mean(currents)) / machine.drive.amplifier.gain, 0.0, 0.0]
+    return rest_at(scenario, machine, scenario.contents.start.depth_mm, guess)
+
+
+def rest_at(scenario: Scenario, machine: Machine, depth_mm: float, guess: ArrayLike) -> Trim:
+    """Where the machine of a scenario rests at a depth, with x and y or their signals as at its start.
+
+    guess (3,): outputs near those. Raises NoEquilibrium, and Infeasible where it takes more than the amplifiers give.
+    """
     contents = scenario.contents
     nan = np.nan
-    place = [nan, nan, -MILLI * (contents.sensors.zero_depth_mm + contents.start.depth_mm)]
+    place = [nan, nan, -MILLI * (contents.sensors.zero_depth_mm + depth_mm)]
     outputs = [nan, nan, nan]
     for k, (given, keys) in enumerate(
         ((contents.start.x_mm, contents.control.x), (contents.start.y_mm, contents.control.y))
@@ -164,7 +173,7 @@ def _rest(scenario: Scenario, machine: Machine, currents: Array) -> Trim:
                 keys.output if isinstance(keys, ConstantKeys) and keys.output is not None else 0.0
             )
     amplifier = machine.drive.amplifier
-    rest = trim(machine, place, outputs, [float(np.mean(currents)) / amplifier.gain, 0.0, 0.0])
+    rest = trim(machine, place, outputs, guess)
     if np.abs(rest.currents).max() > amplifier.largest_current * (1.0 + 1e-9):
         must = f"the body must rest with what the amplifiers give, {amplifier.largest_current:g} A"
         received = f"{np.abs(rest.currents).max():.3g} A"

@@ -1,0 +1,177 @@
+"""A linear machine under its sampled controller: docs/theory/dynamics.md (34)..(37)."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from fieldmap.arguments import check_positive
+from fieldmap.control import zero_order_hold
+from fieldmap.dynamics.blocks import ControllerBlock
+from fieldmap.dynamics.closed_loop import Schedule
+from fieldmap.dynamics.linear.machine import LinearMachine
+from fieldmap.dynamics.sensors import Sensors
+from fieldmap.errors import InputError, Problem
+
+Array = NDArray[np.floating[Any]]
+Complex = NDArray[Any]
+
+
+class SampledMachine(NamedTuple):
+    """x[n+1] = A x[n] + B u[n] + before u[n-1]; y = C x: outputs of the controller that reach the coils late by part of
+    a period."""
+
+    A: Array
+    B: Array
+    before: Array
+    C: Array
+
+
+def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) -> SampledMachine:
+    """The linear machine between samples, `period` apart, s, whose inputs change `delay` after each: exact.
+
+    Raises InputError for a delay that is negative or longer than the period.
+    """
+    check_positive("sampled_machine", period=period)
+    if not 0.0 <= delay <= period:
+        problem = Problem(
+            "sampled_machine(delay)", "must be from 0 to the period", f"{delay:g} s", "shorten it"
+        )
+        raise InputError(problem)
+    A, _ = zero_order_hold(linear.A, linear.B, period)
+    if delay == 0.0:
+        return SampledMachine(
+            A, zero_order_hold(linear.A, linear.B, period)[1], np.zeros_like(linear.B), linear.C
+        )
+    late = zero_order_hold(linear.A, linear.B, delay)[1]
+    if delay == period:
+        return SampledMachine(A, np.zeros_like(late), late, linear.C)
+    rest, now = zero_order_hold(linear.A, linear.B, period - delay)
+    return SampledMachine(A, now, rest @ late, linear.C)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A machine and its controller as one sampled system, z[n+1] = A z[n] + B r[n]; period: s.
+
+    z: states of the machine, outputs of the last period, memory of the controller. C z: the sensed point; r: its
+    reference; both as deviations. machine, controller: what it is made of.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    period: float
+    machine: SampledMachine
+    controller: ControllerBlock
+
+    @property
+    def poles(self) -> Complex:
+        """In q; stable inside the unit circle."""
+        return scipy.linalg.eigvals(self.A)
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles lie inside the unit circle."""
+        return bool(np.abs(self.poles).max() < 1.0)
+
+
+def close_loop(linear: LinearMachine, controller: ControllerBlock, schedule: Schedule) -> ClosedLoop:
+    """The linear machine under a controller, with the schedule's period and delay; sensors show what is."""
+    machine = sampled_machine(linear, schedule.period, schedule.delay)
+    k = controller
+    read, wanted = k.D[:, 3:6] @ machine.C, k.D[:, :3]
+    m, size = k.outputs, len(k.A)
+    applied = k.B + k.E @ k.D
+    A = np.block(
+        [
+            [machine.A + machine.B @ read, machine.before, machine.B @ k.C],
+            [read, np.zeros((m, m)), k.C],
+            [applied[:, 3:6] @ machine.C, np.zeros((size, m)), k.A + k.E @ k.C],
+        ]
+    )
+    B = np.vstack([machine.B @ wanted, wanted, applied[:, :3]])
+    C = np.hstack([machine.C, np.zeros((3, m + size))])
+    return ClosedLoop(A, B, C, schedule.period, machine, controller)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far the loop at one output of the controller is from instability, the others being closed.
+
+    gain_up, gain_down: factors of that output which bring it there (infinite and 0 where none does); phase: deg, that
+    lag brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance of the loop's
+    curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no crossover.
+    """
+
+    output: str
+    gain_up: float
+    gain_down: float
+    phase: float
+    crossover: float
+    modulus: float
+
+
+def margins(
+    loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
+) -> list[Margins]:
+    """Margins at each output of the controller, which `names` names.
+
+    sensors: whose scans, means and latency turn the phase. The scans' clock runs free of the controller's, so their
+    answer is the mean over how the two may lie; without it sensors show what is. points: frequencies, from 1 mHz to
+    half the sampling rate.
+    """
+    frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
+    curves = np.array([_opened(loop, 2.0 * np.pi * f, sensors) for f in frequencies])
+    return [_margins_of(name, frequencies, curve) for name, curve in zip(names, curves.T, strict=True)]
+
+
+def sensor_answer(sensors: Sensors, rate: float) -> complex:
+    """What sensors that scan show of a sine of this angular frequency, 1/s, as a factor."""
+    if not sensors.scan_rate:
+        return 1.0 + 0.0j
+    scan, n = 1.0 / sensors.scan_rate, sensors.averages
+    mean = np.exp(-1j * rate * scan * np.arange(n)).mean()
+    # Shown from one mean to the next: a hold of n scans, sampled at any moment of it.
+    half = 0.5 * rate * n * scan
+    return complex(mean * np.exp(-1j * (rate * sensors.latency * scan + half)) * np.sinc(half / np.pi))
+
+
+def _opened(loop: ClosedLoop, rate: float, sensors: Sensors | None) -> Complex:
+    """(m,): the loop opened at one output, others closed, so that 1 + l is 0 at the border of stability."""
+    q = np.exp(1j * rate * loop.period)
+    machine, k = loop.machine, loop.controller
+    plant = machine.C @ np.linalg.solve(
+        q * np.eye(len(machine.A)) - machine.A, machine.B + machine.before / q
+    )
+    inner = k.A + k.E @ k.C
+    control = k.D[:, 3:6] + k.C @ np.linalg.solve(q * np.eye(len(inner)) - inner, (k.B + k.E @ k.D)[:, 3:6])
+    shown = 1.0 if sensors is None else sensor_answer(sensors, rate)
+    sensitivity = np.linalg.inv(np.eye(k.outputs) - shown * control @ plant)
+    return 1.0 / np.diag(sensitivity) - 1.0
+
+
+def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:
+    size, angle = np.abs(curve), np.unwrap(np.angle(-curve))
+    up, down, phase, at = np.inf, 0.0, np.nan, np.nan
+    for k in np.flatnonzero((size[1:] - 1.0) * (size[:-1] - 1.0) <= 0.0):
+        share = _crossing(np.log(size[k : k + 2]), 0.0)
+        # Distance of the angle from that of -1, which is where -curve is 1.
+        here = float(np.angle(np.exp(1j * (angle[k] + share * (angle[k + 1] - angle[k])))))
+        if not abs(np.rad2deg(here)) >= phase:
+            phase = abs(float(np.rad2deg(here)))
+            at = float(frequencies[k] * (frequencies[k + 1] / frequencies[k]) ** share)
+    turns = np.floor(angle / (2.0 * np.pi))
+    for k in np.flatnonzero(np.diff(turns)):
+        border = 2.0 * np.pi * max(turns[k], turns[k + 1])
+        share = _crossing(angle[k : k + 2], border)
+        factor = 1.0 / float(size[k] ** (1.0 - share) * size[k + 1] ** share)
+        up, down = (min(up, factor), down) if factor > 1.0 else (up, max(down, factor))
+    return Margins(name, up, down, phase, at, float(np.abs(1.0 + curve).min()))
+
+
+def _crossing(pair: Array, level: float) -> float:
+    a, b = pair
+    return float((level - a) / (b - a)) if b != a else 0.0

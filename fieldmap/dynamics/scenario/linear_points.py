@@ -1,0 +1,73 @@
+"""The machine of a scenario, linear about its rest at one height or at several."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmap.dynamics.linear import (
+    ClosedLoop,
+    Coupling,
+    LinearMachine,
+    Margins,
+    Mode,
+    Reach,
+    close_loop,
+    coupling,
+    linearise,
+    margins,
+    modes,
+    reach,
+)
+from fieldmap.dynamics.scenario.build import Experiment, rest_at
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPoint:
+    """At one depth, mm: the linear machine, its modes, how they are reached, its coupling at rest, its closed loop, and
+    the loop's margins (none where it is unstable)."""
+
+    depth_mm: float
+    linear: LinearMachine
+    modes: tuple[Mode, ...]
+    reach: Reach
+    coupling: Coupling
+    loop: ClosedLoop
+    margins: tuple[Margins, ...]
+
+
+def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = None) -> list[LinearPoint]:
+    """The machine of a scenario about its rest at the start, or at each of these depths, mm.
+
+    Raises NoEquilibrium, Infeasible or OutsideMapError where it has no rest at a depth.
+    """
+    start = experiment.scenario.contents.start.depth_mm
+    wanted = [start] if depths_mm is None else list(depths_mm)
+    guesses = {start: experiment.rest.outputs}
+    found = {}
+    # From the start outward, each search from the rest nearest to it.
+    for depth in sorted(wanted, key=lambda depth: abs(depth - start)):
+        nearest = min(guesses, key=lambda known: abs(known - depth))
+        rest = (
+            experiment.rest
+            if depth == start
+            else rest_at(experiment.scenario, experiment.machine, depth, guesses[nearest])
+        )
+        guesses[depth] = rest.outputs
+        found[depth] = _point(experiment, depth, linearise(experiment.machine, rest))
+    return [found[depth] for depth in wanted]
+
+
+def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> LinearPoint:
+    loop = close_loop(linear, experiment.controller, experiment.schedule)
+    sensors = experiment.machine.sensors
+    return LinearPoint(
+        depth,
+        linear,
+        tuple(modes(linear)),
+        # A body's turn about its magnet's axis is felt by nothing and no mode of the loop.
+        reach(linear, above=-np.inf if experiment.machine.body.upright else 1e-3),
+        coupling(linear),
+        loop,
+        tuple(margins(loop, linear.inputs, sensors)) if loop.stable else (),
+    )

@@ -1,0 +1,247 @@
+"""The linear machine against the nonlinear one, against closed forms, and against python-control."""
+
+import contextlib
+import io
+import json
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+
+from fieldmap.cli import main
+from fieldmap.control import PID
+from fieldmap.dynamics import (
+    AxisReading,
+    CoilDrive,
+    Drag,
+    Machine,
+    Mixing,
+    RigidBody,
+    Schedule,
+    Sensors,
+    close_loop,
+    coupling,
+    linearise,
+    margins,
+    modes,
+    pid_block,
+    prepare,
+    reach,
+    read_scenario,
+    simulate_closed_loop,
+    superposed,
+    trim,
+)
+from fieldmap.dynamics.linear import moved_state, sampled_machine, sensor_answer
+from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.instruments import Amplifier, Micrometer, watch
+from fieldmap.lookup import open_map
+
+MASS, MOMENT, PERIOD, GAIN = 0.01, 0.8, 2e-3, 0.4
+SLOPE, CURVE = MASS * 9.80665 / MOMENT / 2.0, 1.2
+
+
+@pytest.fixture(scope="module")
+def six(six_coils):
+    return open_map(six_coils)
+
+
+@pytest.fixture
+def machine(axial):
+    """One coil whose 2 A carry the body at the origin; nothing drives it aside."""
+    body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), seen_at=[0, 0, 5e-3], upright=True)
+    field = superposed(axial.map((0.02, SLOPE, CURVE)))
+    one = Mixing(np.eye(1), np.zeros(1))
+    drag = Drag(linear=(0.05, 0.05, 0.05))
+    return Machine(field, body, CoilDrive(Amplifier(GAIN), 1), Sensors(zero_depth=0.0), one, drag)
+
+
+@pytest.fixture
+def linear(machine):
+    # Height and both horizontal places are given or found: the lift is what is free.
+    return linearise(machine, trim(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
+
+
+def test_one_coil_has_its_closed_form(linear):
+    """m z'' = m_z (b1 + b2 z) i - m g - c z', m x'' = -m_z b2 x i / 2 - c x'."""
+    up = MOMENT * CURVE * 2.0 / MASS
+    wanted = np.block([[np.zeros((3, 3)), np.eye(3)], [np.diag([-up / 2, -up / 2, up]), -5.0 * np.eye(3)]])
+    np.testing.assert_allclose(linear.A, wanted, atol=1e-6 * up)
+    np.testing.assert_allclose(linear.B[:, 0], [0, 0, 0, 0, 0, GAIN * MOMENT * SLOPE / MASS], atol=1e-9)
+    found = {"".join(mode.named_shares(linear)): mode for mode in modes(linear)}
+    assert found["z"].pole.real == pytest.approx(-2.5 - np.sqrt(6.25 + up))
+    assert found["x"].pole.imag == pytest.approx(-np.sqrt(up / 2 - 6.25), rel=1e-6)
+
+
+def test_what_no_coil_moves_is_out_of_reach(linear):
+    found = reach(linear)
+    assert found.controllability < 1e-9
+    assert found.observability > 1e-2
+    assert abs(found.worst_input.imag) > 1
+    upward = linear.only(("z", "vz"))
+    assert reach(upward).controllability > 1.0
+    assert {mode.reached.max() > 1 for mode in modes(upward)} == {True}
+    with pytest.raises(InputError, match="turn_x"):
+        linear.only(("turn_x",))
+
+
+def test_time_constants_of_amplifiers_are_states(machine):
+    slow = replace(machine, drive=CoilDrive(Amplifier(GAIN), 1, time_constant=4e-3))
+    found = linearise(slow, trim(slow, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
+    assert found.states[-1] == "i1"
+    assert min(mode.pole.real for mode in modes(found)) == pytest.approx(-250.0)
+    fast = linearise(machine, found.rest)
+    np.testing.assert_allclose(
+        -found.C @ np.linalg.solve(found.A, found.B), -fast.C @ np.linalg.solve(fast.A, fast.B)
+    )
+
+
+def test_a_rest_at_the_edge_of_the_map_is_refused(machine):
+    rest = trim(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0])
+    state = rest.state.copy()
+    state[2] = 0.0199
+    with pytest.raises(OutsideMapError, match=r"0\.4 mm"):
+        linearise(machine, replace(rest, state=state))
+
+
+FREE = {
+    "body.turning": "free",
+    "noise.off": True,
+    "coils.output_bits": None,
+    "control.z.lower": None,
+    "control.z.upper": None,
+    "sensors.angle_deg": 0.0,
+    "reference.0.by_mm": 0.0,
+    "drag.turning_N_m_s": [1e-6, 1e-6, 1e-6],
+}
+
+
+def difference(experiment, linear, loop, size, periods=60):
+    """Largest distance of the nonlinear loop from the linear one, over the size of the disturbance."""
+    deviation = (
+        size * np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])[: len(linear.states)]
+    )
+    state = moved_state(linear, deviation)
+    wanted = np.tile(experiment.rest.sensed, (periods, 1))
+    schedule = Schedule(wanted, PERIOD, 2e-5, experiment.schedule.delay)
+    run = simulate_closed_loop(
+        experiment.machine, experiment.controller, schedule, state, experiment.rest.currents, None
+    )
+    z = np.zeros(len(loop.A))
+    z[: len(deviation)] = deviation
+    here, path = z, []
+    for _ in range(periods):
+        path.append(loop.C @ here)
+        here = loop.A @ here
+    return np.abs(run.sensed - experiment.rest.sensed - path).max() / size
+
+
+def test_the_nonlinear_loop_comes_to_the_linear_one_with_the_square_of_what_disturbs(six):
+    """Taylor test of the whole: body that turns, coils, delay, controllers of three axes."""
+    experiment = prepare(read_scenario("vertical_step", FREE), six)
+    linear = linearise(experiment.machine, experiment.rest)
+    assert len(linear.states) == 12
+    loop = close_loop(linear, experiment.controller, experiment.schedule)
+    relative = [difference(experiment, linear, loop, size) for size in (4e-4, 2e-4, 1e-4)]
+    np.testing.assert_allclose(np.log2(np.divide(relative[:-1], relative[1:])), 1.0, atol=0.1)
+    assert relative[-1] < 0.05
+
+
+def test_a_body_that_keeps_its_direction_obeys_earnshaw(six):
+    experiment = prepare(read_scenario("vertical_step", {"reference.0.by_mm": 0.0}), six)
+    linear = linearise(experiment.machine, experiment.rest)
+    K = linear.A[3:, :3]
+    # Up to what the map steps by from cell to cell.
+    np.testing.assert_allclose(K, K.T, atol=2e-5 * np.abs(K).max())
+    assert abs(np.trace(K)) < 5e-4 * np.abs(K).max()
+    # Six coils on a circle: on the axis each signal moves its own axis alone.
+    found = coupling(linear)
+    np.testing.assert_allclose(found.relative, np.eye(3), atol=1e-3)
+    np.testing.assert_allclose(found.relative.sum(axis=0), 1.0)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.5e-3, 2e-3])
+def test_sampling_holds_what_the_controller_said_last(linear, delay):
+    """Against python-control with the period cut into pieces as long as the delay."""
+    piece = 0.5e-3
+    fine = control.c2d(control.ss(*linear.model), piece)
+    found = sampled_machine(linear, PERIOD, delay)
+    x, before, now = np.linspace(1.0, 2.0, 6), 0.7, -0.4
+    there = x
+    for k in range(4):
+        held = before if k * piece < delay - 1e-9 else now
+        there = fine.A @ there + fine.B[:, 0] * held
+    np.testing.assert_allclose(
+        found.A @ x + found.B[:, 0] * now + found.before[:, 0] * before, there, rtol=1e-9
+    )
+
+
+def test_margins_are_those_of_python_control(linear, machine):
+    pid = pid_block(PID(2.0, 0.4, 0.06, PERIOD), AxisReading("z", 1e3))
+    loop = close_loop(linear, pid, Schedule(np.zeros((2, 3)), PERIOD, delay=1e-3))
+    assert loop.stable
+    (found,) = margins(loop, ("lift",))
+    plant = sampled_machine(linear.only(("z", "vz")), PERIOD, 1e-3)
+    A = np.block([[plant.A, plant.before], [np.zeros((1, 3))]])
+    late = control.ss(A, np.vstack([plant.B, [[1.0]]]), [[1.0, 0, 0]], 0, PERIOD)
+    own = control.ss(pid.A, pid.B[:, 5:6], pid.C, pid.D[:, 5:6], PERIOD)
+    gm, pm, sm, _, wpc, _ = control.stability_margins(-own * late)
+    assert found.phase == pytest.approx(pm, rel=1e-3)
+    assert found.crossover == pytest.approx(wpc / 2 / np.pi, rel=1e-3)
+    assert found.modulus == pytest.approx(sm, rel=1e-3)
+    assert found.gain_up == pytest.approx(gm if gm > 1 else found.gain_up, rel=1e-3)
+    scanning = margins(loop, ("lift",), Sensors(scan_rate=1200.0, averages=4))[0]
+    late_by = (3 / 2 + 4 / 2) / 1200.0
+    assert found.phase - scanning.phase == pytest.approx(360 * late_by * found.crossover, rel=0.15)
+
+
+def test_what_scanning_sensors_show_of_a_sine_is_what_the_micrometer_shows():
+    rate, n = 2 * np.pi * 12.3, 5
+    sensors = Sensors(scan_rate=1200.0, averages=n, latency=2)
+    time = np.arange(0.0, 4.0, 1e-4)
+    shown = watch(
+        Micrometer(0.0, 1e-3, scan_rate=1200.0, averages=n, latency=2), time, np.sin(rate * time), 1e-4
+    )
+    part = time > 1.0
+    answer = 2j * np.mean(shown[part] * np.exp(-1j * rate * time[part]))
+    assert answer == pytest.approx(sensor_answer(sensors, rate), abs=0.02)
+
+
+def command(*words):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(word) for word in words])
+    return code, out.getvalue(), err.getvalue()
+
+
+def test_the_command_prints_and_writes(six_coils, tmp_path):
+    words = (
+        "linearise",
+        "horizontal_pid",
+        "--map",
+        six_coils,
+        "--set",
+        "plate.thickness_mm=1.0",
+        "--depths",
+        "9,11",
+    )
+    code, text, err = command(*words, "-o", tmp_path / "linear.npz")
+    assert code == 0, err
+    assert "relative gain" in text
+    stored = np.load(tmp_path / "linear.npz")
+    assert stored["A"].shape == (2, 6, 6)
+    assert stored["loop_A"].shape[0] == 2
+    code, text, err = command(*words, "--json")
+    answer = json.loads(text)
+    np.testing.assert_allclose([point["A"] for point in answer["points"]], stored["A"])
+    poles = np.linalg.eigvals(stored["A"][1])
+    assert max(pole for pole, _ in (mode["pole"] for mode in answer["points"][1]["modes"])) == pytest.approx(
+        poles.real.max()
+    )
+    code, _, _ = command(*words, "--set", "control.z.Kc=0.0")
+    assert code == 1
+    code, _, err = command(*words[:4], "--depths", "a", "-o", tmp_path / "x.csv")
+    assert code == 2
+    assert "--depths" in err
+    assert ".npz" in err
