@@ -2,6 +2,7 @@
 
 from fieldmap.device.model import Section
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.hysteresis import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.iron.linear import solve_linear
 from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
 from fieldmap.iron.nonlinear import NonlinearSolution, NonlinearSolver, solve
@@ -12,11 +13,15 @@ from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.to_tolerance import solve_to_tolerance
 
 __all__ = [
+    "HysteresisSolver",
+    "HystereticState",
+    "IronMemory",
     "IronMesh",
     "LinearSolution",
     "NonlinearSolution",
     "NonlinearSolver",
     "OverdrivenBody",
+    "Pinning",
     "Section",
     "SectionFlux",
     "SolverReport",

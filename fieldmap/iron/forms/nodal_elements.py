@@ -9,6 +9,7 @@ without loss; and closed loops of iron around a winding need no cuts.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class NodalElements:
         return self.nodes
 
     @classmethod
-    def from_mesh(cls, mesh: IronMesh, faces: Faces) -> "NodalElements":
+    def from_mesh(cls, mesh: IronMesh, faces: Faces) -> Self:
         """Number the nodes of a mesh."""
         corner_count = len(mesh.points)
         ends = np.sort(mesh.tets[:, _PAIRS].reshape(-1, 2), axis=1)

@@ -1,0 +1,150 @@
+"""Iron that remembers, in the solver: against the sphere's scalar equation, the energy that the coil loses, and the
+solver without hysteresis."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.optimize import brentq
+
+from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere
+from fieldmap.errors import InputError
+from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.forms.bh_law import law_tables
+from fieldmap.iron.forms.pinned_elements import PinnedForm, PinnedMagnetisation
+from fieldmap.iron.hysteresis import HysteresisSolver, Pinning
+from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import assemble
+
+RADIUS = 0.05
+STEEL = Froehlich("steel", 1000.0, 2.0)
+DIRECTION = np.array([0.48, -0.6, 0.64])
+# Strong enough to be seen against the sphere's own demagnetising field: 31 mT.
+PINNING = Pinning(25e3, cells=3)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return Device("ball", "", (), (Body("ball", "steel", (Part(Sphere(RADIUS)),), 0.017),), {"steel": STEEL})
+
+
+@pytest.fixture(scope="module")
+def form(ball):
+    return PinnedForm(assemble(generate_mesh(ball)))
+
+
+def material(form, pinning):
+    count = len(form.elements.volume)
+    return PinnedMagnetisation(
+        np.zeros(count, np.int64),
+        law_tables([STEEL]),
+        np.zeros((1, count, 3)),
+        mu_0 * pinning.fields[None],
+        pinning.weights,
+        np.zeros((count, 4, pinning.cells, 3)),
+    )
+
+
+def uniform(form, applied):
+    return form.elements.coil_field(lambda p: np.broadcast_to(applied * DIRECTION, (1, *p.shape)))
+
+
+def sphere_by_formula(applied, remembered):
+    """Polarisation J of the sphere, J + 3 h = 3 B0, and what its cells then remember: plays of one dimension."""
+    kappa = mu_0 * PINNING.fields
+
+    def polarisation(h):
+        r = np.clip(remembered, h - kappa, h + kappa)
+        chi = STEEL.mu_r - 1
+        return (chi * r / (1 + chi * np.abs(r) / STEEL.saturation)) @ PINNING.weights
+
+    h = brentq(lambda x: polarisation(x) + 3 * x - 3 * applied, -3.0, 3.0, xtol=1e-15)
+    return polarisation(h), np.clip(remembered, h - kappa, h + kappa)
+
+
+def test_sphere_through_a_cycle(form):
+    """Uniformly magnetised, B + 2 mu0 H = 3 B0, on the first curve, both branches and a minor loop; with remanence."""
+    iron, potential, remembered = material(form, PINNING), None, np.zeros(PINNING.cells)
+    volume = form.elements.volume / form.elements.volume.sum()
+    for applied in (0.1, 0.4, 0.9, 0.3, 0.0, -0.5, -0.9, -0.2, -0.5, 0.0, 0.9):
+        field = uniform(form, applied)
+        state = form.solve(iron, field, 1e-7, potential)
+        potential = state.potential
+        h = form.elements.strength(potential[:, 0], field)[0]
+        mean = volume @ iron.response(h)[0].mean(axis=1)
+        iron = iron.after(h)
+        expected, remembered = sphere_by_formula(applied, remembered)
+        assert mean == pytest.approx(expected * DIRECTION, abs=0.006)
+        if applied == 0.0:
+            assert 0.05 < abs(expected) < 0.1
+
+
+def test_tangent_is_the_derivative_of_the_residual(form):
+    """Taylor test of the Newton matrix away from where cells let go, on the way back from saturation."""
+    iron = material(form, PINNING)
+    forth, back = uniform(form, 0.8), uniform(form, 0.5)
+    state = form.solve(iron, forth, 1e-6)
+    iron = iron.after(form.elements.strength(state.potential[:, 0], forth)[0])
+    phi = form.solve(iron, back, 1e-6, state.potential).potential[:, 0]
+    step = np.random.default_rng(0).normal(size=phi.size) * np.abs(phi).max() * 1e-4
+    slope = -form._tangent(phi, back, 0, iron) @ step
+    base = form._residual(phi, back, 0, iron)
+    left = [
+        np.linalg.norm(form._residual(phi + a * step, back, 0, iron) - base - a * slope)
+        for a in (0.2, 0.1, 0.05)
+    ]
+    # Points where a cell lets go within the step are kinks: the mean slope of both halvings.
+    assert 0.5 * np.log2(left[0] / left[2]) > 1.7
+
+
+@pytest.fixture(scope="module")
+def solver(ball):
+    coil = CircularCoil("coil", 0.08, 0.1, 0.02, 1000.0)
+    body = replace(ball.bodies[0], mesh_size=0.03)
+    return HysteresisSolver(replace(ball, coils=(coil,), bodies=(body,)), PINNING)
+
+
+def test_energy_lost_in_a_cycle(solver):
+    """The area of a closed cycle of current against linkage is what the cells dissipated. Each step is a minimum, so
+    that old current times change of linkage is never more than what is stored and lost, new current never less."""
+    memory = solver.step([100.0], solver.demagnetised).memory
+    state = solver.step([80.0], memory)
+    current, linkage, loss = [100.0, 80.0], [], state.loss
+    first = solver.step([100.0], memory)
+    assert first.loss == pytest.approx(0.0, abs=1e-6 * state.loss)
+    linkage = [first.iron_linkage[0], state.iron_linkage[0]]
+    for value in [*np.linspace(60.0, -100.0, 9), *np.linspace(-80.0, 100.0, 10)]:
+        state = solver.step([value], state.memory)
+        linkage.append(state.iron_linkage[0])
+        current.append(value)
+        loss += state.loss
+    i, change = np.array(current), np.diff(linkage)
+    assert linkage[-1] == pytest.approx(linkage[0], rel=2e-3)
+    assert i[:-1] @ change < loss < i[1:] @ change
+    assert 0.5 * (i[:-1] + i[1:]) @ change == pytest.approx(loss, rel=0.04)
+
+
+def test_without_pinning_it_is_the_solver_without_memory(solver):
+    plain = NonlinearSolver(solver.device).solve([30.0])
+    point = np.array([[0.0, 0.01, 0.08]])
+    memory = solver.pinned(Pinning(0.0, 2)).demagnetised
+    for current in (-40.0, 30.0):
+        state = solver.step([current], memory)
+        memory = state.memory
+    assert state.loss == 0.0
+    assert state.field(point) == pytest.approx(plain.field(point), rel=1e-5)
+    assert state.gradient(point) == pytest.approx(plain.gradient(point), rel=1e-5, abs=1e-8)
+    assert state.flux_linkage() == pytest.approx(plain.flux_linkage(), rel=1e-5)
+
+
+def test_bad_input(solver):
+    with pytest.raises(InputError, match="coercive_field"):
+        Pinning(-1.0)
+    with pytest.raises(InputError, match="cells"):
+        Pinning(100.0, 0)
+    with pytest.raises(InputError, match="one per coil"):
+        solver.step([1.0, 2.0], solver.demagnetised)
+    with pytest.raises(InputError, match="tolerance"):
+        solver.step([1.0], solver.demagnetised, tolerance=0.0)
+    assert "100 A/m" in Pinning(100.0).assumption
