@@ -1,7 +1,8 @@
 """Which commands there are."""
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -20,21 +21,78 @@ from fieldmap.cli import (
     study,
     thesis,
 )
+from fieldmap.cli.help import FIRST_STEPS, Command, Group, paragraphs
 
-COMMANDS: dict[str, tuple[Callable[..., Any], str]] = {
-    "check": (check.check, "fieldmap check drive_unit"),
-    "solve": (solve.solve, "fieldmap solve loop_and_sphere"),
-    "map": (make_map.make_map, "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary"),
-    "info": (info.info, "fieldmap info maps/out/workspace.h5"),
-    "probe": (probe.probe, "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload"),
-    "equilibrium": (equilibrium.equilibrium, "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 10"),
-    "export": (export.export, "fieldmap export maps/out/workspace.h5 --to c -o workspace.fmap"),
-    "show": (show.show, "fieldmap show drive_unit --what iron --currents 1.5 --save iron.png"),
-    "simulate": (simulate.simulate, "fieldmap simulate vertical_step --save vertical_step.png"),
-    "linearise": (linearise.linearise, "fieldmap linearise vertical_step --depths 5,10,15"),
-    "study": (study.study, "fieldmap study pole_disk"),
-    "thesis": (thesis.thesis, "fieldmap thesis S7 S20"),
-    "schema": (schema.schema, "fieldmap schema > device.schema.json"),
+DEVICES, MAPS, MAGNETS, STUDIES = "Machines", "Maps", "Levitated magnets", "Studies and results"
+
+
+class Entry(NamedTuple):
+    """A command: what it calls, an example, its line in the list of commands, and the part of that list."""
+
+    call: Callable[..., Any]
+    example: str
+    line: str
+    part: str
+
+
+COMMANDS: dict[str, Entry] = {
+    "check": Entry(check.check, "fieldmap check drive_unit", "Is this device or map file sound?", DEVICES),
+    "solve": Entry(
+        solve.solve, "fieldmap solve loop_and_sphere", "The field of a device, beside known values.", DEVICES
+    ),
+    "show": Entry(
+        show.show,
+        "fieldmap show drive_unit --what iron --currents 1.5 --save iron.png",
+        "Pictures of a device, its iron, or its field.",
+        DEVICES,
+    ),
+    "schema": Entry(
+        schema.schema,
+        "fieldmap schema > device.schema.json",
+        "JSON Schema of device files, for editors.",
+        DEVICES,
+    ),
+    "map": Entry(
+        make_map.make_map,
+        "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary",
+        "Compute the map that a recipe asks for.",
+        MAPS,
+    ),
+    "info": Entry(info.info, "fieldmap info maps/out/workspace.h5", "What a map holds.", MAPS),
+    "probe": Entry(
+        probe.probe,
+        "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload",
+        "Field, gradient and force at points.",
+        MAPS,
+    ),
+    "export": Entry(
+        export.export,
+        "fieldmap export maps/out/workspace.h5 --to c -o workspace.fmap",
+        "A map for C, ParaView, CSV or mag_manip.",
+        MAPS,
+    ),
+    "equilibrium": Entry(
+        equilibrium.equilibrium,
+        "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 10",
+        "Where it floats, or the current that lifts it.",
+        MAGNETS,
+    ),
+    "simulate": Entry(
+        simulate.simulate,
+        "fieldmap simulate vertical_step --save vertical_step.png",
+        "Closed loop on a map, from a scenario file.",
+        MAGNETS,
+    ),
+    "linearise": Entry(
+        linearise.linearise,
+        "fieldmap linearise vertical_step --depths 5,10,15",
+        "Poles, coupling and margins by height.",
+        MAGNETS,
+    ),
+    "study": Entry(study.study, "fieldmap study pole_disk", "A device with some keys varied.", STUDIES),
+    "thesis": Entry(
+        thesis.thesis, "fieldmap thesis S7 S20", "The numbers of the thesis beside ours.", STUDIES
+    ),
 }
 
 
@@ -42,8 +100,9 @@ def application() -> typer.Typer:
     """A new application with every command; each help text ends with an example."""
     app = typer.Typer(
         name="fieldmap",
+        cls=Group,
         help="Fields, gradients and forces of coils with soft iron, without finite elements.",
-        epilog="Start with: fieldmap check drive_unit",
+        epilog=FIRST_STEPS,
         no_args_is_help=True,
         add_completion=True,
         pretty_exceptions_enable=False,
@@ -51,8 +110,15 @@ def application() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_common)
-    for name, (function, example) in COMMANDS.items():
-        app.command(name=name, epilog=f"Example: {example}")(function)
+    for name, entry in COMMANDS.items():
+        app.command(
+            name=name,
+            cls=Command,
+            help=paragraphs(entry.call),
+            short_help=entry.line,
+            epilog=f"Example: {entry.example}",
+            rich_help_panel=entry.part,
+        )(entry.call)
     return app
 
 
@@ -70,13 +136,35 @@ def _be_quiet(wanted: bool) -> None:
     Progress.shown = not wanted
 
 
+def _be_verbose(wanted: bool) -> None:
+    if wanted:
+        from fieldmap.cli.log import log_to_stderr
+        from fieldmap.cli.progress import Progress
+
+        Progress.shown = False
+        log_to_stderr()
+
+
+def _keep_log(path: Path | None) -> None:
+    if path is not None:
+        from fieldmap.cli.log import log_to_file
+
+        log_to_file(path)
+
+
 def _common(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
     quiet: Annotated[
-        bool,
-        typer.Option("--quiet", "-q", callback=_be_quiet, help="No progress; results and problems only."),
+        bool, typer.Option("--quiet", "-q", callback=_be_quiet, help="Results and problems only.")
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", callback=_be_verbose, help="Every step, with its time.")
+    ] = False,
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", metavar="FILE", callback=_keep_log, help="The same, added to a file."),
+    ] = None,
 ) -> None:
     """Fields, gradients and forces of coils with soft iron, without finite elements."""

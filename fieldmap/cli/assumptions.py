@@ -12,14 +12,20 @@ def saturates(device: Device) -> bool:
 
 def material_assumptions(device: Device) -> tuple[str, ...]:
     """The laws of the iron in use, with what holds outside the points of a table."""
-    from fieldmap.iron.forms.bh_law import initial_mu_r, law_words
-
     used = {body.material for body in device.bodies}
     return tuple(
-        f"iron '{name}': {law_words(material)}; initial mu_r {initial_mu_r(material):.0f}"
+        f"iron '{name}': {_law(material)}"
         for name, material in device.materials.items()
         if name in used and isinstance(material, SaturatingMaterial)
     )
+
+
+def _law(material: SaturatingMaterial) -> str:
+    """The law with its initial permeability, which a formula states itself."""
+    from fieldmap.iron.forms.bh_law import initial_mu_r, law_words
+
+    words = law_words(material)
+    return words if "initial mu_r" in words else f"{words}; initial mu_r {initial_mu_r(material):.0f}"
 
 
 def payload_assumptions(payload: Payload | None) -> tuple[str, ...]:

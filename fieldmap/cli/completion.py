@@ -30,5 +30,25 @@ def studies(incomplete: str) -> list[str]:
     return _begin([name.split("/")[-1] for name in shipped_names("maps", "studies")], incomplete)
 
 
+def scenarios(incomplete: str) -> list[str]:
+    """Shipped scenarios that begin so.
+
+    >>> scenarios("vertical_s")
+    ['vertical_step']
+    """
+    return _begin([name.split("/")[-1] for name in shipped_names("maps", "scenarios")], incomplete)
+
+
+def rows(incomplete: str) -> list[str]:
+    """Rows of the thesis that begin so.
+
+    >>> rows("S2")
+    ['S20']
+    """
+    from fieldmap.thesis import row_names
+
+    return _begin(list(row_names()), incomplete)
+
+
 def _begin(names: list[str], start: str) -> list[str]:
     return [name for name in names if name.startswith(start)]

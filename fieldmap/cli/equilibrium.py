@@ -24,18 +24,23 @@ def equilibrium(
     height_mm: Annotated[
         float | None,
         typer.Option(
-            "--height-mm", help="z of the magnet's centre (negative: below): what current lifts it?"
+            "--height-mm",
+            metavar="MM",
+            help="z of the magnet's centre (negative: below): what current lifts it?",
         ),
     ] = None,
     sensor_mm: Annotated[
         float | None,
-        typer.Option("--sensor-mm", help="The same, by the thesis's sensor reading, mm downward."),
+        typer.Option(
+            "--sensor-mm", metavar="MM", help="The same, by the thesis's sensor reading, mm downward."
+        ),
     ] = None,
     start: Annotated[
         str | None, typer.Option("--start", metavar="X Y Z", help="Where to begin the search, m.")
     ] = None,
     moment: Annotated[
-        str, typer.Option("--moment", help="fixed: stays vertical; aligned: follows the field.")
+        str,
+        typer.Option("--moment", metavar="NAME", help="fixed: stays vertical; aligned: follows the field."),
     ] = "fixed",
     payload_of: Annotated[
         str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")

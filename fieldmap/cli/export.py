@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldmap.cli.options import Json
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -43,6 +45,7 @@ def export(
         str,
         typer.Option("--outside", metavar="RULE", help="For c: what a point outside gives: nan or clamp."),
     ] = "nan",
+    json: Json = False,
 ) -> None:
     """Write a map for other programs."""
     from fieldmap.cli.numbers import parse_currents
@@ -53,8 +56,13 @@ def export(
     _check(to, [option for option, there in given.items() if there])
     opened = open_map(check_map_path(source), kind, outside)
     amperes = parse_currents(currents, opened.coil_names) if currents else None
-    for path in _write(to, opened, output, amperes):
-        print(path)
+    written = _write(to, opened, output, amperes)
+    if json:
+        from fieldmap.cli.printing import print_json
+
+        print_json({"written": written})
+    else:
+        print(*written, sep="\n")
 
 
 def _check(to: str, given: list[str]) -> None:

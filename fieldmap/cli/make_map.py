@@ -11,10 +11,16 @@ from fieldmap.cli.completion import recipes
 
 def make_map(
     recipe: Annotated[
-        str, typer.Argument(help="Recipe file, or the name of a shipped recipe.", autocompletion=recipes)
+        str,
+        typer.Argument(
+            metavar="RECIPE", help="Recipe file, or the name of a shipped recipe.", autocompletion=recipes
+        ),
     ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Map file to write; maps/out/RECIPE.h5 otherwise.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Map file to write; maps/out/RECIPE.h5 otherwise."
+        ),
     ] = None,
     resume: Annotated[
         bool, typer.Option("--resume/--fresh", help="Go on where a stopped run left off, or begin anew.")
@@ -24,10 +30,14 @@ def make_map(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
     workers: Annotated[
-        int, typer.Option("--workers", min=1, help="Processes of this machine that share the work.")
+        int,
+        typer.Option("--workers", metavar="N", min=1, help="Processes of this machine that share the work."),
     ] = 1,
     scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="Address of a dask scheduler whose workers do it.")
+        str | None,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler whose workers do it."
+        ),
     ] = None,
 ) -> None:
     """Compute the map that a recipe asks for; a run that was stopped goes on where it was."""

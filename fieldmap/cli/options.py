@@ -7,7 +7,10 @@ import typer
 from fieldmap.cli.completion import devices
 
 DeviceArgument = Annotated[
-    str, typer.Argument(help="Device file, or the name of a shipped device.", autocompletion=devices)
+    str,
+    typer.Argument(
+        metavar="DEVICE", help="Device file, or the name of a shipped device.", autocompletion=devices
+    ),
 ]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
 AtMm = Annotated[
@@ -19,7 +22,10 @@ _IRON = "Iron (of a device)"
 MuR = Annotated[
     float | None,
     typer.Option(
-        "--mu-r", help="Relative permeability of all iron; the file's otherwise.", rich_help_panel=_IRON
+        "--mu-r",
+        metavar="NUMBER",
+        help="Relative permeability of all iron; the file's otherwise.",
+        rich_help_panel=_IRON,
     ),
 ]
 Nonlinear = Annotated[
@@ -32,7 +38,12 @@ Nonlinear = Annotated[
 ]
 Refinement = Annotated[
     float,
-    typer.Option("--refinement", help="Divide the mesh sizes of the file by this.", rich_help_panel=_IRON),
+    typer.Option(
+        "--refinement",
+        metavar="NUMBER",
+        help="Divide the mesh sizes of the file by this.",
+        rich_help_panel=_IRON,
+    ),
 ]
 Form = Annotated[
     str,

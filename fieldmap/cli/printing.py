@@ -39,12 +39,18 @@ def heading(title: str, subtitle: str = "") -> Text:
     return Text.assemble((title, "bold"), f"  {subtitle}" if subtitle else "")
 
 
-def table(columns: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> Table:
+def table(
+    columns: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1, words: tuple[str, ...] = ()
+) -> Table:
     """A table with a rule under its head; the first `left` columns are left-justified, numbers stand
-    right."""
+    right.
+
+    On a narrow terminal the left columns fold, and those named in `words`; numbers stay whole.
+    """
     out = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1), header_style="dim")
     for index, name in enumerate(columns):
-        out.add_column(name, justify="left" if index < left else "right", overflow="fold")
+        folds = index < left or name in words
+        out.add_column(name, justify="left" if index < left else "right", overflow="fold", no_wrap=not folds)
     for row in rows:
         out.add_row(*(Text(cell) for cell in row))
     return out

@@ -5,6 +5,9 @@ import time
 from types import TracebackType
 from typing import Any
 
+from fieldmap.cli.first_run import must_compile
+from fieldmap.cli.log import LOG
+
 _LINE_EVERY_SECONDS = 10.0
 _LINE_EVERY_FRACTION = 0.25
 
@@ -15,19 +18,26 @@ class Progress:
     with Progress("solving") as progress:
         solve_linear(device, progress=progress)
 
-    Nothing is shown while `shown` is False (`fieldmap --quiet`).
+    Nothing is shown while `shown` is False (`fieldmap --quiet`). kernels: the folder of fieldmap/kernels whose
+    compilation a first run waits for.
     """
 
     shown = True
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, kernels: str = "") -> None:
         self.title = title
+        self._kernels = kernels
+        self._logged = ""
         self.started = time.monotonic()
         self._bar: Any = None
         self._task: Any = None
         self._last_line = (-1.0, -1.0)
 
     def __enter__(self) -> "Progress":
+        if self.shown and must_compile(self._kernels):
+            print(
+                "first run: compiling takes about a minute, once; what is compiled is kept", file=sys.stderr
+            )
         if self.shown and sys.stderr.isatty():
             self._bar = _bar()
             self._bar.start()
@@ -36,6 +46,9 @@ class Progress:
 
     def __call__(self, message: str, fraction: float) -> None:
         """Show that `fraction` (0 to 1) of the work is done."""
+        if message != self._logged:
+            LOG.info("%s: %3.0f %% %s", self.title, 100 * fraction, message)
+            self._logged = message
         if self._bar is not None:
             self._bar.update(self._task, completed=fraction, description=f"{self.title}: {message}")
             return

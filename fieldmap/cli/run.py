@@ -1,21 +1,59 @@
 """The application: its commands, and what becomes of errors."""
 
 import sys
+import time
 
+from fieldmap.cli.log import LOG, begin_log, close_log
 from fieldmap.cli.numbers import join_lists
 from fieldmap.cli.problems import print_problems
 from fieldmap.errors import FieldmapError
 
 INTERRUPTED = 130
+_ANYWHERE = ("--quiet", "-q", "--verbose", "-v")
 
 
 def run(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit code. A FieldmapError is printed, never a traceback."""
+    given = sys.argv[1:] if argv is None else argv
+    words = common_first(join_lists(given))
+    begin = time.monotonic()
+    begin_log(given)
+    try:
+        code = _run(words)
+        LOG.info("exit code %d after %.1f s", code, time.monotonic() - begin)
+    except BaseException:
+        LOG.exception("not foreseen")
+        raise
+    finally:
+        close_log()
+    return code
+
+
+def common_first(words: list[str]) -> list[str]:
+    """The options that every command knows, before its name, where the program looks for them.
+
+    >>> common_first(["map", "quick", "-q", "--log", "map.log"])
+    ['-q', '--log', 'map.log', 'map', 'quick']
+    """
+    first: list[str] = []
+    rest: list[str] = []
+    words = list(words)
+    while words:
+        word = words.pop(0)
+        if word in _ANYWHERE or word.startswith("--log="):
+            first.append(word)
+        elif word == "--log" and words:
+            first += [word, words.pop(0)]
+        else:
+            rest.append(word)
+    return first + rest
+
+
+def _run(words: list[str]) -> int:
     import typer.main
 
     from fieldmap.cli.application import application
 
-    words = join_lists(sys.argv[1:] if argv is None else argv)
     command = typer.main.get_command(application())
     code = 0
     try:
@@ -28,6 +66,7 @@ def run(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         code = INTERRUPTED
     except OSError as error:
+        LOG.error("%s", error)
         print(f"error: {error}", file=sys.stderr)
         code = 1
     if code == INTERRUPTED:

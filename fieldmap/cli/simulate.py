@@ -5,21 +5,36 @@ from typing import Annotated
 
 import typer
 
+from fieldmap.cli.completion import scenarios
 from fieldmap.cli.options import Json
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(help="Scenario file, or the name of a shipped scenario.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            help="Scenario file, or the name of a shipped scenario.",
+            autocompletion=scenarios,
+        ),
+    ],
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="Map file in the place of the scenario's.")
+        Path | None, typer.Option("--map", metavar="FILE", help="Map file in the place of the scenario's.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the runs: .h5, or .csv of a single run.")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write the runs: .h5, or .csv of a single run."),
     ] = None,
-    save: Annotated[Path | None, typer.Option("--save", help="Save a plot: .png, .svg or .pdf.")] = None,
-    runs: Annotated[int, typer.Option("--runs", help="How many runs, each with noise of its own.")] = 1,
-    seed: Annotated[int | None, typer.Option("--seed", help="In the place of the scenario's.")] = None,
-    threads: Annotated[int, typer.Option("--threads", help="0: one per processor.")] = 0,
+    save: Annotated[
+        Path | None, typer.Option("--save", metavar="FILE", help="Save a plot: .png, .svg or .pdf.")
+    ] = None,
+    runs: Annotated[
+        int, typer.Option("--runs", metavar="N", help="How many runs, each with noise of its own.")
+    ] = 1,
+    seed: Annotated[
+        int | None, typer.Option("--seed", metavar="N", help="In the place of the scenario's.")
+    ] = None,
+    threads: Annotated[int, typer.Option("--threads", metavar="N", help="0: one per processor.")] = 0,
     changes: Annotated[
         list[str] | None,
         typer.Option(
@@ -43,7 +58,7 @@ def simulate(
 
     wanted = Wanted(scenario, map_file, output, save, runs, seed, threads, tuple(changes or ()), vary)
     check_wanted(wanted)
-    with Progress("simulate") as progress:
+    with Progress("simulate", kernels="motion") as progress:
         outcome = simulate_all(wanted, progress)
     if json:
         from fieldmap.cli.printing import print_json

@@ -29,6 +29,7 @@ def solve(
         float | None,
         typer.Option(
             "--tolerance",
+            metavar="NUMBER",
             help="Refine until the estimated error of B in the workspace is below this (linear iron).",
             rich_help_panel="Iron (of a device)",
         ),

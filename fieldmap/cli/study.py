@@ -22,6 +22,7 @@ def study(
         typer.Option(
             "--output",
             "-o",
+            metavar="FILE",
             help="NetCDF file to write; maps/out/STUDY.nc otherwise. CSV and plot beside it.",
         ),
     ] = None,

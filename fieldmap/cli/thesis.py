@@ -8,13 +8,16 @@ from typing import Annotated, Any
 
 import typer
 
+from fieldmap.cli.completion import rows as completed_rows
 from fieldmap.cli.options import Json
 
 
 def thesis(
     rows: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[ROW]...", help="S7, for example; all rows if none is given."),
+        typer.Argument(
+            metavar="ROW", help="S7, for example; all rows if none is given.", autocompletion=completed_rows
+        ),
     ] = None,
     json: Json = False,
     report: Annotated[
@@ -104,7 +107,7 @@ def _sections(result: Any) -> list[Any]:
     columns = ("number", "unit", "thesis", "ours", "deviation", "kind", "place")
     parts: list[Any] = [
         heading(result.row, result.title),
-        table(columns, (_cells(n) for n in numbers), left=2),
+        table(columns, (_cells(n) for n in numbers), left=2, words=("place",)),
     ]
     parts += [Text(f" {n.name}: misprint: {n.misprint}") for n in numbers if n.misprint]
     parts += [Text(f" {name}: {text}" if name else f" {text}") for name, text in result.explanations.items()]
@@ -117,7 +120,8 @@ def _cells(number: Any) -> tuple[str, ...]:
 
     kind = "misprint" if number.misprint else number.kind
     values = (f"{number.thesis:.6g}", f"{number.ours:.6g}", deviation_in_words(number))
-    return (number.name, number.unit, *values, kind, number.place)
+    # With spaces, so that a narrow terminal folds it between words.
+    return (number.name.replace("_", " "), number.unit, *values, kind, number.place)
 
 
 def _verdict(results: list[Any]) -> Any:

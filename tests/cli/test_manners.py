@@ -100,7 +100,7 @@ def test_help_has_an_example(capsys, command):
     assert f"Example: fieldmap {command}" in out
 
 
-EXAMPLES = [example for _, example in COMMANDS.values()]
+EXAMPLES = [entry.example for entry in COMMANDS.values()]
 EXAMPLES += re.findall(
     r"^    (fieldmap .*)$", (REPOSITORY / "docs" / "commands.md").read_text(), re.MULTILINE
 )

@@ -1,0 +1,104 @@
+"""What every command shares: options anywhere, a log, the list of commands, messages that show the line."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from fieldmap.cli import main
+from fieldmap.cli.application import COMMANDS
+from fieldmap.cli.first_run import must_compile
+from fieldmap.cli.log import LOG
+from fieldmap.cli.run import common_first
+
+
+def test_every_command_stands_on_one_line_of_the_help(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    main([])
+    lines = capsys.readouterr().out.splitlines() or []
+    assert all(len(line) <= 80 for line in lines)
+    for name, entry in COMMANDS.items():
+        assert any(re.search(rf"\b{name} +{re.escape(entry.line)}", line) for line in lines), name
+    assert "<bool>" not in "".join(lines)
+
+
+def test_the_first_steps_of_the_help_are_commands_that_exist():
+    from fieldmap.cli.help import FIRST_STEPS
+
+    steps = re.findall(r"^  fieldmap (\w+)", FIRST_STEPS, re.MULTILINE)
+    assert len(steps) >= 4
+    assert set(steps) <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("words", [["-q"], ["--quiet"]])
+def test_quiet_may_stand_anywhere(capsys, machine, words):
+    assert main(["map", machine.recipe, "-o", machine.map, *words]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_words_of_options_stay_with_them():
+    words = ["map", "quick", "--log", "-q", "--log=a", "-o", "x"]
+    assert common_first(words) == ["--log", "-q", "--log=a", "map", "quick", "-o", "x"]
+    assert common_first(["map", "--log"]) == ["map", "--log"]
+
+
+def test_a_log_holds_command_steps_and_end_with_their_time(tmp_path, machine):
+    log = tmp_path / "run.log"
+    assert main(["map", machine.recipe, "-o", machine.map, "--log", str(log)]) == 0
+    assert main(["check", "no_such_device", "--log", str(log)]) == 2
+    lines = log.read_text().splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (INFO|ERROR) ", line) for line in lines)
+    assert f"fieldmap map {machine.recipe}" in lines[0]
+    assert any("map: 100 %" in line for line in lines)
+    assert [line.split(" after ")[0][-11:] for line in lines if "exit code" in line] == [
+        "exit code 0",
+        "exit code 2",
+    ]
+    assert any(" ERROR " in line and "no_such_device" in line for line in lines)
+    assert len(LOG.handlers) == 1
+
+
+def test_verbose_tells_every_step_on_stderr(capsys, machine):
+    assert main(["map", machine.recipe, "-o", machine.map, "--verbose"]) == 0
+    caught = capsys.readouterr()
+    assert "complete already" in caught.err
+    assert re.search(r"^\d{4}-.* INFO +exit code 0", caught.err, re.MULTILINE)
+    assert "INFO" not in caught.out
+
+
+def test_a_log_that_cannot_be_written_is_bad_input(tmp_path, capsys):
+    assert main(["schema", "--log", str(tmp_path / "none" / "run.log")]) == 2
+    assert "--log" in capsys.readouterr().err
+
+
+def test_a_problem_shows_the_line_that_it_is_about(tmp_path, capsys):
+    (tmp_path / "unit.toml").write_text(
+        'format = 1\nname = "unit"\ntitle = "A unit"\n[[coil]]\nname = "1"\nkind = "circular"\n'
+        "inner_radius_mm = 11\nouter_radius_mm = 21\nheight_mm = 39\nturns = -840\n"
+    )
+    assert main(["check", str(tmp_path / "unit.toml")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    at = next(i for i, line in enumerate(lines) if "unit.toml:10: coil.1.turns" in line)
+    assert lines[at + 1].split() == ["10", "|", "turns", "=", "-840"]
+
+
+def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
+    import fieldmap.cli.first_run as first_run
+    from fieldmap.cli.progress import Progress
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    package = tmp_path / "fieldmap"
+    (package / "kernels" / "__pycache__").mkdir(parents=True)
+    monkeypatch.setattr(first_run, "__file__", str(package / "cli" / "first_run.py"))
+    assert must_compile()
+    with Progress("map"):
+        pass
+    assert "first run" in capsys.readouterr().err
+    (package / "kernels" / "__pycache__" / "loop.f-1.py311.nbi").touch()
+    assert not must_compile()
+
+
+def test_the_module_is_the_program():
+    done = subprocess.run([sys.executable, "-m", "fieldmap"], capture_output=True, text=True)
+    assert "First steps" in done.stdout + done.stderr
