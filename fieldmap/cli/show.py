@@ -1,20 +1,30 @@
-"""`fieldmap show`: look at a device or a map."""
+"""`fieldmap show`: look at a device, a map or a run."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fieldmap.cli.options import MuR, Nonlinear, Refinement
 
+if TYPE_CHECKING:
+    from fieldmap.view.shown import Shown
+
 
 def show(
-    source: Annotated[str, typer.Argument(metavar="DEVICE_OR_MAP", help="Device file or name, or map file.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DEVICE_OR_MAP_OR_RUN",
+            help="Device file or name, map file, or a run that `fieldmap simulate -o RUN.h5` wrote.",
+        ),
+    ],
     what: Annotated[
         str,
         typer.Option(
             "--what",
-            help="device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference or shift.",
+            help="device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference or shift; "
+            "path of a run.",
         ),
     ] = "",
     currents: Annotated[
@@ -38,27 +48,77 @@ def show(
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="FILE", help=".png, .html (a browser, no server) or .vtm (ParaView)."),
+        typer.Option(
+            "--save",
+            metavar="FILE",
+            help=".png, .html (a browser, no server) or .vtm (ParaView); .gif or .mp4 of a run.",
+        ),
     ] = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
 ) -> None:
-    """Draw a device, its iron, or its field; a window opens unless --save names a file."""
+    """Draw a device, its iron, its field, or a simulated run; a window opens unless --save names a file."""
     from fieldmap.cli.iron import checked_choice
     from fieldmap.cli.opening import is_map
-    from fieldmap.cli.shown_sources import Request, gather
-    from fieldmap.view.scenes import axes_of, check_format, check_scene, make_scene, save_scene
+    from fieldmap.cli.shown_sources import Request, gather, gather_run
+    from fieldmap.store import is_run_file
+    from fieldmap.view.scenes import MOVIES, check_format, check_scene
 
+    of_map = is_map(source)
+    recorded = of_map and is_run_file(source)
     if save is not None:
-        check_format(save)
+        check_format(save, moves=recorded)
     choice = checked_choice(mu_r, nonlinear, refinement, "auto")
-    chosen = what or ("difference" if minus else "slices" if is_map(source) else "device")
+    chosen = what or _usual(of_map, recorded, minus)
     check_scene(chosen, quantity)
-    shown = gather(Request(source, chosen, tuple(currents or ["1"]), choice, minus, height_mm))
-    scene = make_scene(shown, chosen, quantity, off_screen=save is not None)
+    if recorded:
+        _refuse_for_runs(
+            chosen, {"--currents": currents, "--minus": minus, **dict.fromkeys(choice.given, True)}
+        )
+        shown = gather_run(source)
+    else:
+        shown = gather(Request(source, chosen, tuple(currents or ["1"]), choice, minus, height_mm))
+    if save is not None and save.suffix in MOVIES:
+        _animate(shown, save)
+    else:
+        _draw(shown, chosen, quantity, save)
+
+
+def _usual(of_map: bool, recorded: bool, minus: str | None) -> str:
+    """What is shown where --what does not say."""
+    if recorded:
+        return "path"
+    return "difference" if minus else "slices" if of_map else "device"
+
+
+def _refuse_for_runs(what: str, given: dict[str, Any]) -> None:
+    from fieldmap.errors import InputError, Problem
+
+    wrong = [name for name, value in given.items() if value is not None]
+    problems = [Problem(name, "must not come with a run", "given", "leave it out") for name in wrong]
+    if what != "path":
+        remedy = "leave it out, or name a device or a map"
+        problems.append(Problem("--what", "must be path for a run", what, remedy))
+    if problems:
+        raise InputError(*problems)
+
+
+def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> None:
+    from fieldmap.view.scenes import axes_of, make_scene, save_scene
+
+    scene = make_scene(shown, what, quantity, off_screen=save is not None)
     if save is None:
         scene.show()
     else:
-        print(save_scene(scene, save, shown.title, axes_of(chosen, quantity)))
+        print(save_scene(scene, save, shown.title, axes_of(what, quantity)))
         scene.close()
+
+
+def _animate(shown: "Shown", save: Path) -> None:
+    from fieldmap.cli.progress import Progress
+    from fieldmap.view.animation import save_animation
+
+    assert shown.run is not None
+    with Progress("show") as progress:
+        print(save_animation(shown.run, save, progress))

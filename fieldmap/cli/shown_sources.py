@@ -1,6 +1,7 @@
 """What `fieldmap show` gathers before anything is drawn: a device, its mesh, a field, an equilibrium, a difference."""
 
 import sys
+import tomllib
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,3 +152,33 @@ def amperes_in_words(amperes: Any, names: tuple[str, ...]) -> str:
     if len(set(amperes)) == 1:
         return f"{amperes[0]:g} A in {'the coil' if len(names) == 1 else f'each of {len(names)} coils'}"
     return ", ".join(f"{name}: {value:g} A" for name, value in zip(names, amperes, strict=True))
+
+
+def gather_run(path: str) -> Shown:
+    """The first run of a file that `fieldmap simulate -o` wrote. Raises InputError."""
+    from fieldmap.device import read_device
+    from fieldmap.store import read_runs
+    from fieldmap.view.trajectory import ShownRun
+
+    runs, about = read_runs(path)
+    if not runs or not len(runs[0].arrays["time"][0]):
+        remedy = "simulate again, with -o and at most 50 runs"
+        raise InputError(Problem(path, "must hold a run with samples", "none", remedy))
+    signals = {name: values for name, (values, _, _) in runs[0].arrays.items()}
+    scenario = tomllib.loads(about["scenario"])
+    body = scenario.get("body", {})
+    sized = {"radius_mm", "height_mm"} <= set(body)
+    # The reference is that of the sensed point, above the centre of mass.
+    above = np.mean(signals["sensed"] - signals["position"], axis=0)
+    run = ShownRun(
+        about["title"],
+        read_device(scenario["device"]),
+        signals["time"],
+        signals["position"],
+        signals["quaternion"],
+        signals["currents"],
+        wanted=signals["reference"] - above,
+        body=(1e-3 * body["radius_mm"], 1e-3 * body["height_mm"]) if sized else None,
+        event=str(runs[0].about.get("event", "")),
+    )
+    return Shown(about["title"], run=run)

@@ -8,7 +8,7 @@ from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
 from fieldmap.store.partial import Chunk, partial_path
 from fieldmap.store.reader import read_info, read_map
 from fieldmap.store.reduced_model import ReducedModel
-from fieldmap.store.run_file import RunRecord, read_runs, write_runs
+from fieldmap.store.run_file import RunRecord, is_run_file, read_runs, write_runs
 from fieldmap.store.seal import seal_map
 from fieldmap.store.states import KeptState, StateArchive
 from fieldmap.store.verification import MapCheck, check_map
@@ -28,6 +28,7 @@ __all__ = [
     "RunRecord",
     "StateArchive",
     "check_map",
+    "is_run_file",
     "open_writer",
     "partial_path",
     "read_info",

@@ -55,6 +55,15 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
     return target
 
 
+def is_run_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file says of itself that it holds runs."""
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("format", "")) == FORMAT
+    except OSError:
+        return False
+
+
 def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, str]]:
     """The runs of a file, and the texts about all of them. Raises InputError for a file that is none."""
     source = Path(path)

@@ -43,7 +43,7 @@ def save_picture(
     scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
     scene.subplot(0, 1)
     device_scene(device, field, currents, magnet_at, axes=False, plotter=scene)
-    look_at(scene, _core_bounds(device), panels=_PANELS)
+    look_at(scene, core_bounds(device), panels=_PANELS)
     if field is not None:
         words = _words(device, currents) + (f"\n{caption}" if caption else "")
         scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
@@ -56,7 +56,7 @@ def _bounds(scene: pv.Plotter) -> Array:
     return np.array(scene.bounds).reshape(3, 2)
 
 
-def _core_bounds(device: Device) -> Array:
+def core_bounds(device: Device) -> Array:
     """Box (3, 2), mm, of the coils and the workspace: what the right panel shows."""
     boxes = [np.array(winding_surface(coil).bounds).reshape(3, 2) for coil in device.coils]
     if device.workspace is not None:

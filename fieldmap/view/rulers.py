@@ -12,10 +12,16 @@ INK = "#22282e"
 MILLIMETRES = ("x, mm", "y, mm", "z, mm")
 
 
-def add_rulers(scene: pv.Plotter, font_size: int = 18, titles: tuple[str, str, str] = MILLIMETRES) -> None:
+def add_rulers(
+    scene: pv.Plotter,
+    font_size: int = 18,
+    titles: tuple[str, str, str] = MILLIMETRES,
+    spread: float = 1.0,
+) -> None:
     """Rule the scene: x along the lower front edge, y along the lower right one, z along the left front one.
 
-    titles: of the three axes. Front is the side of smallest y. Call it last: the box is that of all drawn so far.
+    titles: of the three axes. spread: how far off the labels stand, above 1 for small windows. Front is the side of
+    smallest y. Call it last: the box is that of all drawn so far.
     """
     low, high = np.array(scene.bounds).reshape(3, 2).T
     size = float((high - low).max())
@@ -28,7 +34,7 @@ def add_rulers(scene: pv.Plotter, font_size: int = 18, titles: tuple[str, str, s
         (titles[2], 2, np.array([low[0], low[1], low[2]]), left),
     )
     for title, axis, corner, outward in rulers:
-        _add_ruler(scene, title, axis, corner, high[axis], size, outward, font_size)
+        _add_ruler(scene, title, axis, corner, high[axis], size, outward, font_size, spread)
 
 
 def label_step(span: float) -> float:
@@ -56,6 +62,7 @@ def _add_ruler(
     size: float,
     outward: Array,
     font_size: int,
+    spread: float,
 ) -> None:
     def at(value: float, distance: float) -> Array:
         point = corner + distance * size * outward
@@ -72,8 +79,10 @@ def _add_ruler(
     decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
     words = [f"{value + 0.0:.{decimals}f}" for value in values] + [title]
     # Along x the title would meet the labels of y.
-    name_at = at(0.5 * (corner[axis] + end), 0.085) if axis == 0 else at(end + 0.06 * size, 0.0)
-    places = [*(at(value, 0.035) for value in values), name_at]
+    name_at = (
+        at(0.5 * (corner[axis] + end), 0.085 * spread) if axis == 0 else at(end + 0.06 * spread * size, 0.0)
+    )
+    places = [*(at(value, 0.035 * spread) for value in values), name_at]
     scene.add_point_labels(
         np.array(places),
         words,

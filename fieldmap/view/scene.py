@@ -171,22 +171,27 @@ def slice_planes(field: SceneField, currents: Array, points: int = 81) -> list[p
 
 def add_magnet(scene: pv.Plotter, magnet: Any, at: Array) -> None:
     """The payload's magnet with its centre at (3,), mm, and an arrow along its moment."""
-    match magnet:
-        case MagnetCylinder(diameter, height):
-            shape = pv.Cylinder(
-                center=at, direction=(0, 0, 1), radius=MM * diameter / 2, height=MM * height, resolution=64
-            )
-            half = MM * height / 2
-        case MagnetSphere(diameter):
-            shape, half = pv.Sphere(radius=MM * diameter / 2, center=at), MM * diameter / 2
-        case MagnetBlock(size):
-            x, y, z = (MM * edge / 2 for edge in size)
-            shape = pv.Box((-x, x, -y, y, -z, z)).translate(at)
-            half = z
-        case _:
-            return
-    _add_solid(scene, shape, MAGNET)
+    shape = magnet_surface(magnet)
+    if shape is None:
+        return
+    half = 0.5 * (shape.bounds[5] - shape.bounds[4])
+    _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
     arrow = pv.Arrow(
         start=at + np.array([0.0, 0.0, half]), direction=(0, 0, 1), scale=2.0 * half, shaft_radius=0.06
     )
     scene.add_mesh(arrow, color=MAGNET)
+
+
+def magnet_surface(magnet: Any) -> pv.PolyData | None:
+    """A payload's magnet about the origin, upright, mm; None where there is none."""
+    match magnet:
+        case MagnetCylinder(diameter, height):
+            return pv.Cylinder(
+                direction=(0, 0, 1), radius=MM * diameter / 2, height=MM * height, resolution=64
+            )
+        case MagnetSphere(diameter):
+            return pv.Sphere(radius=MM * diameter / 2)
+        case MagnetBlock(size):
+            x, y, z = (MM * edge / 2 for edge in size)
+            return pv.Box((-x, x, -y, y, -z, z))
+    return None

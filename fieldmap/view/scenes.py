@@ -16,11 +16,13 @@ from fieldmap.view.rendering import require_renderer
 from fieldmap.view.rulers import INK, MILLIMETRES, add_rulers
 from fieldmap.view.scene import MM, device_scene
 from fieldmap.view.shown import Shown
+from fieldmap.view.trajectory import add_path
 from fieldmap.view.volumes import QUANTITIES, add_difference, add_slices, add_surfaces
 from fieldmap.view.web_page import save_web_page
 
 WINDOW = (1500, 1200)
 FORMATS = (".png", ".html", ".vtm")
+MOVIES = (".gif", ".mp4")
 
 
 def _device(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
@@ -50,6 +52,7 @@ SCENES: dict[str, Callable[[pv.Plotter, Shown, str], None]] = {
     "equilibrium": _without_quantity(add_equilibrium),
     "difference": add_difference,
     "shift": add_shift,
+    "path": _without_quantity(add_path),
 }
 """Name -> what draws it."""
 _WITHOUT_BOX = ("device", "mesh", "iron", "shift")
@@ -80,7 +83,7 @@ def make_scene(
     if what == "shift":
         look_at(scene, bounds, margin=0.6, view=FROM_ABOVE)
     else:
-        look_at(scene, bounds, margin=0.25)
+        look_at(scene, bounds, margin=0.5 if what == "path" else 0.25)
     scene.add_text(shown.title, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
     scene.enable_anti_aliasing("ssaa")
     return scene
@@ -126,9 +129,9 @@ def save_scene(
     return target
 
 
-def check_format(path: Path) -> None:
-    """The ending must be one of FORMATS."""
-    _check_choice("save", path.suffix, FORMATS)
+def check_format(path: Path, moves: bool = False) -> None:
+    """The ending must be one of FORMATS, or one of MOVIES if the scene moves."""
+    _check_choice("save", path.suffix, (*MOVIES, *FORMATS) if moves else FORMATS)
 
 
 def _check_choice(name: str, given: str, known: tuple[str, ...]) -> None:

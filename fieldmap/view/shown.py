@@ -1,7 +1,7 @@
 """What is shown: a device or a map at given currents, and the box in which its field is looked at."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.levitation import EquilibriumSurface
+
+if TYPE_CHECKING:
+    from fieldmap.view.trajectory import ShownRun
 
 Array = NDArray[np.float64]
 
@@ -30,7 +33,7 @@ class Shown:
     title: a line of text for the picture. currents (n_coils,), A. lower, upper (3,): corners of the box, m. everywhere:
     the field also holds outside the box and inside iron (a solution, not a map). flux_density (e, 3): of every element
     of the iron, T, and mesh: these elements. equilibrium: position of the magnet's centre (3,), m, or None.
-    surface: where it rests over the direction signals.
+    surface: where it rests over the direction signals. run: a recorded run.
     """
 
     title: str
@@ -45,6 +48,7 @@ class Shown:
     payload: Payload | None = None
     equilibrium: Any = None
     surface: EquilibriumSurface | None = None
+    run: "ShownRun | None" = None
 
     def need(self, *names: str) -> None:
         """Raise InputError for what is None though a scene needs it."""
@@ -82,8 +86,10 @@ _NEEDS = {
     "payload": "a payload",
     "equilibrium": "an equilibrium",
     "surface": "places of rest over the direction signals",
+    "run": "a recorded run",
 }
 _REMEDIES = {
+    "run": "name a file that `fieldmap simulate -o RUN.h5` wrote",
     "device": "name the device file in the place of the map",
     "mesh": "name a device with iron; a map does not hold its mesh",
     "lower": "add a [workspace] table to the device",

@@ -24,6 +24,7 @@ from fieldmap.view.iron_field import iron_elements
 from fieldmap.view.rendering import can_render
 from fieldmap.view.scenes import SCENES, axes_of, make_scene, save_scene
 from fieldmap.view.shown import Shown, element_flux_density
+from fieldmap.view.trajectory import ShownRun
 from fieldmap.view.volumes import QUANTITIES, sampled_box
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
@@ -50,7 +51,17 @@ def shown():
         payload=payload,
         equilibrium=np.array([0.0, 0.0, -0.014]),
         surface=tilted_plane(),
+        run=falling(payload),
     )
+
+
+def falling(payload):
+    """3 mm down in a second."""
+    time = np.linspace(0.0, 1.0, 20)
+    position = np.column_stack([0 * time, 0 * time, -0.012 - 0.003 * time])
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
+    device = replace(fieldmap.read_device("loop_and_sphere"), payload=payload)
+    return ShownRun("falling", device, time, position, upright, time[:, None], position, None, "")
 
 
 def tilted_plane():
@@ -111,7 +122,7 @@ def test_every_scene_has_content(shown, what, tmp_path):
         right = image[:, int(0.86 * image.shape[1]) :]
         assert coloured(right) > 0.02
     if bars:
-        assert bars[0].strip().endswith(("T", "mN", "mT/m", " A"))
+        assert bars[0].strip().endswith(("T", "mN", "mT/m", " A", " s"))
 
 
 @pytest.mark.parametrize(
@@ -305,7 +316,7 @@ def test_without_the_viewer_there_is_a_message(monkeypatch):
 @needs_opengl
 def test_the_command(tmp_path, capsys):
     path = tmp_path / "new" / "loop.png"
-    assert main(["show", "loop_and_sphere", "--what", "slices", "--currents", "2", "--save", str(path)]) == 0
+    assert main(["show", "loop_and_sphere", "--what", "iron", "--currents", "2", "--save", str(path)]) == 0
     assert capsys.readouterr().out.strip() == str(path)
     assert coloured(pixels(path)) > 0.02
     assert main(["show", "loop_and_sphere", "--what", "mesh", "--save", str(tmp_path / "mesh.png")]) == 0
