@@ -384,3 +384,8 @@ class Device:
     def coil_names(self) -> tuple[str, ...]:
         """Names in current order."""
         return tuple(coil.name for coil in self.coils)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All that was read to make it: the file, and name and text (or hash) of each that it names."""
+        return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))

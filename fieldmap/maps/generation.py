@@ -1,5 +1,6 @@
 """From a recipe to a map file: check, solve, evaluate part by part, measure the interpolant, finish."""
 
+import platform
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -15,7 +16,6 @@ from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
 from fieldmap.maps.certificate import SOLVER_POINTS, certified_bounds
 from fieldmap.maps.evaluation import DividedFields
-from fieldmap.maps.fingerprint import fingerprint, finished_by, library_versions
 from fieldmap.maps.interpolation import interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
 from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_device
@@ -24,10 +24,13 @@ from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
 from fieldmap.maps.stopwatch import Stopwatch
 from fieldmap.parallel import Workers, same_arithmetic
+from fieldmap.provenance import fingerprint, library_versions
 from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer, read_info
 
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
+# Rooms whose code takes part in making a map.
+ROOMS = ("kernels", "parallel", "device", "store", "interpolants", "sources", "iron", "maps")
 # Shares of the whole at which a step begins; the fields at the nodes and the certificate share what is left.
 SOLVE, EVALUATE, TRAINED = 0.03, 0.6, 0.9
 
@@ -159,7 +162,7 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
             device_name=device.name,
             recipe_text=recipe.text,
             device_text=device.text,
-            fingerprint=fingerprint(recipe, device),
+            fingerprint=fingerprint((recipe.text, *device.texts), ROOMS),
             versions=library_versions(),
             included=dict(device.included),
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
@@ -282,9 +285,14 @@ def _finish(
     flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
     data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})
     error, bounds = interpolation_error(data, solution), certified_bounds(data, solution, largest_weights)
-    report: dict[str, Any] = asdict(solution.report) | dict(about()) | finished_by(solution.workers)
+    report: dict[str, Any] = asdict(solution.report) | dict(about()) | _finished_by(solution.workers)
     assumptions = tuple(report.pop("assumptions"))
     writer.finish(report, assumptions, error, bounds)
+
+
+def _finished_by(workers: Workers) -> dict[str, str]:
+    """Who finished a map: nothing that decides its numbers, as long as the processors are of one kind."""
+    return {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
 
 
 def _silent(message: str, fraction: float) -> None:

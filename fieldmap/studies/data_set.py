@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, Problem
-from fieldmap.studies.fingerprint import fingerprint, versions
+from fieldmap.provenance import library_versions
 from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
 from fieldmap.studies.study import Axis, Study
 from fieldmap.studies.summary import VariantResult
@@ -120,12 +120,14 @@ def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str
         "title": study.title,
         "Conventions": "CF-1.10",
         "comment": _CONVENTIONS,
-        "source": ", ".join(f"{name} {number}" for name, number in versions().items()),
+        "source": ", ".join(
+            f"{name} {number}" for name, number in library_versions("xarray", "h5netcdf").items()
+        ),
         "assumptions": "\n".join((*(_OF_THE_PAYLOAD if carried else ()), *assumed)),
         "force_share": f"{study.record.force_share!r}",
         "current_limit_A": "none" if limit is None else f"{limit!r}",
         "iron": repr(study.iron),
-        "fingerprint": fingerprint(study),
+        "fingerprint": study.fingerprint,
     }
 
 

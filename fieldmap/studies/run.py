@@ -10,7 +10,6 @@ from typing import Any
 from fieldmap.errors import InputError, Problem
 from fieldmap.parallel import Workers
 from fieldmap.studies.data_set import csv_text, data_set, require_xarray, write_netcdf
-from fieldmap.studies.fingerprint import fingerprint
 from fieldmap.studies.journal import Journal
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.study import Study
@@ -61,7 +60,7 @@ def run_study(
     say = progress or (lambda message, fraction: None)
     with (
         Workers(workers, scheduler) as team,
-        Journal(target, fingerprint(order), resume, retry) as journal,
+        Journal(target, order.fingerprint, resume, retry) as journal,
     ):
         _solve(order, journal, team, say)
         results = [journal.done[number] for number in range(len(order.variants))]

@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.document import Document
+from fieldmap.device.reader import device_of
+from fieldmap.provenance import fingerprint
 
 Array = NDArray[np.float64]
+
+# Rooms whose code takes part in a study.
+ROOMS = ("kernels", "device", "sources", "iron", "levitation", "studies")
 Value = float | int | str
 
 _UNIT = re.compile(r"_(mm|deg|T_per_m|T|A_per_V|A_m2|A|V|ohm|mH|N_s_per_m|g_mm2|g)$")
@@ -102,6 +107,12 @@ class Study:
     def shape(self) -> tuple[int, ...]:
         """Numbers of variants along each axis."""
         return tuple(len(axis.values) for axis in self.axes) or (len(self.variants),)
+
+    @property
+    def fingerprint(self) -> str:
+        """Of everything that decides the numbers; equal ones mean equal data on one machine."""
+        device = device_of(self.device_document)
+        return fingerprint((self.text, repr(self.iron), *device.texts), ROOMS)
 
 
 def setting_words(settings: dict[str, Any]) -> str:

@@ -9,12 +9,12 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fieldmap import provenance
 from fieldmap.adapters.whole_files import write_whole
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.thesis.comparison import Comparison
@@ -23,8 +23,7 @@ from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.maps_at_hand import FOLDER, map_path
 from fieldmap.thesis.printed import data_file, read_part
 
-_WITHOUT_INFLUENCE = ("view", "cli")
-_LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")
+_WITHOUT_INFLUENCE = ("view", "cli", "shipped")
 
 
 def keeping(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
@@ -52,13 +51,14 @@ def keeping(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
 def fingerprint(part: str, maps: Path = FOLDER) -> str:
     """What decides the numbers of a part, as 64 hexadecimal digits; "" where its map is missing."""
     printed = read_part(part)
-    digest = hashlib.sha256(_of_the_package().encode() + data_file(part).read_bytes())
+    settings = [data_file(part).read_text(encoding="utf-8"), *_devices()]
     if printed.map:
         path = maps / f"{printed.map}.h5"
         if not path.is_file():
             return ""
-        digest.update(_of_a_map(map_path(printed.map, maps).resolve(), path.stat().st_mtime_ns).encode())
-    return digest.hexdigest()
+        settings.append(_of_a_map(map_path(printed.map, maps).resolve(), path.stat().st_mtime_ns))
+    rooms = sorted(room.name for room in PACKAGE.iterdir() if room.is_dir())
+    return provenance.fingerprint(settings, [room for room in rooms if room not in _WITHOUT_INFLUENCE])
 
 
 def read_kept(path: Path, mark: str) -> PartResult | None:
@@ -71,17 +71,8 @@ def read_kept(path: Path, mark: str) -> PartResult | None:
 
 
 @cache
-def _of_the_package() -> str:
-    files = [
-        path
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if path.relative_to(PACKAGE).parts[0] not in _WITHOUT_INFLUENCE
-    ]
-    files += sorted(shipped_folder("geometry").rglob("*.toml"))
-    digest = hashlib.sha256("".join(version(name) for name in _LIBRARIES).encode())
-    for path in files:
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()
+def _devices() -> list[str]:
+    return [path.read_text(encoding="utf-8") for path in sorted(shipped_folder("geometry").rglob("*.toml"))]
 
 
 @cache

@@ -11,7 +11,6 @@ import xarray
 
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.studies import read_study, run_study
-from fieldmap.studies.fingerprint import fingerprint
 from fieldmap.studies.journal import Journal, journal_path
 
 RUN = """
@@ -74,12 +73,12 @@ def test_another_study_is_not_resumed(grid, whole, tmp_path):
     same = tmp_path / "grid.toml"
     same.write_text(grid.read_text())
     (tmp_path / "sphere.toml").write_text((grid.parent / "sphere.toml").read_text())
-    prints = [fingerprint(read_study(grid)), fingerprint(read_study(same))]
+    prints = [read_study(grid).fingerprint, read_study(same).fingerprint]
     assert prints[0] == prints[1]
     (tmp_path / "sphere.toml").write_text((grid.parent / "sphere.toml").read_text().replace("4.0", "5.0"))
-    prints.append(fingerprint(read_study(same)))
+    prints.append(read_study(same).fingerprint)
     same.write_text(grid.read_text().replace("[8.0, 10.0]", "[9.0]"))
-    prints.append(fingerprint(read_study(same)))
+    prints.append(read_study(same).fingerprint)
     assert len(set(prints)) == 3
     for number, there in ((prints[0], 4), (prints[2], 0), (prints[3], 0)):
         journal_path(tmp_path / "copy.nc").write_bytes(journal_path(whole).read_bytes())

@@ -219,7 +219,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 def test_the_fingerprint_covers_code_data_and_map(tmp_path, monkeypatch):
     mark = kept.fingerprint("S3")
     assert mark != kept.fingerprint("S6")
-    monkeypatch.setattr(kept, "_of_the_package", lambda: "other code")
+    monkeypatch.setattr(kept.provenance, "_code", lambda rooms: "other code")
     assert kept.fingerprint("S3") != mark
 
 

@@ -1,0 +1,45 @@
+"""What decides computed numbers, as one fingerprint: settings, the package's own code, and its libraries.
+
+Results that are kept (solved states, rows of a study, parts of a report) are taken up again only under the
+fingerprint that they were made with. A version number would not do: it does not change with every correction.
+"""
+
+import hashlib
+import platform
+from collections.abc import Iterable
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+
+import fieldmap
+from fieldmap.shipped import PACKAGE
+
+LIBRARIES = ("numpy", "scipy", "numba", "h5py", "netgen-mesher", "pydantic", "pymetis")
+
+
+def library_versions(*more: str) -> dict[str, str]:
+    """Versions of fieldmap, of Python, of every library that decides numbers, and of `more` distributions."""
+    versions = {"fieldmap": fieldmap.__version__, "python": platform.python_version()}
+    for name in (*LIBRARIES, *more):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+def fingerprint(settings: Iterable[str], rooms: Iterable[str]) -> str:
+    """64 hexadecimal digits for texts in order, the code of the rooms (subpackages), and the libraries."""
+    total = hashlib.sha256()
+    for text in (*settings, _code(tuple(rooms)), *map(repr, library_versions().items())):
+        raw = text.encode()
+        total.update(len(raw).to_bytes(8, "little") + raw)
+    return total.hexdigest()
+
+
+@cache
+def _code(rooms: tuple[str, ...]) -> str:
+    total = hashlib.sha256()
+    for room in rooms:
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            total.update(path.relative_to(PACKAGE).as_posix().encode() + path.read_bytes())
+    return total.hexdigest()
