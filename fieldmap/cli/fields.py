@@ -5,7 +5,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from fieldmap.cli.printing import place, table
+from fieldmap.cli.printing import place, table, without_noise
 
 
 def currents_text(coil_names: tuple[str, ...], currents: Any) -> str:
@@ -23,9 +23,10 @@ def field_table(rows: list[dict[str, Any]], coil_names: tuple[str, ...], current
     parts: list[RenderableType] = [Text(currents_text(coil_names, currents))]
     for row in rows:
         lines = []
+        flux_density, gradient = without_noise(row["B"]), without_noise(row["gradient"])
         for i, axis in enumerate("xyz"):
-            entries = (f"{1e3 * row['gradient'][i][j]:.6g}" for j in range(3))
-            lines.append((f"B{axis}", f"{1e3 * row['B'][i]:.6g}", *entries))
+            entries = (f"{1e3 * gradient[i][j]:.6g}" for j in range(3))
+            lines.append((f"B{axis}", f"{1e3 * flux_density[i]:.6g}", *entries))
         columns = (f"at {place(row['at'])}", "mT", "d/dx  mT/m", "d/dy  mT/m", "d/dz  mT/m")
         parts.append(table(columns, lines))
     return Group(*parts)

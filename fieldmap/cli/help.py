@@ -9,7 +9,7 @@ from typer.core import TyperCommand, TyperGroup
 FIRST_STEPS = """[bold]First steps[/bold]
   fieldmap check drive_unit                 a machine: iron, coils, magnet
   fieldmap solve loop_and_sphere            the solver beside a closed form
-  fieldmap map quick --summary              a map of field and gradient
+  fieldmap map quick -o quick.h5 --summary  a map of field and gradient
   fieldmap probe quick.h5 --at 0 0 -0.1 --currents 1
   fieldmap show drive_unit --save unit.png  a picture
 In any command: --quiet, --verbose, --log FILE. The program ends with 0 (done), 1 (failed) or 2 (bad input)."""

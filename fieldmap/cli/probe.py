@@ -115,10 +115,16 @@ def _force_table(rows: list[dict[str, Any]]) -> Any:
     from rich.console import Group
     from rich.text import Text
 
-    from fieldmap.cli.printing import place, table
+    from fieldmap.cli.printing import place, table, without_noise
 
     cells = (
-        (place(row["at"]), *(f"{1e3 * value:.5g}" for value in (*row["force"], *row["torque"])))
+        (
+            place(row["at"]),
+            *(
+                f"{1e3 * value:.5g}"
+                for value in (*without_noise(row["force"]), *without_noise(row["torque"]))
+            ),
+        )
         for row in rows
     )
     moment = ", ".join(f"{value:.4g}" for value in rows[0]["moment"])

@@ -1,12 +1,16 @@
-"""Python blocks marked `<!-- runs -->` run, page by page in one go, and print what the block after them shows."""
+"""Blocks marked `<!-- runs -->` run, page by page in one go, on the files that the page writes (`<!-- file: NAME -->`),
+and print what the block after them shows: all of it (`prints`), or these lines among others (`shows`)."""
 
 import contextlib
 import io
 import re
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
+
+from fieldmap.cli import main
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -14,9 +18,11 @@ PAGES = sorted(
 )
 PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 MARKED = re.compile(
-    r"<!-- runs -->\n```python\n(?P<code>.*?)^```\n(?:<!-- prints -->\n```text\n(?P<prints>.*?)^```\n)?",
+    r"^<!-- (?P<marker>runs|prints|shows|file: (?P<file>[\w.]+)) -->\n+```(?P<language>\w+)\n(?P<code>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
+MARKER = re.compile(r"^<!-- (?:runs|prints|shows|file).*-->$", re.MULTILINE)
+LANGUAGES = {"runs": {"python", "console"}, "prints": {"text"}, "shows": {"text"}, "file": {"toml", "csv"}}
 WITH_EXAMPLES = [path for path in PAGES if MARKED.search(path.read_text())]
 
 
@@ -28,15 +34,49 @@ def test_the_front_door_has_examples():
     assert {"README.md", "docs/tour.md"} <= {named(path) for path in WITH_EXAMPLES}
 
 
+def run_commands(block: str) -> None:
+    """The lines of a terminal, each as the program would take it, in this process."""
+    for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE):
+        words = shlex.split(line)
+        assert words[0] == "fieldmap", line
+        assert main(words[1:]) == 0, line
+
+
+def shows(expected: str, printed: str) -> None:
+    """These lines are among the printed ones, in this order."""
+    lines = iter([line.rstrip() for line in printed.splitlines()])
+    for line in expected.splitlines():
+        if line.strip() not in ("", "..."):
+            assert line.rstrip() in lines, f"{line}\n\n{printed}"
+
+
 @pytest.mark.parametrize("path", WITH_EXAMPLES, ids=named)
 def test_examples(path: Path, tmp_path, monkeypatch):
+    """A page from top to bottom, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
+    unseen = printed = ""
     for block in MARKED.finditer(path.read_text()):
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
-            exec(compile(block["code"], f"{named(path)}, example", "exec"), names)
-        assert printed.getvalue() == (block["prints"] or "")
+        if block["file"]:
+            Path(block["file"]).write_text(block["code"])
+        elif block["marker"] == "runs":
+            assert unseen == ""
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                if block["language"] == "console":
+                    run_commands(block["code"])
+                else:
+                    exec(compile(block["code"], f"{named(path)}, example", "exec"), names)
+            printed = out.getvalue()
+            # What Python prints, a page shows; of what a command prints, as much as it likes.
+            unseen = printed if block["language"] == "python" else ""
+        else:
+            if block["marker"] == "shows":
+                shows(block["code"], printed)
+            else:
+                assert printed == block["code"]
+            unseen = ""
+    assert unseen == ""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)
@@ -44,10 +84,8 @@ def test_every_marker_belongs_to_a_block(page):
     """A marker with a slip in it would silently run nothing."""
     text = page.read_text()
     blocks = list(MARKED.finditer(text))
-    assert len(re.findall(r"^<!-- runs -->$", text, re.MULTILINE)) == len(blocks)
-    assert len(re.findall(r"^<!-- prints -->$", text, re.MULTILINE)) == sum(
-        block["prints"] is not None for block in blocks
-    )
+    assert len(MARKER.findall(text)) == len(blocks)
+    assert all(block["language"] in LANGUAGES[block["marker"].split(":")[0]] for block in blocks)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=named)
