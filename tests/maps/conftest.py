@@ -96,6 +96,27 @@ device = "pair.toml"
 spacing_mm = 2.0
 """
 
+FEW_STATES = """
+format = 1
+title = "Two cores, saturating"
+device = "two_cores.toml"
+spacing_mm = 2.5
+
+[iron]
+model = "saturating"
+refinement = 0.5
+
+[currents]
+lower_A = [0.5, -1.0]
+upper_A = 2.0
+states = 10
+accuracy = 1e-9
+modes = 12
+points = 60
+fields = 4
+held_out = 2
+"""
+
 
 @pytest.fixture
 def rig(tmp_path):
@@ -115,3 +136,11 @@ def recipe_text():
 def two_cores():
     """Text of a device of two cores on a bar, with the mirrors x = 0 and y = 0."""
     return TWO_CORES
+
+
+@pytest.fixture
+def few_states(tmp_path, two_cores):
+    """Recipe file of a quick map of the two cores: ten states for training, two held out, four corners."""
+    (tmp_path / "two_cores.toml").write_text(two_cores)
+    (tmp_path / "recipe.toml").write_text(FEW_STATES)
+    return tmp_path / "recipe.toml"

@@ -68,32 +68,8 @@ def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig):
     assert bounds["harmonic"].flux_density > 0.009 * largest
 
 
-SATURATING = """
-format = 1
-title = "Two cores, saturating"
-device = "two_cores.toml"
-spacing_mm = 2.5
-
-[iron]
-model = "saturating"
-refinement = 0.5
-
-[currents]
-lower_A = [0.5, -1.0]
-upper_A = 2.0
-states = 10
-accuracy = 1e-9
-modes = 12
-points = 60
-fields = 4
-held_out = 2
-"""
-
-
-def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(two_cores, tmp_path, monkeypatch):
+def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states, tmp_path, monkeypatch):
     """Against the fields that the weights add up, wherever the solver is asked: not the map's own nodes."""
-    (tmp_path / "two_cores.toml").write_text(two_cores)
-    (tmp_path / "recipe.toml").write_text(SATURATING)
     evaluated = []
 
     def keep(data, fields, weights):
@@ -101,7 +77,7 @@ def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(two_cores, t
         return certified_bounds(data, fields, weights)
 
     monkeypatch.setattr(generation, "certified_bounds", keep)
-    path = generate(tmp_path / "recipe.toml", tmp_path / "map.h5")
+    path = generate(few_states, tmp_path / "map.h5")
     for kind in ("harmonic", "global"):
         opened = open_map(path, kind)
         points = dense_points(opened, 2000)

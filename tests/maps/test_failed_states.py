@@ -11,34 +11,6 @@ from fieldmap.maps.saturating import archive_path
 from fieldmap.parallel import WorkerDied
 from fieldmap.store import read_info
 
-RECIPE = """
-format = 1
-title = "Two cores, saturating"
-device = "two_cores.toml"
-spacing_mm = 2.5
-
-[iron]
-model = "saturating"
-refinement = 0.5
-
-[currents]
-lower_A = [0.5, -1.0]
-upper_A = 2.0
-states = 10
-accuracy = 1e-9
-modes = 12
-points = 60
-fields = 4
-held_out = 2
-"""
-
-
-@pytest.fixture
-def recipe(tmp_path, two_cores):
-    (tmp_path / "two_cores.toml").write_text(two_cores)
-    (tmp_path / "recipe.toml").write_text(RECIPE)
-    return tmp_path / "recipe.toml"
-
 
 @pytest.fixture
 def failing(monkeypatch):
@@ -64,10 +36,10 @@ def failing(monkeypatch):
 NOT_CONVERGED = NotConverged(Problem("iron solver", "the residual must fall", "1e-2", "refine"))
 
 
-def test_some_are_left_out_and_named(recipe, failing, tmp_path, capsys):
+def test_some_are_left_out_and_named(few_states, failing, tmp_path, capsys):
     # The third to train on, and the first at random (the eleventh of all).
     failing({3: NOT_CONVERGED, 11: ZeroDivisionError("a mistake of ours")}.get)
-    command = ["map", str(recipe), "-o", str(tmp_path / "map.h5")]
+    command = ["map", str(few_states), "-o", str(tmp_path / "map.h5")]
     assert application()(command, standalone_mode=False) is None
     report = read_info(tmp_path / "map.h5").provenance.solver_report
     assert report["states_failed"] == {"2": str(NOT_CONVERGED), "10": "ZeroDivisionError: a mistake of ours"}
@@ -87,21 +59,23 @@ def test_some_are_left_out_and_named(recipe, failing, tmp_path, capsys):
     ],
     ids=["too many", "none to try"],
 )
-def test_too_few_are_an_error_that_says_so(recipe, failing, tmp_path, first, words):
+def test_too_few_are_an_error_that_says_so(few_states, failing, tmp_path, first, words):
     failing(lambda number: NOT_CONVERGED if number >= first else None)
     target = tmp_path / "map.h5"
     with pytest.raises(NotConverged, match=words):
-        generate(recipe, target)
+        generate(few_states, target)
     assert not target.exists()
 
 
 @pytest.mark.parametrize("error", [MemoryError(), WorkerDied(Problem("a", "b", "c", "d"))], ids=type)
-def test_what_is_not_the_fault_of_a_state_stops_the_run_and_is_tried_again(recipe, failing, tmp_path, error):
+def test_what_is_not_the_fault_of_a_state_stops_the_run_and_is_tried_again(
+    few_states, failing, tmp_path, error
+):
     solves = failing(lambda number: error if number == 4 else None)
     target = tmp_path / "map.h5"
     with pytest.raises(type(error)):
-        generate(recipe, target)
+        generate(few_states, target)
     assert archive_path(target).exists()
-    generate(recipe, target)
+    generate(few_states, target)
     assert read_info(target).provenance.solver_report["states_failed"] == {}
     np.testing.assert_array_equal(solves[3], solves[4])
