@@ -1,12 +1,13 @@
 """Controllers of any kind as one linear block that compiled loops run: docs/theory/dynamics.md (29).
 
-    u = C xi + D v      s = u within its limits      xi <- A xi + B v + E s
+    u = C xi + D v + f      s = u within its limits      xi <- A xi + B v + E (s - f) + F f
 
 v (7,) = reference (3), measured position (3), 1; positions in m in the frame of the map.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,10 @@ from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.controller import SIGNALS
+from fieldmap.kernels.motion.layout import STATE
+
+if TYPE_CHECKING:
+    from fieldmap.dynamics.trim import Trim
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
@@ -53,10 +58,37 @@ class AxisReading:
         return row
 
 
+NO_INVERSE = (0, np.zeros((2, 3)), np.zeros(3), np.zeros(STATE))
+
+
+class Controller(Protocol):
+    """What a compiled loop asks of a controller: one block, several over the height, or one of forces."""
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+
+    @property
+    def memory(self) -> Array:
+        """(n,): what it starts with."""
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """As fieldmap.kernels.motion.controller takes them."""
+
+    def inverse(self, state: Array) -> tuple[Any, ...]:
+        """As fieldmap.kernels.motion.inverse takes it, for a run that begins at a state (13,)."""
+
+    def at(self, rest: "Trim", stiffness: ArrayLike, per_output: ArrayLike) -> "ControllerBlock":
+        """The one block, from what is seen to outputs, that it is about a rest of a machine. stiffness (3, 3), N/m:
+        minus the slope of the magnet's force by its place, per_output (3, m): by the outputs."""
+
+
 @dataclass(frozen=True, eq=False)
 class ControllerBlock:
     """A (n, n), B (n, 7), C (m, n), D (m, 7), E (n, m); lower, upper (m,): limits of the outputs; hold (n,): number of
-    the output for an integral that stops at its limit, -1 elsewhere; memory (n,): what it starts with."""
+    the output for an integral that stops at its limit, -1 elsewhere; memory (n,): what it starts with. F (n, m) or
+    None for nothing: how a feed-forward enters the memory, E for an observer that is told what the machine is."""
 
     A: Array
     B: Array
@@ -67,6 +99,7 @@ class ControllerBlock:
     upper: Array
     hold: NDArray[np.int64]
     memory: Array
+    F: Array | None = None
 
     @property
     def outputs(self) -> int:
@@ -76,8 +109,25 @@ class ControllerBlock:
     @property
     def arrays(self) -> tuple[Any, ...]:
         """As fieldmap.kernels.motion.controller takes them."""
-        matrices = (self.A, self.B, self.C, self.D, self.E, self.lower, self.upper)
-        return (*(np.ascontiguousarray(m, float) for m in matrices), np.asarray(self.hold, np.int64))
+        return arrays_of((self,), (0.0, 1.0, 0.0))
+
+    def inverse(self, state: Array) -> tuple[Any, ...]:
+        """None: the outputs go to the coils as they are."""
+        return NO_INVERSE
+
+    def at(self, rest: "Trim", stiffness: ArrayLike, per_output: ArrayLike) -> "ControllerBlock":
+        """Itself, everywhere."""
+        return self
+
+
+def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, float]) -> tuple[Any, ...]:
+    """Blocks at equal steps of a signal as compiled loops take them; limits and what holds are those of the first."""
+    first = blocks[0]
+    forward = [np.zeros_like(block.E) if block.F is None else block.F for block in blocks]
+    stacks = [[getattr(block, name) for block in blocks] for name in "ABCDE"]
+    matrices = (*(np.stack(stack) for stack in (*stacks, forward)), first.lower, first.upper)
+    arrays = (np.ascontiguousarray(m, float) for m in matrices)
+    return (*arrays, np.asarray(first.hold, np.int64), np.array(nodes))
 
 
 def pid_block(
@@ -211,4 +261,5 @@ def stacked(*blocks: ControllerBlock) -> ControllerBlock:
         np.concatenate([block.upper for block in blocks]),
         np.concatenate(hold),
         np.concatenate([block.memory for block in blocks]),
+        block_diag(*[np.zeros_like(block.E) if block.F is None else block.F for block in blocks]),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_count, check_positive, check_signal
-from fieldmap.dynamics.blocks import ControllerBlock
+from fieldmap.dynamics.blocks import Controller
 from fieldmap.dynamics.drives import CoilDrive
 from fieldmap.dynamics.iron import FieldOfCurrents
 from fieldmap.dynamics.outcome import LoopRun, event_of
@@ -76,6 +76,17 @@ class Machine:
         longest = round(self.longest_saturation / period)
         return sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
 
+    def plant(self, step: float) -> tuple[Any, ...]:
+        """Everything that moves, as compiled loops of this step, s, take it; new arrays at every call."""
+        return (
+            self.magnetic.block,
+            self.body.numbers(self.drag, self.plate, self.walls),
+            self.body.seen_at,
+            self.magnetic.numbers,
+            self.drive.numbers(step),
+            self.drive.drives,
+        )
+
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What its motion rests on."""
@@ -141,7 +152,7 @@ class Schedule:
 
 def simulate_closed_loop(
     machine: Machine,
-    controller: ControllerBlock,
+    controller: Controller,
     schedule: Schedule,
     state: ArrayLike,
     currents: ArrayLike,
@@ -157,20 +168,14 @@ def simulate_closed_loop(
     n, m = machine.drive.coils, controller.outputs
     _check_fit(machine, controller, amperes)
     rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))
-    plant = (
-        machine.magnetic.block,
-        machine.body.numbers(machine.drag, machine.plate, machine.walls),
-        machine.body.seen_at,
-        machine.magnetic.numbers,
-        machine.drive.numbers(schedule.step),
-        machine.drive.drives,
-    )
+    plant = machine.plant(schedule.step)
     event, steps, filled, touched = closed_loop(
         schedule.clock,
         plant,
         machine.sensors.numbers,
         controller.arrays,
-        _allocation(machine.allocation, n, m),
+        allocation_numbers(machine.allocation, n, m),
+        controller.inverse(begin),
         machine.end_numbers(schedule.period),
         _signals(machine, schedule, n, m, seed),
         (begin, amperes, controller.memory.copy()),
@@ -188,7 +193,7 @@ def simulate_closed_loop(
     )
 
 
-def _check_fit(machine: Machine, controller: ControllerBlock, currents: Array) -> None:
+def _check_fit(machine: Machine, controller: Controller, currents: Array) -> None:
     n, m = machine.drive.coils, controller.outputs
     where, problems = "simulate_closed_loop", []
     if currents.shape != (n,):
@@ -203,7 +208,8 @@ def _check_fit(machine: Machine, controller: ControllerBlock, currents: Array) -
         raise InputError(*problems)
 
 
-def _allocation(given: Division | Mixing, n: int, m: int) -> tuple[Any, ...]:
+def allocation_numbers(given: Division | Mixing, n: int, m: int) -> tuple[Any, ...]:
+    """As fieldmap.kernels.motion.allocation takes it, for n coils and m outputs."""
     if isinstance(given, Division):
         return DIVISION, float(given.n), np.zeros((n, m)), np.zeros(n)
     return (
@@ -230,7 +236,7 @@ def _signals(
         noise[0] *= sensors.deviations
         noise[1] *= sensors.voltage_noise
         noise[2] *= machine.drive.amplifier.deviation
-        noise[3] *= np.sqrt(sensors.averages) * np.asarray(sensors.deviations)
+        noise[3] *= sensors.scan_deviations
     return (
         schedule.references,
         np.ascontiguousarray(check_signal("Schedule(feedforward)", forward, columns=m)),

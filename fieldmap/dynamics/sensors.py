@@ -24,7 +24,8 @@ class Sensors:
     frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the
     third reads 0, m; it reads downward. deviations (3,): noise of what each shows, m. rigs: measuring chain of each.
     voltage_noise: of their input converters, V. scan_rate: 1/s, 0 for sensors that show what is at each sample;
-    averages, latency: as in `Micrometer`.
+    averages, latency: as in `Micrometer`. measured_with: averages with which the deviations were measured; those that
+    are set unless given.
     """
 
     frame: SensorFrame | None = None
@@ -35,6 +36,7 @@ class Sensors:
     scan_rate: float = 0.0
     averages: int = 1
     latency: int = 0
+    measured_with: int | None = None
     assumptions: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -46,7 +48,7 @@ class Sensors:
             latency=self.latency,
             **{f"deviations[{k}]": value for k, value in enumerate(self.deviations)},
         )
-        check_count("Sensors", averages=self.averages)
+        check_count("Sensors", averages=self.averages, measured_with=self.measured_with or 1)
 
     @property
     def numbers(self) -> tuple[Any, ...]:
@@ -60,6 +62,11 @@ class Sensors:
         period = 1.0 / self.scan_rate if self.scan_rate else 0.0
         scan = np.array([period, float(self.averages), float(self.latency)])
         return into, shift, chains, np.ascontiguousarray(np.linalg.inv(into)), scan
+
+    @property
+    def scan_deviations(self) -> Array:
+        """Noise of one scan (3,), m: white, so that the mean of n has it over the root of n."""
+        return np.sqrt(self.measured_with or self.averages) * np.asarray(self.deviations)
 
     def scans(self, duration: float) -> int:
         """How many scans fall into a run."""

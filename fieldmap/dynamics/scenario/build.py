@@ -4,21 +4,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fieldmap.device import Device, read_device
-from fieldmap.dynamics.blocks import ControllerBlock, stacked
+from fieldmap.dynamics.blocks import Controller, stacked
 from fieldmap.dynamics.closed_loop import Machine, Schedule, simulate_closed_loop
 from fieldmap.dynamics.iron import linearised, superposed, tabled
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.outcome import LoopRun
 from fieldmap.dynamics.rigid_body import RigidBody
-from fieldmap.dynamics.scenario.controller_keys import ConstantKeys
 from fieldmap.dynamics.scenario.controllers import block_of
+from fieldmap.dynamics.scenario.linked import fed_forward, linked_controller
 from fieldmap.dynamics.scenario.parts import body_of, machine_of
 from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
-from fieldmap.dynamics.trim import Trim, trim
+from fieldmap.dynamics.scenario.rests import rest_at
+from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import Infeasible, NoEquilibrium
 from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
 from fieldmap.levitation import lift_current
@@ -36,7 +37,7 @@ class Experiment:
 
     scenario: Scenario
     machine: Machine
-    controller: ControllerBlock
+    controller: Controller
     schedule: Schedule
     state: Array
     currents: Array
@@ -89,7 +90,12 @@ def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment
         disturbances(scenario),
         contents.record.every,
     )
-    controller = stacked(*(block_of(scenario, axis, rest) for axis in "zxy"))
+    controller: Controller
+    if control.linked is not None:
+        controller = linked_controller(scenario, machine, rest)
+    else:
+        controller = stacked(*(block_of(scenario, axis, rest) for axis in "zxy"))
+    schedule = fed_forward(scenario, machine, controller, rest, schedule)
     return Experiment(scenario, machine, controller, schedule, _start(scenario, rest), rest.currents, rest)
 
 
@@ -152,34 +158,6 @@ def _guess(scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody
 def _rest(scenario: Scenario, machine: Machine, currents: Array) -> Trim:
     guess = [float(np.mean(currents)) / machine.drive.amplifier.gain, 0.0, 0.0]
     return rest_at(scenario, machine, scenario.contents.start.depth_mm, guess)
-
-
-def rest_at(scenario: Scenario, machine: Machine, depth_mm: float, guess: ArrayLike) -> Trim:
-    """Where the machine of a scenario rests at a depth, with x and y or their signals as at its start.
-
-    guess (3,): outputs near those. Raises NoEquilibrium, and Infeasible where it takes more than the amplifiers give.
-    """
-    contents = scenario.contents
-    nan = np.nan
-    place = [nan, nan, -MILLI * (contents.sensors.zero_depth_mm + depth_mm)]
-    outputs = [nan, nan, nan]
-    for k, (given, keys) in enumerate(
-        ((contents.start.x_mm, contents.control.x), (contents.start.y_mm, contents.control.y))
-    ):
-        if given is not None:
-            place[k] = MILLI * given
-        else:
-            outputs[1 + k] = (
-                keys.output if isinstance(keys, ConstantKeys) and keys.output is not None else 0.0
-            )
-    amplifier = machine.drive.amplifier
-    rest = trim(machine, place, outputs, guess)
-    if np.abs(rest.currents).max() > amplifier.largest_current * (1.0 + 1e-9):
-        must = f"the body must rest with what the amplifiers give, {amplifier.largest_current:g} A"
-        received = f"{np.abs(rest.currents).max():.3g} A"
-        remedy = "begin higher or nearer to the axis, or state a field.scale"
-        raise Infeasible(scenario.error("start", must, received, remedy).problems[0])
-    return rest
 
 
 def _start(scenario: Scenario, rest: Trim) -> Array:

@@ -4,10 +4,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from fieldmap.device.schema.base import NotNegative, Positive, Table, broken, chosen_by
+from fieldmap.device.schema.base import NotNegative, Positive, Table, Vector, broken, chosen_by
 
 Matrix = list[list[float]]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Lengths = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 
 
 class PidKeys(Table):
@@ -78,6 +79,86 @@ class RegulatorKeys(Table):
                 "correct the matrices",
             )
         return self
+
+
+class GaussianKeys(Table):
+    """What regulators of all axes are designed for: deviations that count alike, and noise. x, y and depth."""
+
+    allowed_mm: Lengths = Field(
+        default=[0.3, 0.3, 0.3], description="deviations of x, y, depth that count alike"
+    )
+    allowed_mm_per_s: Lengths = Field(default=[10.0, 10.0, 30.0], description="velocities that count as much")
+    noise_mm: Lengths | None = Field(
+        default=None, description="of what is seen of x, y, depth; from [sensors] unless given"
+    )
+    shaking_mN: Lengths = Field(
+        default=[0.02, 0.02, 0.1], description="noise of the force on the body, per root of Hz"
+    )
+    drift_mN: Lengths = Field(
+        default=[0.5, 0.5, 2.0], description="of forces that are not known, per root of s"
+    )
+    lower: Vector = Field(default=[0.0, -0.4, -0.4], description="lowest lift in V, x and y signals")
+    upper: Vector = Field(default=[10.0, 0.4, 0.4], description="highest lift in V, x and y signals")
+
+    @model_validator(mode="after")
+    def _limits_rise(self) -> "GaussianKeys":
+        if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
+            raise broken("lower must be below upper", f"{self.lower} and {self.upper}", "swap them")
+        return self
+
+
+class LqgKeys(GaussianKeys):
+    """A regulator of all axes on physical states from the linearised machine, scheduled over the depth."""
+
+    kind: Literal["lqg"] = Field(
+        description="LQR with a Kalman filter on position, velocity and unknown force"
+    )
+    allowed_outputs: Lengths = Field(
+        default=[1.0, 0.1, 0.1], description="lift in V, x and y that count as much"
+    )
+    depths_mm: Pair | None = Field(
+        default=None, description="from where to where it is designed; at the start alone unless given"
+    )
+    designs: Annotated[int, Field(ge=2, le=100)] = Field(
+        default=11, description="how many, evenly between them"
+    )
+
+    @model_validator(mode="after")
+    def _depths_rise(self) -> "LqgKeys":
+        if self.depths_mm is not None and self.depths_mm[0] >= self.depths_mm[1]:
+            raise broken("the first of depths_mm must be less", f"{self.depths_mm}", "swap them")
+        return self
+
+
+class LinearisationKeys(GaussianKeys):
+    """Feedback linearisation: a regulator of a free mass, whose forces the inverse map turns into outputs."""
+
+    kind: Literal["feedback_linearisation"] = Field(description="forces by the inverse map at every sample")
+    allowed_mN: Lengths = Field(default=[5.0, 5.0, 20.0], description="forces that count as much")
+    rounds: Annotated[int, Field(ge=1, le=20)] = Field(
+        default=2, description="of Newton's method at a sample"
+    )
+
+
+LinkedController = Annotated[
+    Annotated[LqgKeys, Tag("lqg")] | Annotated[LinearisationKeys, Tag("feedback_linearisation")],
+    chosen_by("kind"),
+]
+
+
+class FeedforwardKeys(Table):
+    """Outputs along the reference by the inverse map, beside any controller."""
+
+    field_error: Annotated[float, Field(gt=-0.9, lt=9.0)] = Field(
+        default=0.0,
+        description="share by which its field is larger than the machine's: a model that is wrong",
+    )
+    fastest_mm_per_s: Positive = Field(
+        default=50.0, description="beyond it a change of the reference is a step"
+    )
+    largest_m_per_s2: Positive = Field(default=3.0, description="acceleration that is fed forward at most")
+    lower: Vector = Field(default=[0.0, -0.4, -0.4], description="lowest lift in V, x and y signals")
+    upper: Vector = Field(default=[10.0, 0.4, 0.4], description="highest lift in V, x and y signals")
 
 
 AxisController = Annotated[

@@ -19,7 +19,8 @@ from fieldmap.dynamics.linear import (
     modes,
     reach,
 )
-from fieldmap.dynamics.scenario.build import Experiment, rest_at
+from fieldmap.dynamics.scenario.build import Experiment
+from fieldmap.dynamics.scenario.rests import rest_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,9 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 
 
 def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> LinearPoint:
-    loop = close_loop(linear, experiment.controller, experiment.schedule)
+    mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in ("vx", "vy", "vz")]
+    block = experiment.controller.at(linear.rest, -mass * linear.A[moves, :3], mass * linear.B[moves])
+    loop = close_loop(linear, block, experiment.schedule)
     sensors = experiment.machine.sensors
     return LinearPoint(
         depth,

@@ -112,4 +112,5 @@ def _sensors(scenario: Scenario) -> Sensors:
         keys.scan_rate_Hz,
         keys.averages,
         keys.latency_scans,
+        keys.deviation_averages,
     )

@@ -15,7 +15,7 @@ from fieldmap.device.schema.base import (
     broken,
     chosen_by,
 )
-from fieldmap.dynamics.scenario.controller_keys import AxisController
+from fieldmap.dynamics.scenario.controller_keys import AxisController, FeedforwardKeys, LinkedController
 
 FORMAT = 1
 
@@ -127,6 +127,9 @@ class SensorKeys(Table):
     input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
     scan_rate_Hz: NotNegative = Field(default=0.0, description="0: shows what is at each sample")
     averages: Annotated[int, Field(ge=1)] = Field(default=1, description="scans whose mean is shown")
+    deviation_averages: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="averages with which deviation_mm was measured; `averages` unless given"
+    )
     latency_scans: Annotated[int, Field(ge=0)] = Field(default=0, description="by which a mean comes late")
 
 
@@ -145,10 +148,25 @@ class ControlKeys(Table):
     delay_ms: NotNegative = Field(default=0.0, description="from sample to command, at most one period")
     step_ms: Positive = Field(default=0.1, description="of the mechanics")
     division_n: Positive = Field(default=1.25, description="n of the current division (6-3)")
-    z: AxisController = Field(description="depth in mm to lift voltage")
-    x: AxisController = Field(description="x in mm to x signal")
-    y: AxisController = Field(description="y in mm to y signal")
+    z: AxisController | None = Field(default=None, description="depth in mm to lift voltage")
+    x: AxisController | None = Field(default=None, description="x in mm to x signal")
+    y: AxisController | None = Field(default=None, description="y in mm to y signal")
+    linked: LinkedController | None = Field(
+        default=None, description="of all axes, in the place of x, y and z"
+    )
+    feedforward: FeedforwardKeys | None = Field(
+        default=None, description="along the reference, by the inverse map"
+    )
     compensator: CompensatorKeys | None = Field(default=None, description="push of the vertical reference")
+
+    @model_validator(mode="after")
+    def _axes_or_linked(self) -> "ControlKeys":
+        given = [axis for axis in "zxy" if getattr(self, axis) is not None]
+        if len(given) != (0 if self.linked is not None else 3):
+            received = ", ".join(given + (["linked"] if self.linked is not None else [])) or "none"
+            must = "must have either z, x and y, or linked"
+            raise broken(must, received, "give every axis a controller, or one for all")
+        return self
 
 
 class StartKeys(Table):

@@ -5,7 +5,7 @@ Every mechanical step: currents move, then the body. docs/theory/dynamics.md (30
 
 timing: (h, steps per control period, delay in steps, periods from row to row). plant: (block, body, seen_at, iron,
 coils, drives): body as in layout, overwritten with disturbances; iron, a tuple, as find_weights takes it; drives (n, 7)
-as in fieldmap.kernels.instruments.
+as in fieldmap.kernels.instruments. inverse: of a controller whose outputs are forces, as in fieldmap.kernels.motion.
 ending: what ends the run (sum of contacts; longest saturation in periods, 0 for any). signals: references (p, 3),
 feedforward (p, m), loads (p or 1, 6: disturbing force and torque), noise (p, 3), voltage_noise (p, 3), current_noise
 (p, n), scans (k, 3). start: state (13,), currents (n,), memory of the controller; all are advanced.
@@ -21,6 +21,7 @@ from fieldmap.kernels.motion.allocation import allocate
 from fieldmap.kernels.motion.coils import AMPLIFIER, WINDING, advance_currents
 from fieldmap.kernels.motion.controller import SIGNALS, control
 from fieldmap.kernels.motion.events import BEYOND, BEYOND_CURRENTS, NOTHING, SATURATED, hit, way_out
+from fieldmap.kernels.motion.inverse import find_signals
 from fieldmap.kernels.motion.layout import FORCE, POSITION, STATE
 from fieldmap.kernels.motion.sensing import add_scans, see, sensed_point
 from fieldmap.kernels.motion.step import find_load, step_of_two
@@ -28,9 +29,22 @@ from fieldmap.kernels.motion.weights import find_weights
 
 
 @njit(**OUTER)
-def _command(outputs, allocation, drives, current_noise, voltages, commands):
+def _to_coils(plant, allocation, inverse, seen, outputs, voltages):
+    """Fill voltages (n,) of the coils: from the outputs, or from the forces that they are at the place that is seen."""
+    if inverse[0] == 0:
+        allocate(allocation, outputs, voltages)
+        return
+    believed, point = inverse[3], np.empty(3)
+    sensed_point(believed, plant[2], point)
+    for k in range(3):
+        believed[POSITION + k] += seen[k] - point[k]
+    find_signals(plant, allocation, outputs, inverse)
+    allocate(allocation, inverse[2], voltages)
+
+
+@njit(**OUTER)
+def _command(drives, current_noise, voltages, commands):
     """Fill commands (n,), A; whether a converter or amplifier held a voltage back."""
-    allocate(allocation, outputs, voltages)
     held = False
     for k in range(commands.shape[0]):
         held |= voltages[k] > drives[k, 2] or voltages[k] < drives[k, 1]
@@ -49,7 +63,7 @@ def _record(row, state, currents, commands, seen, outputs):
 
 
 @njit(**OUTER)
-def closed_loop(timing, plant, sensing, controller, allocation, ending, signals, start, rows):
+def closed_loop(timing, plant, sensing, controller, allocation, inverse, ending, signals, start, rows):
     """Run until the end or an event; (event, mechanical steps done, rows filled, what was ever touched)."""
     h, per_period, delay, every = timing
     block, body, seen_at, iron, coils, drives = plant
@@ -86,7 +100,8 @@ def closed_loop(timing, plant, sensing, controller, allocation, ending, signals,
         v[:3], v[3:6] = references[period], seen
         late[:] = waiting
         held = control(controller, v, feedforward[period], memory, scratch, outputs)
-        held |= _command(outputs, allocation, drives, current_noise[period], voltages, waiting)
+        _to_coils(plant, allocation, inverse, seen, outputs, voltages)
+        held |= _command(drives, current_noise[period], voltages, waiting)
         if loads.shape[0] > 1 and period > 0:
             for k in range(6):
                 body[FORCE + k] = loads[period, k]

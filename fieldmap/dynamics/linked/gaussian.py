@@ -1,0 +1,180 @@
+"""Linear-quadratic-Gaussian control of all axes at once, on physical states: docs/theory/dynamics.md (39)..(43)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from fieldmap.arguments import check_positive, check_signal
+from fieldmap.control import zero_order_hold
+from fieldmap.dynamics.blocks import ControllerBlock
+from fieldmap.dynamics.linear import LinearMachine, sampled_machine
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.motion.controller import SIGNALS
+
+Array = NDArray[np.float64]
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class GaussianWeights:
+    """What a regulator and its estimator are designed for; x, y and z of the map.
+
+    place, m, speed, m/s: deviations that count alike (Bryson's rule), and output: those of the outputs that count as
+    much. sensor: standard deviation of what is seen, m. force: of what shakes the body, N per root of Hz; drift: of the
+    forces that are not known, N per root of a second. lean, rad, spin, rad/s: of a body that turns.
+    """
+
+    place: Three
+    speed: Three
+    output: tuple[float, ...]
+    sensor: Three
+    force: Three
+    drift: Three
+    lean: float = 0.2
+    spin: float = 50.0
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            given = np.atleast_1d(check_signal(f"GaussianWeights({name})", np.atleast_1d(values)))
+            check_positive(
+                "GaussianWeights", **{f"{name}[{k}]": float(value) for k, value in enumerate(given)}
+            )
+
+
+def gaussian_block(
+    linear: LinearMachine,
+    weights: GaussianWeights,
+    period: float,
+    delay: float = 0.0,
+    limits: tuple[Array, Array] | None = None,
+) -> ControllerBlock:
+    """A regulator on estimated states and forces, designed for one linear machine and told the delay of its outputs.
+
+    Memory: states of the machine, positions as they are in the map; unknown force (3), N; the outputs of the last
+    sample. It holds the sensed point at its reference without offset, whatever constant force pulls. `rest` of the
+    linear machine is where its memory begins. limits: lowest and highest outputs, which the estimator is told of.
+    Raises InputError for a machine that its outputs do not reach or its sensors do not show, as upward where nothing
+    lifts.
+    """
+    felt = linear.only(tuple(name for name in linear.states if name not in ("turn_z", "spin_z")))
+    m = felt.B.shape[1]
+    if len(weights.output) != m:
+        must = f"must have one number for each of {m} outputs"
+        problem = Problem(
+            "GaussianWeights(output)", must, f"{len(weights.output)}", "give lift, x and y of a division"
+        )
+        raise InputError(problem)
+    model = _Model(felt, period, delay)
+    gain = _regulator(model, felt, weights, period)
+    taken = _estimator(model, felt, weights, period)
+    return _block(model, felt, gain, taken, limits)
+
+
+class _Model:
+    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), all as they are."""
+
+    def __init__(self, linear: LinearMachine, period: float, delay: float) -> None:
+        sampled = sampled_machine(linear, period, delay)
+        n, m = linear.B.shape
+        self.n, self.m = n, m
+        pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
+        self.F = np.zeros((n + 3 + m, n + 3 + m))
+        self.F[:n] = np.hstack([sampled.A, pushed, sampled.before])
+        self.F[n : n + 3, n : n + 3] = np.eye(3)
+        self.S = np.vstack([sampled.B, np.zeros((3, m)), np.eye(m)])
+        self.place, self.outputs = np.zeros(n), linear.rest.outputs
+        self.place[:3] = linear.rest.state[:3]
+        self.H = np.hstack([linear.C, np.zeros((3, 3 + m))])
+        self.f = np.zeros(n + 3 + m)
+        self.f[:n] = self.place - sampled.A @ self.place - (sampled.B + sampled.before) @ self.outputs
+        self.h = linear.rest.sensed - linear.C @ self.place
+        self.rest = np.concatenate([self.place, np.zeros(3), self.outputs])
+
+
+def _regulator(model: _Model, linear: LinearMachine, weights: GaussianWeights, period: float) -> Array:
+    """Gain (m, n + m) on deviations of states and last outputs, which minimises the sum of squares over weights."""
+    n, m = model.n, model.m
+    known = [*range(n), *range(n + 3, n + 3 + m)]
+    A, B = model.F[np.ix_(known, known)], model.S[known]
+    Q = np.zeros((n + m, n + m))
+    seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
+    Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
+    P = _riccati(
+        A, B, period * Q, period * np.diag(1.0 / np.square(weights.output)), "reached by its outputs"
+    )
+    R = period * np.diag(1.0 / np.square(weights.output))
+    return np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), float)
+
+
+def _cost(name: str, weights: GaussianWeights) -> float:
+    if name.startswith("v"):
+        return 1.0 / weights.speed["xyz".index(name[1])] ** 2
+    return {"t": 1.0 / weights.lean**2, "s": 1.0 / weights.spin**2}.get(name[0], 0.0)
+
+
+def _estimator(model: _Model, linear: LinearMachine, weights: GaussianWeights, period: float) -> Array:
+    """Gain (n + 3 + m, 3) by which what is seen corrects the prediction."""
+    n = model.n
+    A, C = model.F[: n + 3, : n + 3], model.H[:, : n + 3]
+    shaken = np.vstack([linear.G[:, :3], np.zeros((3, 3))]) * np.asarray(weights.force)
+    noise = period * shaken @ shaken.T
+    noise[n:, n:] = period * np.diag(np.square(weights.drift))
+    R = np.diag(np.square(weights.sensor))
+    P = _riccati(A.T, C.T, noise, R, "seen by its sensors")
+    taken = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    return np.vstack([taken, np.zeros((model.m, 3))])
+
+
+def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
+    try:
+        return np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        problem = Problem(
+            "gaussian_block(linear)", f"every unstable mode must be {what}", f"{error}", "see `modes`"
+        )
+        raise InputError(problem) from None
+
+
+def _targets(model: _Model, linear: LinearMachine) -> tuple[Array, Array]:
+    """(n + m, 3) each: deviations of states and outputs at rest per metre of the reference, and per newton of an
+    unknown force with the sensed point held."""
+    n, m = model.n, model.m
+    both = np.block([[linear.A, linear.B], [linear.C, np.zeros((3, m))]])
+    by_reference = np.linalg.lstsq(both, np.vstack([np.zeros((n, 3)), np.eye(3)]), rcond=None)[0]
+    by_force = np.linalg.lstsq(both, np.vstack([-linear.G[:, :3], np.zeros((3, 3))]), rcond=None)[0]
+    return by_reference, by_force
+
+
+def _block(
+    model: _Model, linear: LinearMachine, gain: Array, taken: Array, limits: tuple[Array, Array] | None
+) -> ControllerBlock:
+    n, m = model.n, model.m
+    by_reference, by_force = _targets(model, linear)
+    # u = u0 + U_r (r - y0) + U_d d - K (deviation from where reference and force let the states rest), (42).
+    from_reference = by_reference[n:] + gain @ by_reference
+    states = np.hstack([-gain[:, :n], by_force[n:] + gain @ by_force, -gain[:, n:]])
+    constant = (
+        model.outputs
+        - from_reference @ linear.rest.sensed
+        + gain @ model.rest[[*range(n), *range(n + 3, n + 3 + m)]]
+    )
+    kept = np.eye(n + 3 + m) - taken @ model.H
+    B, D = np.zeros((n + 3 + m, SIGNALS)), np.zeros((m, SIGNALS))
+    D[:, :3], D[:, 3:6] = from_reference, states @ taken
+    D[:, 6] = constant - states @ taken @ model.h
+    B[:, 3:6], B[:, 6] = model.F @ taken, model.f - model.F @ taken @ model.h
+    low, high = limits if limits is not None else (np.full(m, -np.inf), np.full(m, np.inf))
+    return ControllerBlock(
+        model.F @ kept,
+        B,
+        states @ kept,
+        D,
+        model.S,
+        np.asarray(low, float),
+        np.asarray(high, float),
+        np.full(n + 3 + m, -1),
+        model.rest.copy(),
+        model.S,
+    )

@@ -1,0 +1,111 @@
+"""Controllers of all axes and feed-forward, as a scenario asks for them."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.dynamics.blocks import Controller
+from fieldmap.dynamics.closed_loop import Machine, Schedule
+from fieldmap.dynamics.iron import FieldOfCurrents
+from fieldmap.dynamics.linear import linearise
+from fieldmap.dynamics.linked import (
+    GaussianWeights,
+    ScheduledController,
+    feedforward,
+    force_controller,
+    gaussian_block,
+    trajectory,
+)
+from fieldmap.dynamics.scenario.controller_keys import GaussianKeys, LinearisationKeys
+from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.scenario.rests import rest_at
+from fieldmap.dynamics.trim import Trim
+
+Array = NDArray[np.float64]
+MILLI = 1e-3
+
+
+def linked_controller(scenario: Scenario, machine: Machine, rest: Trim) -> Controller:
+    """The controller of [control.linked], designed on the machine itself; at rest where the run begins."""
+    keys, control = scenario.contents.control.linked, scenario.contents.control
+    period, delay = MILLI * control.period_ms, MILLI * control.delay_ms
+    assert keys is not None
+    if isinstance(keys, LinearisationKeys):
+        weights = _weights(scenario, keys, tuple(MILLI * value for value in keys.allowed_mN))
+        return force_controller(machine, rest, weights, period, keys.lower, keys.upper, delay, keys.rounds)
+    weights = _weights(scenario, keys, tuple(keys.allowed_outputs))
+    limits = np.array(keys.lower), np.array(keys.upper)
+    if keys.depths_mm is None:
+        return gaussian_block(linearise(machine, rest), weights, period, delay, limits)
+    # Heights rise, so the deepest comes first.
+    depths = np.linspace(keys.depths_mm[1], keys.depths_mm[0], keys.designs)
+    rests = _rests(scenario, machine, rest, depths)
+    blocks = [gaussian_block(linearise(machine, there), weights, period, delay, limits) for there in rests]
+    heights = -MILLI * (scenario.contents.sensors.zero_depth_mm + depths)
+    begin = gaussian_block(linearise(machine, rest), weights, period, delay, limits).memory
+    first = replace(blocks[0], memory=begin)
+    return ScheduledController((first, *blocks[1:]), float(heights[0]), float(heights[1] - heights[0]))
+
+
+def _rests(scenario: Scenario, machine: Machine, rest: Trim, depths: Array) -> list[Trim]:
+    """At each depth, the search going outward from the start."""
+    known = {scenario.contents.start.depth_mm: rest}
+    for depth in sorted(depths, key=lambda depth: abs(depth - scenario.contents.start.depth_mm)):
+        if depth not in known:
+            nearest = min(known, key=lambda there: abs(there - depth))
+            known[depth] = rest_at(scenario, machine, depth, known[nearest].outputs)
+    return [known[depth] for depth in depths]
+
+
+def _weights(scenario: Scenario, keys: GaussianKeys, output: tuple[float, ...]) -> GaussianWeights:
+    def metres(values: list[float]) -> tuple[float, float, float]:
+        x, y, depth = (MILLI * value for value in values)
+        return x, y, depth
+
+    return GaussianWeights(
+        place=metres(keys.allowed_mm),
+        speed=metres(keys.allowed_mm_per_s),
+        output=output,
+        sensor=metres(_noise(scenario) if keys.noise_mm is None else keys.noise_mm),
+        force=metres(keys.shaking_mN),
+        drift=metres(keys.drift_mN),
+    )
+
+
+def _noise(scenario: Scenario) -> list[float]:
+    """Of x, y and depth, mm: of crossed sensors both get the root mean square of the two; 1 um where there is none."""
+    sensors = scenario.contents.sensors
+    a, b, depth = sensors.deviation_mm
+    if sensors.angle_deg:
+        c, s = np.cos(np.deg2rad(sensors.angle_deg)), np.sin(np.deg2rad(sensors.angle_deg))
+        a, b = float(np.hypot(c * a, s * b)), float(np.hypot(s * a, c * b))
+    return [max(value, 1e-3) for value in (a, b, depth)]
+
+
+def fed_forward(
+    scenario: Scenario, machine: Machine, controller: Controller, rest: Trim, schedule: Schedule
+) -> Schedule:
+    """The schedule with the outputs of [control.feedforward] added to those in open loop."""
+    keys = scenario.contents.control.feedforward
+    if keys is None:
+        return schedule
+    believed = replace(machine, magnetic=_scaled(machine.magnetic, 1.0 + keys.field_error))
+    path = trajectory(
+        believed,
+        rest,
+        schedule,
+        np.array(keys.lower),
+        np.array(keys.upper),
+        MILLI * keys.fastest_mm_per_s,
+        keys.largest_m_per_s2,
+    )
+    added = feedforward(controller, schedule, path)
+    given = schedule.feedforward
+    return replace(schedule, feedforward=added if given is None else given + added)
+
+
+def _scaled(field: FieldOfCurrents, factor: float) -> FieldOfCurrents:
+    """The same field times a factor."""
+    kind, scale, *rest = field.numbers
+    return replace(field, numbers=(kind, scale * factor, *rest))

@@ -1,0 +1,40 @@
+"""Where the machine of a scenario rests."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.dynamics.closed_loop import Machine
+from fieldmap.dynamics.scenario.controller_keys import ConstantKeys
+from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.trim import Trim, trim
+from fieldmap.errors import Infeasible
+
+MILLI = 1e-3
+
+
+def rest_at(scenario: Scenario, machine: Machine, depth_mm: float, guess: ArrayLike) -> Trim:
+    """Where the machine of a scenario rests at a depth, with x and y or their signals as at its start.
+
+    guess (3,): outputs near those. Raises NoEquilibrium, and Infeasible where it takes more than the amplifiers give.
+    """
+    contents = scenario.contents
+    nan = np.nan
+    place = [nan, nan, -MILLI * (contents.sensors.zero_depth_mm + depth_mm)]
+    outputs = [nan, nan, nan]
+    for k, (given, keys) in enumerate(
+        ((contents.start.x_mm, contents.control.x), (contents.start.y_mm, contents.control.y))
+    ):
+        if given is not None:
+            place[k] = MILLI * given
+        else:
+            outputs[1 + k] = (
+                keys.output if isinstance(keys, ConstantKeys) and keys.output is not None else 0.0
+            )
+    amplifier = machine.drive.amplifier
+    rest = trim(machine, place, outputs, guess)
+    if np.abs(rest.currents).max() > amplifier.largest_current * (1.0 + 1e-9):
+        must = f"the body must rest with what the amplifiers give, {amplifier.largest_current:g} A"
+        received = f"{np.abs(rest.currents).max():.3g} A"
+        remedy = "begin higher or nearer to the axis, or state a field.scale"
+        raise Infeasible(scenario.error("start", must, received, remedy).problems[0])
+    return rest
