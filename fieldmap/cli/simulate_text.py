@@ -6,6 +6,7 @@ import numpy as np
 
 from fieldmap.cli.printing import assumption_lines, count_of, facts, heading, print_page, table
 from fieldmap.cli.simulating import Batch, Outcome
+from fieldmap.dynamics.scenario import RunMetrics
 
 
 def print_runs(outcome: Outcome) -> None:
@@ -51,14 +52,25 @@ def _reading(batch: Batch) -> Any:
 
 
 def _events(batch: Batch) -> list[str]:
-    names: dict[str, list[float]] = {}
+    names: dict[str, list[RunMetrics]] = {}
     for result in batch.results:
         if result.metrics.event:
-            names.setdefault(result.metrics.event, []).append(result.metrics.end_s)
-    lines = [f"{name}: {len(ends)}, first at {min(ends):.3f} s" for name, ends in names.items()] or ["none"]
+            names.setdefault(result.metrics.event, []).append(result.metrics)
+    lines = [f"{name}: {len(ended)}, {_first(ended)}" for name, ended in names.items()] or ["none"]
     touched = sorted({name for result in batch.results for name in result.metrics.touched})
     words = {"currents": "currents beyond the table of the iron, which was extrapolated"}
     return lines + [words.get(name, f"touched the {name}") for name in touched]
+
+
+def _first(ended: list[RunMetrics]) -> str:
+    """When, where, how fast and with which currents the first of them ended."""
+    first = min(ended, key=lambda metrics: metrics.end_s)
+    x, y, depth = first.end_mm
+    amperes = ", ".join(f"{value:.3g}" for value in first.end_A)
+    return (
+        f"first at {first.end_s:.3f} s: x {x:.2f}, y {y:.2f}, depth {depth:.2f} mm, "
+        f"{np.linalg.norm(first.end_mm_per_s):.3g} mm/s; currents {amperes} A"
+    )
 
 
 def _axes(batch: Batch) -> Any:

@@ -38,7 +38,8 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """One figure. Labels carry the unit: "depth below the core (mm)". remark: a sentence below it; log_y: y by decades.
+    """One figure. Labels carry the unit: "depth below the core (mm)". remark: a sentence below it; log_y: y by decades;
+    equal: one unit as long along x as along y.
 
     >>> measured = Series("depth 10 mm", [0.0, 1.0], [0.1, 2.3], kind="measured", points=True)
     >>> Curves("Fig. 6-5", "x control signal (1)", "x (mm)", (measured,)).series[0].x.tolist()
@@ -51,3 +52,4 @@ class Curves:
     series: tuple[Series, ...]
     remark: str = ""
     log_y: bool = False
+    equal: bool = False

@@ -34,6 +34,8 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
             series.x, series.y, color=COLOURS[names.index(series.name) % len(COLOURS)], **_style(series)
         )
     axes.set(xlabel=curves.x_label, ylabel=curves.y_label, yscale="log" if curves.log_y else "linear")
+    if curves.equal:
+        axes.set_aspect("equal")
     axes.set_title(curves.title, fontsize=10)
     axes.grid(color="0.9")
     axes.set_axisbelow(True)

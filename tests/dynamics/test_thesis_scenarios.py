@@ -1,69 +1,114 @@
-"""The rows of the linked loop on a map made up: that they run, and what must hold on any such machine."""
+"""The rows of the linked loop on a map made up: six dipoles below which nothing saturates. What must hold on any such
+machine, and what its own statics and the closed forms of its loops foretell."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from fieldmap.dynamics import Plate, simulate
+from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
+from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.lookup import open_map
-from fieldmap.thesis import linked_loop
+from fieldmap.thesis import PARTS, linked_circles, linked_loop, linked_regulator, linked_sideways
+from fieldmap.thesis.linked_runs import Readings
+from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.registry import Answers
+
+SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
 
 
 @pytest.fixture(scope="module")
-def inputs(six_coils):
-    numbers = {
-        "push_mm": 0.05,
-        "small_gain": 0.1,
-        "radii_mm": [0.5],
-        "rates_rad_per_s": [0.16],
-        "settled_s": 12.0,
-    }
-    return {"map": open_map(six_coils), **numbers}
+def six(six_coils):
+    return open_map(six_coils)
 
 
-def test_the_vertical_row(inputs):
-    numbers = {name: ours.value for name, ours in linked_loop.vertical(inputs).items()}
-    assert 0.0 < numbers["rise_time"] < numbers["peak_time"] < numbers["settling_time"] < 3.0
+@pytest.fixture
+def answers(six):
+    """The answers of a part of S18 or S19 on this map, with inputs of its data file or others."""
+
+    def compute(part, **inputs):
+        given = read_part(part).inputs | {"map": six} | inputs
+        module, name = PARTS[part].rpartition(".")[2].split(":")
+        modules = (linked_circles, linked_loop, linked_regulator, linked_sideways)
+        room = next(one for one in modules if one.__name__.endswith(module))
+        found = getattr(room, name)(given)
+        assert isinstance(found, Answers)
+        numbers = {key: np.asarray(getattr(value, "value", value)) for key, value in found.numbers.items()}
+        assert all(np.isfinite(curve.y).all() for figure in found.curves for curve in figure.series)
+        return SimpleNamespace(**numbers, words=" ".join(found.explanations.values()), numbers=numbers)
+
+    return compute
+
+
+def shift_per_signal(six, depth_mm):
+    """mm per unit of the x and of the y signal about the axis, from where the machine rests at small signals."""
+    places = []
+    for signal in (0.005, -0.005):
+        changes = {
+            "start.depth_mm": depth_mm,
+            "control.x.output": signal,
+            "control.y.output": signal,
+        }
+        places.append(prepare(read_scenario("horizontal_open_loop", changes), six).rest.sensed)
+    return 1e3 * (places[0] - places[1])[:2] / 0.01
+
+
+def test_table_7_1(answers):
+    row = answers("S18_vertical")
+    assert 0.03 < row.rise_time < row.peak_time < row.settling_time < 1.5
+    assert 15 < row.overshoot < 60
     # What is seen at rest is the sensor's noise and what the loop makes of it.
-    assert 0.0104 * 0.95 < numbers["rms_at_rest"] < 2 * 0.0104
+    assert SENSOR_MM * 0.95 < row.rms_at_rest < 2 * SENSOR_MM
+    column = [row.peak_time, row.rise_time, row.settling_time, row.overshoot, row.rms_at_rest]
+    np.testing.assert_array_equal(row.setup_of_30, column)
 
 
-def test_the_horizontal_row_is_the_noise_of_crossed_sensors_at_rest(inputs):
-    rms = linked_loop.horizontal(inputs)["rms_at_rest"].value
-    assert rms == pytest.approx([0.00706, 0.00706], rel=0.2)
+def test_table_7_2_is_slow_without_overshoot_and_rests_in_the_noise_of_crossed_sensors(answers):
+    row = answers("S18_horizontal")
+    assert (row.rise_time > 0.3).all()
+    assert row.rise_time[0] < row.rise_time[1] < 2.0
+    assert (row.overshoot < 3.0).all()
+    assert row.rms_at_rest == pytest.approx([SIDEWAYS_MM] * 2, rel=0.2)
 
 
-def test_the_rows_of_spikes_and_circles_run(inputs):
-    answers = linked_loop.spikes(inputs)
-    assert set(answers.numbers) == {"spike", "with_compensator"}
-    assert answers.numbers["spike"].value > 0
-    assert "gain 0.1" in answers.explanations[""]
-    assert linked_loop.circles(inputs)["vertical_rms"].value[0] > 0.009
+def test_axes_of_a_symmetric_machine_leave_each_other_alone(answers):
+    row = answers("S18_combined")
+    assert row.y_when_x_steps < 0.003
+    assert row.y_when_x_goes_slowly < 0.003
+    assert (row.aside_when_z_steps < 0.003).all()
 
 
-def test_the_block_damps_the_sway_as_its_formula_says(inputs):
+def test_without_saturation_there_are_no_spikes(answers):
+    row = answers("S18_spikes")
+    assert 3 * SENSOR_MM < row.spike < 5 * SENSOR_MM
+    assert row.with_compensator == pytest.approx(row.spike, abs=SENSOR_MM)
+    assert "gain of 0.025 (gone)" in row.words
+
+
+def test_sway_and_block(answers):
+    row = answers("S18_sway")
+    assert 0.1 < row.settling_with_block < 2.0
+    assert 0.3 < row.vertical_settling_near_block < 2.0
+
+
+def test_the_block_damps_the_sway_as_its_formula_says(six):
     """The decay of an open-loop swing without and with the block: (drag + block) / 2 m against the peaks."""
     mass, place = 0.01119, np.array([0.0, 0.0, -0.102])
     block = Plate(3.5e7, 0.05, (0.0, 0.0, -0.109)).damping(tuple(place), (0.0, 0.0, 0.8126))[0, 0]
+    changes = {"start.shift_mm": [0.5, 0.0, 0.0], "signal.0.by": 0.0, "noise.off": True, "duration_s": 3.0}
+    rate = None
     for name, loss in (("horizontal_open_loop", 0.005), ("horizontal_open_loop_plate", 0.005 + block)):
-        changes = {
-            "start.shift_mm": [0.5, 0.0, 0.0],
-            "signal.0.by": 0.0,
-            "noise.off": True,
-            "duration_s": 3.0,
-        }
-        run = simulate(name, changes, field_map=inputs["map"])
-        x = run.sensed[:, 0]
-        spring = 0.01119 * _square_of_rate(simulate("horizontal_open_loop", changes, field_map=inputs["map"]))
-        share = _decay(x, run.time)
-        rate, damping = np.sqrt(spring / mass), loss / (2 * mass)
+        run = simulate(name, changes, field_map=six)
+        rate = rate or _rate(run)
+        damping = loss / (2 * mass)
         wanted = damping if damping < rate else damping - np.sqrt(damping**2 - rate**2)
-        assert share == pytest.approx(wanted, rel=0.1)
+        assert _decay(run.sensed[:, 0], run.time) == pytest.approx(wanted, rel=0.1)
 
 
-def _square_of_rate(run):
-    """Of a swing that hardly decays, from its zeros."""
+def _rate(run):
+    """rad/s of a swing that hardly decays, from its zeros."""
     zeros = run.time[np.flatnonzero(np.diff(np.sign(run.sensed[:, 0])))]
-    return (np.pi / np.diff(zeros).mean()) ** 2
+    return np.pi / np.diff(zeros).mean()
 
 
 def _decay(x, time):
@@ -73,3 +118,75 @@ def _decay(x, time):
     if len(peaks) < 3:
         peaks = np.arange(len(x) // 4, len(x) // 2)
     return -np.polyfit(time[peaks], np.log(size[peaks]), 1)[0]
+
+
+def test_pd_control_rests_where_its_gain_and_the_statics_say(answers, six):
+    row = answers("S18_proportional")
+    kx, ky = shift_per_signal(six, 10.0)
+    # Gain 1 per mm: x = k (wanted - x).
+    np.testing.assert_allclose(
+        row.numbers["x_at_0.9_1.0_0.9"], np.array([0.9, 1.0, 0.9]) * kx / (1 + kx), atol=3e-3
+    )
+    np.testing.assert_allclose(row.numbers["y_at_0.1_and_back"], 0.1 * ky / (1 + ky), atol=3e-3)
+
+
+def test_range_is_what_is_asked_for_where_nothing_bounds_it(answers):
+    row = answers("S18_range", depths_mm=np.array([11.5]))
+    np.testing.assert_allclose(row.range_upper, [15, -15, 15, -15], atol=0.05)
+    assert row.vertical_range == pytest.approx(35.0, abs=1.0)
+    assert "fell out" in row.words
+
+
+def test_the_regulator_scenario_has_the_printed_gains(six):
+    scenario = read_scenario("regulator")
+    experiment = prepare(scenario, six)
+    block = block_of(scenario, "z", experiment.rest)
+    # u = ... - k x / 0.69 on the predicted states: (7-13).
+    gains = 0.69 * np.abs(np.ravel(block.C))
+    for printed in (627.22, 2306.0, 914.07):
+        assert np.min(np.abs(gains / printed - 1)) < 1e-4
+
+
+def test_table_7_3_the_regulator_swings_by_its_whole_step_near_the_block(answers):
+    row = answers("S18_regulator")
+    peak, rise, settling, overshoot = row.regulator
+    assert 0.01 < rise < peak < 0.08
+    assert 0.3 < settling < 1.0
+    assert 70 < overshoot < 130
+    assert row.pid[3] < 0.5 * overshoot
+    assert row.rms_at_rest[0] == pytest.approx(SENSOR_MM, rel=0.15)
+    assert SENSOR_MM < row.rms_at_rest[1] < 0.02
+    assert SENSOR_MM < row.rms_sideways[0] < 0.02
+
+
+def test_table_7_4_the_regulator_needs_the_block(answers):
+    row = answers("S18_heights", further_gaps_mm=np.array([2.0, 20.0]))
+    assert (np.diff(row.rms) > 0).all()
+    assert SENSOR_MM < row.rms[0] < row.rms[-1] < 0.03
+    assert "2 mm: hit the pole; 20 mm: " in row.words
+    assert "held" not in row.words
+
+
+def test_circles_lag_as_their_slow_loop_says_and_keep_the_height_without_saturation(answers, six):
+    row = answers("S19", turns=np.array([0.5, 0.5, 0.25]))
+    assert row.growth == pytest.approx(1.0, abs=0.1)
+    assert row.vertical_rms == pytest.approx(np.full(3, row.rms_at_rest), rel=0.1)
+    np.testing.assert_allclose(row.speed, [0.08, 0.48], rtol=1e-12)
+    # So slow, the plant is its statics: T = k C / (1 + k C), C = Kc (1 + 1 / (Ti s)).
+    for mm, rate in ((0.5, 0.16), (3.0, 0.0502)):
+        loop = shift_per_signal(six, 11.0)[0] * 0.025 * (1 + 1 / (0.36j * rate))
+        expected = -np.rad2deg(np.angle(loop / (1 + loop)))
+        text = row.words.partition(f"{mm:g} mm, {rate:g} rad/s: radius ")[2]
+        share, lag = text.split(" %, ")[0], text.split(" %, ")[1].split(" deg")[0]
+        assert float(lag) == pytest.approx(expected, abs=0.25 + 0.15 * expected)
+        assert float(share) == pytest.approx(100 * (abs(loop / (1 + loop)) - 1), abs=0.4)
+
+
+def test_how_a_circle_is_followed():
+    time = np.arange(0.0, 30.0, 0.01)
+    wanted = 2.0 * np.exp(0.3j * time)
+    path = 0.9 * wanted * np.exp(-1j * np.deg2rad(12.0)) + 0.3
+    plane = (np.column_stack([np.real(z), np.imag(z), 0 * time]) for z in (path, wanted))
+    true, asked = plane
+    found = linked_circles.follows(Readings(None, time, true, true, asked), 0.3, 5.0)
+    assert found == pytest.approx((0.9, 12.0, 0.3), rel=1e-9)

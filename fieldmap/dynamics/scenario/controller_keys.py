@@ -49,7 +49,9 @@ class RegulatorKeys(Table):
     A: Matrix = Field(description="continuous model of the axis, mm and V: states by states")
     B: list[float] = Field(description="input of that model")
     C: list[float] = Field(description="output of that model, mm")
-    Q: list[float] = Field(description="weights of the states and of the integral of the deviation")
+    Q: list[float] | Matrix = Field(
+        description="weights of the states and of the integral of the deviation: their diagonal, or the matrix"
+    )
     R: Positive = Field(description="weight of the input")
     process_noise: Positive = Field(description="variance of the input's disturbance")
     measurement_noise: Positive = Field(description="variance of the measurement, mm^2")
@@ -71,7 +73,8 @@ class RegulatorKeys(Table):
     def _fits(self) -> "RegulatorKeys":
         n = len(self.A)
         square = all(len(row) == n for row in self.A)
-        if not (square and len(self.B) == n == len(self.C) and len(self.Q) == n + 1):
+        weights = all(len(row) == n + 1 for row in self.Q if isinstance(row, list)) and len(self.Q) == n + 1
+        if not (square and len(self.B) == n == len(self.C) and weights):
             received = f"A with {n} rows, B {len(self.B)}, C {len(self.C)}, Q {len(self.Q)}"
             raise broken(
                 "A must be square, B and C as long as it, Q one longer (the integral)",

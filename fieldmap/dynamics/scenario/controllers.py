@@ -49,7 +49,8 @@ def block_of(scenario: Scenario, axis: str, rest: Trim) -> ControllerBlock:
 def _regulator(keys: RegulatorKeys, period: float, limits: tuple[float, float], output: float) -> Regulator:
     A, B, C = np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None]
     wide = with_output_integral(A, B, C)
-    k = lqrd(wide[0], wide[1], np.diag(keys.Q), [[keys.R]], period)
+    weights = np.array(keys.Q)
+    k = lqrd(wide[0], wide[1], np.diag(weights) if weights.ndim == 1 else weights, [[keys.R]], period)
     estimator = kalmd(A, B, C, keys.process_noise, keys.measurement_noise, period)
     equilibrium = (output, 0.0) if keys.equilibrium is None else (keys.equilibrium[0], keys.equilibrium[1])
     return Regulator(

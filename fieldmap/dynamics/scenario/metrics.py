@@ -1,6 +1,7 @@
 """What a run of a scenario is judged by."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from fieldmap.dynamics.outcome import LoopRun
 from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import StepKeys
+from fieldmap.kernels.motion.layout import STATE, VELOCITY
+from fieldmap.kernels.motion.sensing import sensed_point
 
 Array = NDArray[np.float64]
 
@@ -30,7 +33,8 @@ class AxisMetrics:
 @dataclass(frozen=True)
 class RunMetrics:
     """Of a run: its axes; end of it, s; name of the event, "" without one; walls that
-    were met, and "currents" beyond the table of the iron; largest lean, deg and current, A."""
+    were met, and "currents" beyond the table of the iron; largest lean, deg and current, A. At the end or the event:
+    end_mm: sensed point as x, y, depth; end_mm_per_s: velocity along x, y and of the depth; end_A: currents."""
 
     axes: tuple[AxisMetrics, ...]
     end_s: float
@@ -38,6 +42,9 @@ class RunMetrics:
     touched: tuple[str, ...]
     largest_lean_deg: float
     largest_current_A: float
+    end_mm: tuple[float, float, float]
+    end_mm_per_s: tuple[float, float, float]
+    end_A: tuple[float, ...]
 
 
 def reading_mm(scenario: Scenario, points: Array) -> Array:
@@ -50,7 +57,8 @@ def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
     true, seen, wanted = (reading_mm(scenario, p) for p in (run.sensed, run.seen, run.references))
     if not len(run.time):
         nothing = tuple(AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None) for axis in AXES)
-        return RunMetrics(nothing, 0.0, run.event.name if run.event else "", run.touched, 0.0, 0.0)
+        name = run.event.name if run.event else ""
+        return RunMetrics(nothing, 0.0, name, run.touched, 0.0, 0.0, *_end(scenario, run))
     axes = []
     for k, axis in enumerate(AXES):
         error = true[:, k] - wanted[:, k]
@@ -71,19 +79,40 @@ def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
         run.touched,
         float(np.rad2deg(run.tilt.max())),
         float(np.abs(run.currents).max()),
+        *_end(scenario, run),
     )
+
+
+def _end(scenario: Scenario, run: LoopRun) -> tuple[Any, Any, tuple[float, ...]]:
+    """Place and velocity in the reading of the sensors, and currents, at the event or in the last row."""
+    if run.event is not None:
+        state, currents = run.event.state, run.event.currents
+    elif len(run.rows):
+        state, currents = run.rows[-1, :STATE], run.currents[-1]
+    else:
+        return (0.0,) * 3, (0.0,) * 3, ()
+    point = np.empty(3)
+    sensed_point(np.ascontiguousarray(state), run.seen_at, point)
+    speed = state[VELOCITY : VELOCITY + 3] * [1e3, 1e3, -1e3]
+    return tuple(reading_mm(scenario, point).tolist()), tuple(speed.tolist()), tuple(currents.tolist())
 
 
 def _step(scenario: Scenario, time: Array, true: Array, wanted: Array, axis: str) -> StepMetrics | None:
     """Of the first step of an axis whose reference does nothing else until the next."""
-    pieces = [piece for piece in scenario.contents.reference if getattr(piece, "axis", axis) == axis]
+    pieces = [
+        piece
+        for piece in scenario.contents.reference
+        if getattr(piece, "axis", axis) == axis and getattr(piece, "by_mm", None) != 0.0
+    ]
     steps = sorted((piece for piece in pieces if isinstance(piece, StepKeys)), key=lambda piece: piece.at_s)
     if not steps or len(steps) != len(pieces):
         return None
     ends = steps[1].at_s if len(steps) > 1 else np.inf
+    if steps[0].times > 1:
+        ends = min(ends, steps[0].at_s + steps[0].every_s)
     part = (time >= steps[0].at_s - 1e-9) & (time < ends - 1e-9)
     before = true[time < steps[0].at_s - 1e-9]
-    if part.sum() < 20 or steps[0].by_mm == 0.0:
+    if part.sum() < 20:
         return None
     final = float(wanted[part][-1])
     initial = float(before[-1]) if len(before) else final - steps[0].by_mm

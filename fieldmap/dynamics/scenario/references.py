@@ -58,7 +58,8 @@ def _since(time: Array, at: float) -> Array:
 def _one(piece: StepKeys | RampKeys | SineKeys | BinaryKeys, time: Array) -> Array:
     since = _since(time, piece.at_s)
     if isinstance(piece, StepKeys):
-        return np.where(since >= 0.0, piece.by_mm, 0.0)
+        made = np.floor(since / piece.every_s + 1e-9) + 1.0
+        return piece.by_mm * np.clip(made, 0.0, piece.times)
     if isinstance(piece, RampKeys):
         gone = np.clip(since, 0.0, None) * piece.rate_mm_per_s
         return np.sign(piece.by_mm) * np.minimum(gone, abs(piece.by_mm))
@@ -71,11 +72,15 @@ def _one(piece: StepKeys | RampKeys | SineKeys | BinaryKeys, time: Array) -> Arr
 
 
 def _circle(piece: CircleKeys, time: Array) -> Array:
-    """(7-2): the angle grows by rate Ts every period."""
+    """(7-2): out along x to the radius, then the angle grows by rate Ts every period."""
     since = _since(time, piece.at_s)
     angle = piece.rate_rad_per_s * np.clip(since - 1e-9, 0.0, None)
     on = (since >= 0.0)[:, None]
-    return piece.radius_mm * on * np.column_stack([np.cos(angle), np.sin(angle)])
+    path: Array = piece.radius_mm * on * np.column_stack([np.cos(angle), np.sin(angle)])
+    if piece.out_at_s is not None:
+        gone = piece.out_mm_per_s * np.clip(time - piece.out_at_s, 0.0, None)
+        path[:, 0] += np.where(on[:, 0], 0.0, np.minimum(gone, piece.radius_mm))
+    return path
 
 
 def _table(scenario: Scenario, piece: TableKeys, key: str, time: Array) -> Array:

@@ -181,12 +181,14 @@ class StartKeys(Table):
 
 
 class StepKeys(Table):
-    """A step."""
+    """A step, or equal steps one after the other."""
 
     kind: Literal["step"] = Field(description="a step")
     axis: Literal["x", "y", "depth"] = Field(description="whose reference")
     at_s: NotNegative = Field(description="when")
     by_mm: float = Field(description="by how much")
+    times: Annotated[int, Field(ge=1)] = Field(default=1, description="how many of them")
+    every_s: Positive = Field(default=1.0, description="time from one to the next")
 
 
 class RampKeys(Table):
@@ -225,8 +227,12 @@ class CircleKeys(Table):
 
     kind: Literal["circle"] = Field(description="a circle in x and y")
     at_s: NotNegative = Field(
-        default=0.0, description="when it begins; the reference moves to x = radius there"
+        default=0.0, description="when it begins; the reference is at x = radius from there on"
     )
+    out_at_s: NotNegative | None = Field(
+        default=None, description="when it leaves for x = radius; at at_s, in one step, unless given"
+    )
+    out_mm_per_s: Positive = Field(default=1.0, description="how fast it goes there")
     radius_mm: Positive = Field(description="radius")
     rate_rad_per_s: float = Field(description="angular velocity")
 

@@ -1,0 +1,60 @@
+"""S18: the optimal regulator of 7.4 on the linked machine: Tables 7-3 and 7-4."""
+
+from typing import Any
+
+from fieldmap.thesis.linked_runs import DEPTH, VERTICAL_PID, Readings, X, ours, over_time, run_of
+from fieldmap.thesis.registry import Answers
+
+
+def regulator(inputs: dict[str, Any]) -> Answers:
+    """Table 7-3, and 7.4.1 on horizontal motion."""
+    pid = run_of(inputs, "vertical_step")
+    near = run_of(
+        inputs, "regulator", {"control.z": VERTICAL_PID, "reference.0.by_mm": 0.0, "start.depth_mm": 12.9}
+    )
+    best, quiet = run_of(inputs, "regulator"), run_of(inputs, "regulator", {"noise.off": True})
+    sides = {
+        "regulator": run_of(inputs, "regulator_sideways"),
+        "PID": run_of(inputs, "regulator_sideways", {"control.z": VERTICAL_PID}),
+    }
+    numbers: dict[str, Any] = {}
+    for name, run in (("pid", pid), ("regulator", quiet)):
+        step = run.step(DEPTH)
+        column = [step.peak_time, step.rise_time, step.settling_time, 100 * step.overshoot]
+        numbers[name] = ours(column, run)
+    numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
+    numbers["rms_sideways"] = ours([run.rms(DEPTH, 1.0) for run in sides.values()], *sides.values())
+    curves = (
+        over_time(
+            "Fig. 7-32: step from 13 to 12.9 mm, regulator",
+            DEPTH,
+            {"regulator": best, "without noise": quiet},
+            begin=0.9,
+            end=2.5,
+        ),
+        over_time("Figs 7-36, 7-38: the height while x and y step", DEPTH, dict(reversed(sides.items()))),
+        over_time("Figs 7-35, 7-37: x meanwhile", X, sides),
+    )
+    return Answers(numbers, curves, {})
+
+
+def heights(inputs: dict[str, Any]) -> Answers:
+    """Table 7-4, and how far from the block the regulator holds."""
+    face = inputs["block_below_mm"]
+    runs = [
+        run_of(inputs, "regulator", {"reference.0.by_mm": 0.0, "start.depth_mm": float(face - gap)})
+        for gap in inputs["gaps_mm"]
+    ]
+    numbers = {"rms": ours([run.rms(DEPTH, 1.0) for run in runs], *runs)}
+    said = []
+    for gap in inputs["further_gaps_mm"]:
+        run = run_of(inputs, "regulator", {"start.depth_mm": float(face - gap), "duration_s": 6.0})
+        event = run.run.metrics.event
+        said.append(f"{gap:g} mm: {event or _held(run)}")
+    words = f"Farther from the block, after a step of 0.1 mm: {'; '.join(said)}."
+    return Answers(numbers, (), {"": words})
+
+
+def _held(run: Readings) -> str:
+    last = run.departure(DEPTH, 0.75 * run.time[-1])
+    return f"held within {last:.2f} mm" if last < 1.0 else f"swings by {last:.1f} mm"

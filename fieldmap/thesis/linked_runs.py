@@ -1,0 +1,118 @@
+"""Runs of the shipped scenarios for rows S18 and S19: made, read in mm, judged, drawn."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.control import StepMetrics
+from fieldmap.dynamics import ScenarioRun, simulate
+from fieldmap.dynamics.scenario import reading_mm
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Ours
+
+Array = NDArray[np.float64]
+
+X, Y, DEPTH = 0, 1, 2
+LABELS = ("x (mm)", "y (mm)", "depth (mm)")
+VERTICAL_PID = {"kind": "pid", "Kc": 0.334, "Ti_s": 0.42, "Td_s": 0.06, "lower": 0.0, "upper": 10.0}
+"""7.2.1, its times taken as minutes."""
+# Of a line in a figure: more points than the picture has across are not seen.
+_MOST_POINTS = 700
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """A run as the thesis's figures show it: time (r,), s; true, seen and wanted (r, 3) x, y, depth, mm."""
+
+    run: ScenarioRun
+    time: Array
+    true: Array
+    seen: Array
+    wanted: Array
+
+    def during(self, begin: float, end: float = np.inf) -> NDArray[np.bool_]:
+        """Rows (r,) from `begin` to `end`, s."""
+        return (self.time >= begin - 1e-9) & (self.time < end)
+
+    def rms(self, axis: int, begin: float, end: float = np.inf) -> float:
+        """Root mean square of what the sensors show against the reference, mm."""
+        rows = self.during(begin, end)
+        return float(np.sqrt(np.mean((self.seen - self.wanted)[rows, axis] ** 2)))
+
+    def departure(self, axis: int, begin: float, end: float = np.inf) -> float:
+        """Largest distance of what the sensors show from the reference at `begin`, mm."""
+        rows = self.during(begin, end)
+        return float(np.abs(self.seen[rows, axis] - self.wanted[rows, axis][0]).max())
+
+    def mean(self, axis: int, begin: float, end: float) -> float:
+        """Of what the sensors show, mm."""
+        return float(self.seen[self.during(begin, end), axis].mean())
+
+    def step(self, axis: int) -> StepMetrics:
+        """Of the first step of an axis, from the true position."""
+        found = self.run.metrics.axes[axis].step
+        assert found is not None
+        return found
+
+
+def run_of(inputs: Mapping[str, Any], scenario: str, changes: Mapping[str, Any] | None = None) -> Readings:
+    """A shipped scenario on the row's map."""
+    run = simulate(scenario, dict(changes or {}), field_map=inputs["map"])
+    true, seen, wanted = (reading_mm(run.scenario, p) for p in (run.sensed, run.seen, run.references))
+    return Readings(run, run.time, true, seen, wanted)
+
+
+def ours(value: Any, *readings: Readings) -> Ours:
+    """A number with everything that its runs rest on."""
+    names = dict.fromkeys(f"`{one.run.scenario.path.stem}`" for one in readings)
+    word = "scenario" if len(names) == 1 else "scenarios"
+    texts = [f"{word} {', '.join(names)}, whose files name every choice; controller times taken as minutes"]
+    return Ours(value, tuple(dict.fromkeys([*texts, *(a for one in readings for a in one.run.assumptions)])))
+
+
+def over_time(
+    title: str,
+    axis: int,
+    readings: Mapping[str, Readings],
+    *,
+    begin: float = 0.0,
+    end: float = np.inf,
+    remark: str = "",
+    asked: bool = True,
+) -> Curves:
+    """One axis of one or more runs as the sensors show it, and what they were asked for."""
+    series: list[Series] = []
+    for name, one in readings.items():
+        rows = _thinned(one.during(begin, end))
+        series.append(Series(name, one.time[rows], one.seen[rows, axis]))
+    if asked:
+        series += _asked(axis, readings, begin, end)
+    return Curves(title, "time (s)", LABELS[axis], tuple(series), remark)
+
+
+def _asked(axis: int, readings: Mapping[str, Readings], begin: float, end: float) -> list[Series]:
+    """Each reference once."""
+    series: dict[bytes, Series] = {}
+    for one in readings.values():
+        rows = _thinned(one.during(begin, end))
+        line = Series("asked for", one.time[rows], one.wanted[rows, axis])
+        series.setdefault(line.y[:: max(1, len(line.y) // 20)].tobytes(), line)
+    return list(series.values())
+
+
+def in_the_plane(title: str, readings: Mapping[str, Readings], begin: float, remark: str = "") -> Curves:
+    """x against y as the sensors show them, and what was asked for."""
+    series = []
+    for name, one in readings.items():
+        rows = _thinned(one.during(begin))
+        series.append(Series(name, one.seen[rows, X], one.seen[rows, Y]))
+        series.append(Series("asked for", one.wanted[rows, X], one.wanted[rows, Y]))
+    return Curves(title, LABELS[X], LABELS[Y], tuple(series), remark, equal=True)
+
+
+def _thinned(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
+    chosen = np.flatnonzero(rows)
+    return chosen[:: max(1, -(-len(chosen) // _MOST_POINTS))]

@@ -1,0 +1,132 @@
+"""S18: sway and block of 6.1, PD and PID of 6.5 and 6.6, range of 7.2.3, on the linked machine."""
+
+from typing import Any
+
+import numpy as np
+
+from fieldmap.thesis.linked_runs import DEPTH, Readings, X, Y, ours, over_time, run_of
+from fieldmap.thesis.registry import Answers
+
+UPWARD = {"reference.0.by_mm": -10.0}
+BEYOND = {"coils.end_beyond_table": False, "reference.0.by_mm": 40.0, "duration_s": 25.0}
+
+
+def sway(inputs: dict[str, Any]) -> Answers:
+    """6.1: a step in open loop without and with the block; the height near the block."""
+    free = run_of(inputs, "horizontal_open_loop")
+    block = run_of(inputs, "horizontal_open_loop_plate")
+    plate = block.run.scenario.contents.plate
+    assert plate is not None
+    near = run_of(inputs, "vertical_step", {"plate": {**plate.model_dump(), "face_mm": [0.0, 0.0, -110.0]}})
+    far = run_of(inputs, "vertical_step")
+    rest = float(np.mean(block.true[block.during(0.75 * block.time[-1]), X]))
+    numbers = {
+        "settling_with_block": ours(_reaches(block, rest), block),
+        "vertical_settling_near_block": ours(near.step(DEPTH).settling_time, near),
+    }
+    last = 0.75 * free.time[-1]
+    swings = [float(np.ptp(run.true[run.during(last), X])) / 2 for run in (free, block)]
+    words = (
+        f"In the last quarter of the run x still swings by {swings[0]:.2f} mm to either side without the block, "
+        f"by {swings[1]:.3f} mm with it, as Figs 6-1 and 6-2 show. The block slows the height too in ours: its "
+        f"step rises in {near.step(DEPTH).rise_time:.3f} s near it and in {far.step(DEPTH).rise_time:.3f} s "
+        "without, where Fig. 6-3 shows little difference: a plate without edges under the magnet takes more than "
+        "the rig's block did."
+    )
+    curves = (
+        over_time("Fig. 6-1: step of the x signal, no block", X, {"no block": free}, asked=False),
+        over_time("Fig. 6-2: the same above the block", X, {"above the block": block}, asked=False),
+        over_time(
+            "Fig. 6-3: step of the height by 1 mm",
+            DEPTH,
+            {"no block": far, "block": near},
+            begin=0.8,
+            end=3.5,
+        ),
+    )
+    return Answers(numbers, curves, {"": words})
+
+
+def _reaches(run: Readings, rest: float, band: float = 0.05) -> float:
+    """Time from the signal's step at 1 s until x stays within 5 % of its way, s."""
+    begin = float(run.true[run.during(0.0, 1.0), X].mean())
+    away = np.abs(run.true[:, X] - rest) > band * abs(rest - begin)
+    return float(run.time[np.flatnonzero(away)[-1]] - 1.0) if away.any() else 0.0
+
+
+def proportional(inputs: dict[str, Any]) -> Answers:
+    """6.5: where a PD controller lets the magnet rest, out and back."""
+    x = run_of(inputs, "horizontal_pd")
+    gains = x.run.scenario.contents.control.x.model_dump(exclude_none=True)
+    changes = {
+        "control.y": gains,
+        "control.x": {"kind": "constant"},
+        "start.y_mm": 0.0,
+        "reference.0.axis": "y",
+        "reference.1.axis": "y",
+    }
+    y = run_of(inputs, "horizontal_pd", changes)
+    numbers = {
+        "x_at_0.9_1.0_0.9": ours([_held_at(x, X, k) for k in (9, 10, 11)], x),
+        "y_at_0.1_and_back": ours([_held_at(y, Y, k) for k in (1, 19)], y),
+    }
+    words = (
+        "Ours comes back to the same places: iron without hysteresis, so what remains between the way out and "
+        "back is noise. The share of a step that PD control leaves open is 1 / (1 + gain times shift per signal)."
+    )
+    curves = (
+        over_time("Figs 6-11, 6-12: x under PD control", X, {"x": x}),
+        over_time("Figs 6-14 to 6-16: y under PD control", Y, {"y": y}),
+    )
+    return Answers(numbers, curves, {"": words})
+
+
+def _held_at(run: Readings, axis: int, steps: int) -> float:
+    """Mean of the last 0.7 s after so many of the ten steps out and ten back, every 1.5 s, mm."""
+    end = 2.0 + 1.5 * steps
+    return run.mean(axis, end - 0.7, end - 0.01)
+
+
+def reach(inputs: dict[str, Any]) -> Answers:
+    """7.2.3: how far slow references lead the magnet."""
+    numbers: dict[str, Any] = {}
+    curves = []
+    for name, depth in zip(("upper", "lower"), inputs["depths_mm"], strict=False):
+        ways = _ways(inputs, float(depth))
+        numbers[f"range_{name}"] = ours([_farthest(way, run) for way, run in ways.items()], *ways.values())
+        for axis, letter in ((X, "x"), (Y, "y")):
+            pair = {way: run for way, run in ways.items() if way[1] == letter}
+            curves.append(over_time(f"Slowly out along {letter} at {depth:g} mm", axis, pair))
+    down, up = run_of(inputs, "range_vertical"), run_of(inputs, "range_vertical", UPWARD)
+    on = run_of(inputs, "range_vertical", BEYOND)
+    numbers["vertical_range"] = ours(float(down.true[:, DEPTH].max() - up.true[:, DEPTH].min()), down, up)
+    words = (
+        f"Downward the map's currents, certified to 2.2 A, end at {down.true[:, DEPTH].max():.1f} mm; with the "
+        f"table continued the magnet is led to {on.true[:, DEPTH].max():.1f} mm, "
+        f"{on.run.metrics.event or 'the end of the run'}, at {on.run.metrics.largest_current_A:.2f} A of "
+        f"3.55 A. Upward it comes to {up.true[:, DEPTH].min():.1f} mm."
+    )
+    curves.append(over_time("Slowly down and up", DEPTH, {"down": on, "up": up}))
+    return Answers(numbers, tuple(curves), {"vertical_range": words})
+
+
+def _ways(inputs: dict[str, Any], depth: float) -> dict[str, Readings]:
+    """Out to each of four sides, 2 mm above the block as everywhere."""
+    ways = {}
+    for axis, sign in (("x", "+"), ("x", "-"), ("y", "+"), ("y", "-")):
+        changes = {
+            "start.depth_mm": depth,
+            "plate.face_mm": [0.0, 0.0, -(99.0 + depth)],
+            "reference.0.axis": axis,
+            "reference.0.by_mm": float(f"{sign}15"),
+        }
+        ways[sign + axis] = run_of(inputs, "range_sideways", changes)
+    return ways
+
+
+def _farthest(way: str, run: Readings) -> float:
+    """Farthest true place along a way, while the height is within 1 mm, mm, with the way's sign."""
+    axis, sign = "xy".index(way[1]), 1.0 if way[0] == "+" else -1.0
+    held = np.abs(run.true[:, DEPTH] - run.wanted[:, DEPTH]) < 1.0
+    end = len(held) if held.all() else int(np.argmin(held))
+    return sign * float((sign * run.true[:end, axis]).max())
