@@ -57,9 +57,10 @@ def _reaches(run: Readings, rest: float, band: float = 0.05) -> float:
 def proportional(inputs: dict[str, Any]) -> Answers:
     """6.5: where a PD controller lets the magnet rest, out and back."""
     x = run_of(inputs, "horizontal_pd")
-    gains = x.run.scenario.contents.control.x.model_dump(exclude_none=True)
+    controller = x.run.scenario.contents.control.x
+    assert controller is not None
     changes = {
-        "control.y": gains,
+        "control.y": controller.model_dump(exclude_none=True),
         "control.x": {"kind": "constant"},
         "start.y_mm": 0.0,
         "reference.0.axis": "y",
