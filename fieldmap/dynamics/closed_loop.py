@@ -168,14 +168,14 @@ def simulate_closed_loop(
     n, m = machine.drive.coils, controller.outputs
     _check_fit(machine, controller, amperes)
     rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))
-    plant = machine.plant(schedule.step)
+    plant, inverse = machine.plant(schedule.step), controller.inverse(begin)
     event, steps, filled, touched = closed_loop(
         schedule.clock,
         plant,
         machine.sensors.numbers,
         controller.arrays,
         allocation_numbers(machine.allocation, n, m),
-        controller.inverse(begin),
+        inverse,
         machine.end_numbers(schedule.period),
         _signals(machine, schedule, n, m, seed),
         (begin, amperes, controller.memory.copy()),
@@ -190,6 +190,7 @@ def simulate_closed_loop(
         event=event_of(event, steps * schedule.step, begin, amperes),
         touched=tuple(name for name, bit in CONTACTS.items() if touched & bit),
         assumptions=machine.assumptions,
+        forces=inverse[0] > 0,
     )
 
 

@@ -41,7 +41,7 @@ class LoopRun:
     time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
     outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
     "currents" if they were ever beyond the table of saturating iron. seen_at (3,): the
-    sensed point in the body.
+    sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes.
     """
 
     time: Array
@@ -52,6 +52,7 @@ class LoopRun:
     event: Event | None
     touched: tuple[str, ...]
     assumptions: tuple[str, ...]
+    forces: bool
 
     @property
     def position(self) -> Array:

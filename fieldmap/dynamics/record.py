@@ -20,7 +20,9 @@ def recorded(run: LoopRun, coil_names: tuple[str, ...], about: dict[str, object]
         "reference": (run.references, "m", "x, y, z of the sensed point"),
         "currents": (run.currents, "A", coils),
         "commanded": (run.commanded, "A", coils),
-        "outputs": (run.outputs, "V, 1, 1", "lift, x signal, y signal"),
+        "outputs": (run.outputs, "N", "x, y, z of the force that is asked for")
+        if run.forces
+        else (run.outputs, "V, 1, 1", "lift, x signal, y signal"),
     }
     event = run.event
     ended: dict[str, object] = {"event": "", "end_s": float(run.time[-1]) if len(run.time) else 0.0}

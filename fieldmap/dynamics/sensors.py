@@ -24,8 +24,8 @@ class Sensors:
     frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the
     third reads 0, m; it reads downward. deviations (3,): noise of what each shows, m. rigs: measuring chain of each.
     voltage_noise: of their input converters, V. scan_rate: 1/s, 0 for sensors that show what is at each sample;
-    averages, latency: as in `Micrometer`. measured_with: averages with which the deviations were measured; those that
-    are set unless given.
+    averages, one number for all or one for each, latency: as in `Micrometer`. measured_with: averages with which the
+    deviations were measured; those that are set unless given.
     """
 
     frame: SensorFrame | None = None
@@ -34,7 +34,7 @@ class Sensors:
     rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
     voltage_noise: float = 0.0
     scan_rate: float = 0.0
-    averages: int = 1
+    averages: int | tuple[int, int, int] = 1
     latency: int = 0
     measured_with: int | None = None
     assumptions: tuple[str, ...] = field(default=())
@@ -48,7 +48,14 @@ class Sensors:
             latency=self.latency,
             **{f"deviations[{k}]": value for k, value in enumerate(self.deviations)},
         )
-        check_count("Sensors", averages=self.averages, measured_with=self.measured_with or 1)
+        counts = {f"averages[{k}]": number for k, number in enumerate(self.means)}
+        check_count("Sensors", **counts, measured_with=self.measured_with or 1)
+
+    @property
+    def means(self) -> tuple[int, int, int]:
+        """Averages of each sensor."""
+        given = self.averages
+        return given if isinstance(given, tuple) else (given, given, given)
 
     @property
     def numbers(self) -> tuple[Any, ...]:
@@ -60,13 +67,14 @@ class Sensors:
                 into[:2, k] = (self.frame.to_local(np.eye(3)[k]) - self.frame.to_local(np.zeros(3)))[:2]
         chains = np.array([_ideal() if rig is None else rig.chain for rig in self.rigs])
         period = 1.0 / self.scan_rate if self.scan_rate else 0.0
-        scan = np.array([period, float(self.averages), float(self.latency)])
+        scan = np.array([period, float(self.latency), *map(float, self.means)])
         return into, shift, chains, np.ascontiguousarray(np.linalg.inv(into)), scan
 
     @property
     def scan_deviations(self) -> Array:
         """Noise of one scan (3,), m: white, so that the mean of n has it over the root of n."""
-        return np.sqrt(self.measured_with or self.averages) * np.asarray(self.deviations)
+        with_how_many = (self.measured_with,) * 3 if self.measured_with else self.means
+        return np.sqrt(with_how_many) * np.asarray(self.deviations)
 
     def scans(self, duration: float) -> int:
         """How many scans fall into a run."""

@@ -144,6 +144,13 @@ def test_scans_come_late_and_averaged_as_the_micrometer_says(machine):
     assert np.abs(found.seen[:, 0] - found.sensed[:, 0]).max() > 5e-5
 
 
+def test_averaging_takes_noise_by_the_root_of_the_scans(machine):
+    """Deviations measured with one scan, sensors that show the mean of 9, of 16, of 1."""
+    seeing = Sensors(None, 0.0, (6e-6, 8e-6, 5e-6), scan_rate=5e4, averages=(9, 16, 1), measured_with=1)
+    noisy = run(replace(machine, sensors=seeing), seed=3, samples=3000)
+    np.testing.assert_allclose((noisy.seen - noisy.sensed).std(axis=0), [2e-6, 2e-6, 5e-6], rtol=0.06)
+
+
 def test_currents_follow_resistance_and_inductance_within_the_supply(machine):
     """A step of the command of 0.8 A: 40 V raise it at (40 - R i) / L, as far as the amplifier asks."""
     R, L = 4.25, 29e-3

@@ -35,7 +35,7 @@ from fieldmap.dynamics import (
 )
 from fieldmap.dynamics.linear import moved_state, sampled_machine, sensor_answer
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.instruments import Amplifier, Micrometer, watch
+from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
 from fieldmap.lookup import open_map
 
 MASS, MOMENT, PERIOD, GAIN = 0.01, 0.8, 2e-3, 0.4
@@ -205,7 +205,11 @@ def test_what_scanning_sensors_show_of_a_sine_is_what_the_micrometer_shows():
     )
     part = time > 1.0
     answer = 2j * np.mean(shown[part] * np.exp(-1j * rate * time[part]))
-    assert answer == pytest.approx(sensor_answer(sensors, rate), abs=0.02)
+    np.testing.assert_allclose(sensor_answer(sensors, rate), answer * np.eye(3), atol=0.02)
+    # The third alone: crossed sensors that show what is at each scan, and the depth as before.
+    crossed = Sensors(SensorFrame(np.pi / 4, offset=0.0), scan_rate=1200.0, averages=(1, 1, n), latency=2)
+    assert sensor_answer(crossed, rate)[2, 2] == pytest.approx(answer, abs=0.02)
+    assert abs(sensor_answer(crossed, rate)[0, 0]) > abs(answer)
 
 
 def command(*words):

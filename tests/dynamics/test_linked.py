@@ -206,6 +206,10 @@ def test_controllers_of_all_axes_hold_and_follow(six, name):
     assert run.event is None
     error = 1e3 * np.abs(run.sensed - run.references)[-300:].max(axis=0)
     assert error.max() < 0.05
+    assert run.forces == (name == "circle_linearised")
+    if run.forces:
+        weight = 0.01119 * 9.80665
+        np.testing.assert_allclose(run.outputs.mean(axis=0), [0.0, 0.0, weight], atol=0.02 * weight)
 
 
 def test_without_the_block_the_regulator_damps_what_the_pid_lets_sway(six):

@@ -128,11 +128,17 @@ def margins(
     return [_margins_of(name, frequencies, curve) for name, curve in zip(names, curves.T, strict=True)]
 
 
-def sensor_answer(sensors: Sensors, rate: float) -> complex:
-    """What sensors that scan show of a sine of this angular frequency, 1/s, as a factor."""
+def sensor_answer(sensors: Sensors, rate: float) -> Complex:
+    """What scanning sensors show of a sine of this angular frequency, 1/s: (3, 3), from where the body is to what is
+    seen, (36) for each sensor along its own axis."""
     if not sensors.scan_rate:
-        return 1.0 + 0.0j
-    scan, n = 1.0 / sensors.scan_rate, sensors.averages
+        return np.eye(3)
+    into, _, _, back, _ = sensors.numbers
+    return np.asarray(back @ np.diag([_mean_of_scans(sensors, n, rate) for n in sensors.means]) @ into)
+
+
+def _mean_of_scans(sensors: Sensors, n: int, rate: float) -> complex:
+    scan = 1.0 / sensors.scan_rate
     mean = np.exp(-1j * rate * scan * np.arange(n)).mean()
     # Shown from one mean to the next: a hold of n scans, sampled at any moment of it.
     half = 0.5 * rate * n * scan
@@ -148,8 +154,8 @@ def _opened(loop: ClosedLoop, rate: float, sensors: Sensors | None) -> Complex:
     )
     inner = k.A + k.E @ k.C
     control = k.D[:, 3:6] + k.C @ np.linalg.solve(q * np.eye(len(inner)) - inner, (k.B + k.E @ k.D)[:, 3:6])
-    shown = 1.0 if sensors is None else sensor_answer(sensors, rate)
-    sensitivity = np.linalg.inv(np.eye(k.outputs) - shown * control @ plant)
+    shown = np.eye(3) if sensors is None else sensor_answer(sensors, rate)
+    sensitivity = np.linalg.inv(np.eye(k.outputs) - control @ shown @ plant)
     return 1.0 / np.diag(sensitivity) - 1.0
 
 

@@ -110,7 +110,9 @@ def _sensors(scenario: Scenario) -> Sensors:
         (rig, rig, rig),
         keys.input_noise_V,
         keys.scan_rate_Hz,
-        keys.averages,
+        keys.averages
+        if isinstance(keys.averages, int)
+        else (keys.averages[0], keys.averages[1], keys.averages[2]),
         keys.latency_scans,
         keys.deviation_averages,
     )

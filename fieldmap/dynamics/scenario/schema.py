@@ -19,6 +19,7 @@ from fieldmap.dynamics.scenario.controller_keys import AxisController, Feedforwa
 
 FORMAT = 1
 
+Count = Annotated[int, Field(ge=1)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
@@ -126,7 +127,9 @@ class SensorKeys(Table):
     )
     input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
     scan_rate_Hz: NotNegative = Field(default=0.0, description="0: shows what is at each sample")
-    averages: Annotated[int, Field(ge=1)] = Field(default=1, description="scans whose mean is shown")
+    averages: Count | Annotated[list[Count], Field(min_length=3, max_length=3)] = Field(
+        default=1, description="scans whose mean is shown; one number, or one for each sensor"
+    )
     deviation_averages: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="averages with which deviation_mm was measured; `averages` unless given"
     )
