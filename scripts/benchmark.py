@@ -4,8 +4,8 @@
 
 Sections: kernels (nanoseconds per point, beside magpylib), iron (error against seconds and unknowns for an iron disk,
 beside magpylib-material-response: the extra `bench`), controllers (steps per second), lookup (a field from a map,
-beside five interpolation libraries of the same extra) generation (points times coils per second, beside magpylib) and
-dynamics (a levitated magnet in closed loop, times real time).
+beside five interpolation libraries of the same extra) generation (points times coils per second, beside magpylib),
+dynamics (a levitated magnet in closed loop, times real time) and app (what follows a slider of `fieldmap app`).
 Prints figures, not verdicts:
 the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
 
@@ -33,6 +33,7 @@ SECTIONS = {
     "lookup": "benchmarks.lookup",
     "generation": "benchmarks.generation",
     "dynamics": "benchmarks.dynamics",
+    "app": "benchmarks.app",
 }
 
 

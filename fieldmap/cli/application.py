@@ -7,6 +7,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from fieldmap.cli import (
+    app,
     check,
     equilibrium,
     export,
@@ -43,7 +44,7 @@ COMMANDS: dict[str, Entry] = {
     "show": Entry(
         show.show,
         "fieldmap show drive_unit --what iron --currents 1.5 --save iron.png",
-        "Pictures of a device, its iron, or its field.",
+        "Pictures of a device, its iron, its field, or a run.",
         DEVICES,
     ),
     "schema": Entry(
@@ -69,6 +70,12 @@ COMMANDS: dict[str, Entry] = {
         export.export,
         "fieldmap export maps/out/workspace.h5 --to c -o workspace.fmap",
         "A map for C, ParaView, CSV or mag_manip.",
+        MAPS,
+    ),
+    "app": Entry(
+        app.app,
+        "fieldmap app maps/out/workspace.h5",
+        "A map with sliders: field, force and equilibrium follow the currents.",
         MAPS,
     ),
     "equilibrium": Entry(
@@ -98,7 +105,7 @@ COMMANDS: dict[str, Entry] = {
 
 def application() -> typer.Typer:
     """A new application with every command; each help text ends with an example."""
-    app = typer.Typer(
+    commands = typer.Typer(
         name="fieldmap",
         cls=Group,
         help="Fields, gradients and forces of coils with soft iron, without finite elements.",
@@ -109,9 +116,9 @@ def application() -> typer.Typer:
         rich_markup_mode="rich",
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    app.callback()(_common)
+    commands.callback()(_common)
     for name, entry in COMMANDS.items():
-        app.command(
+        commands.command(
             name=name,
             cls=Command,
             help=paragraphs(entry.call),
@@ -119,7 +126,7 @@ def application() -> typer.Typer:
             epilog=f"Example: {entry.example}",
             rich_help_panel=entry.part,
         )(entry.call)
-    return app
+    return commands
 
 
 def _print_version(wanted: bool) -> None:

@@ -63,12 +63,12 @@ def show(
     from fieldmap.cli.opening import is_map
     from fieldmap.cli.shown_sources import Request, gather, gather_run
     from fieldmap.store import is_run_file
-    from fieldmap.view.scenes import MOVIES, check_format, check_scene
+    from fieldmap.view.scenes import FORMATS, MOVIES, check_format, check_scene
 
     of_map = is_map(source)
     recorded = of_map and is_run_file(source)
     if save is not None:
-        check_format(save, moves=recorded)
+        check_format(save, (*MOVIES, *FORMATS) if recorded else FORMATS)
     choice = checked_choice(mu_r, nonlinear, refinement, "auto")
     chosen = what or _usual(of_map, recorded, minus)
     check_scene(chosen, quantity)

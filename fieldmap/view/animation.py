@@ -171,9 +171,9 @@ def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     settings["scalar_bar_args"] |= {
         "title_font_size": 16,
         "label_font_size": 14,
-        "position_y": 0.3,
+        "position_y": 0.22,
         "height": 0.4,
-        "position_x": 0.8,
+        "position_x": 0.84,
     }
     surfaces: list[pv.PolyData] = []
     for coil in run.device.coils:

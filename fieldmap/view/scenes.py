@@ -129,9 +129,9 @@ def save_scene(
     return target
 
 
-def check_format(path: Path, moves: bool = False) -> None:
-    """The ending must be one of FORMATS, or one of MOVIES if the scene moves."""
-    _check_choice("save", path.suffix, (*MOVIES, *FORMATS) if moves else FORMATS)
+def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
+    """The ending must be one of `formats`."""
+    _check_choice("save", path.suffix, formats)
 
 
 def _check_choice(name: str, given: str, known: tuple[str, ...]) -> None:

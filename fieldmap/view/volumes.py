@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -95,7 +94,7 @@ def sampled_box(shown: Shown, quantity: Quantity, points: int) -> pv.ImageData:
     return grid
 
 
-def _draw_planes(scene: pv.Plotter, planes: list[Any], title: str) -> None:
+def _draw_planes(scene: pv.Plotter, planes: list[pv.ImageData], title: str) -> None:
     settings = colour_bar(title, np.concatenate([plane[title] for plane in planes]))
     for plane in planes:
         scene.add_mesh(
@@ -108,8 +107,17 @@ def _draw_planes(scene: pv.Plotter, planes: list[Any], title: str) -> None:
         )
 
 
-def _planes(shown: Shown, quantity: Quantity) -> list[Any]:
+def _planes(shown: Shown, quantity: Quantity) -> list[pv.ImageData]:
     lower, upper = _inside(shown)
+    planes = planes_of_box(lower, upper)
+    for plane in planes:
+        points = np.clip(np.asarray(plane.points) / MM, lower, upper)
+        plane[quantity.title] = quantity.values(shown, points)
+    return planes
+
+
+def planes_of_box(lower: Array, upper: Array) -> list[pv.ImageData]:
+    """Grids in mm on the planes x = middle, y = middle and z = floor of a box with corners (3,) in m."""
     middle = 0.5 * (lower + upper)
     planes = []
     for axis, at in ((0, middle[0]), (1, middle[1]), (2, lower[2])):
@@ -117,9 +125,7 @@ def _planes(shown: Shown, quantity: Quantity) -> list[Any]:
         counts[axis] = 1
         spacing = MM * (upper - lower) / (SLICE_POINTS - 1)
         origin = MM * np.where(np.arange(3) == axis, at, lower)
-        grid = pv.ImageData(dimensions=counts, spacing=spacing, origin=origin)
-        grid[quantity.title] = quantity.values(shown, np.clip(np.asarray(grid.points) / MM, lower, upper))
-        planes.append(grid)
+        planes.append(pv.ImageData(dimensions=counts, spacing=spacing, origin=origin))
     return planes
 
 

@@ -183,7 +183,10 @@ def threads_gain(data: MapData, count: int) -> dict[str, float]:
                 work()
                 seconds[way].append(elapsed(work, 8))
     one_s, two_s, apart_s = (np.array(seconds[way]) for way in ways)
-    return {"gain": float(np.median(one_s / two_s)), "gain_of_independent_callers": float(np.median(one_s / apart_s))}
+    return {
+        "gain": float(np.median(one_s / two_s)),
+        "gain_of_independent_callers": float(np.median(one_s / apart_s)),
+    }
 
 
 def elapsed(work: Callable[[], object], calls: int) -> float:

@@ -1,0 +1,53 @@
+"""`fieldmap app`: a map with sliders."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def app(
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
+    current_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--current-limit",
+            help="Ends of the sliders of a linear map, A; the driver's limit unless given. A map of saturating iron "
+            "has its own.",
+        ),
+    ] = None,
+    force_scale: Annotated[
+        float,
+        typer.Option("--force-scale", help="What every force is multiplied by, from a calibration."),
+    ] = 1.0,
+    payload_of: Annotated[
+        str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE", help="A picture (.png) of how it begins; no window."),
+    ] = None,
+) -> None:
+    """Open a window with sliders for the currents of a map: field, force and equilibrium follow."""
+    from fieldmap.cli.opening import check_map_path, open_device, recorded_driver, recorded_payload
+    from fieldmap.lookup import open_map
+    from fieldmap.view.live_window import LiveWindow
+    from fieldmap.view.scenes import check_format
+
+    if save is not None:
+        check_format(save, (".png",))
+    opened = open_map(check_map_path(map_file))
+    record = opened.info.provenance
+    payload = recorded_payload(record.device_text) if payload_of is None else open_device(payload_of).payload
+    driver = recorded_driver(record.device_text)
+    limit = current_limit or (3.0 if driver is None else driver.current_limit)
+    scaled = "" if force_scale == 1.0 else f", forces times {force_scale:g} (calibration)"
+    title = f"{Path(map_file).name}: {record.title}{scaled}"
+    window = LiveWindow(opened, payload, limit, force_scale, title, off_screen=save is not None)
+    if save is None:
+        window.show()
+    else:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        window.scene.screenshot(str(save))
+        window.scene.close()
+        print(save)
