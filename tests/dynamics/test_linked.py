@@ -38,7 +38,13 @@ WEIGHTS = GaussianWeights(
     (5e-4, 5e-4, 2e-3),
 )
 # Without the block and what is not linear.
-PLAIN = {"reference.0.by_mm": 0.0, "noise.off": True, "coils.output_bits": None, "sensors.angle_deg": 0.0}
+PLAIN = {
+    "drag.linear_N_s_per_m": [0.5] * 3,
+    "reference.0.by_mm": 0.0,
+    "noise.off": True,
+    "coils.output_bits": None,
+    "sensors.angle_deg": 0.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -156,14 +162,11 @@ def test_between_designs_outputs_are_between(still):
 
 
 CIRCLE = {
-    "reference.0.by_mm": 1.0,
-    "reference.0.at_s": 0.2,
-    "reference.0.rate_mm_per_s": 2.0,
-    "reference.1.at_s": 1.0,
-    "reference.1.by_mm": -1.0,
-    "reference.2.at_s": 1.0,
-    "reference.2.radius_mm": 1.0,
-    "reference.2.rate_rad_per_s": 1.6,
+    "reference.0.at_s": 1.0,
+    "reference.0.out_at_s": 0.2,
+    "reference.0.out_mm_per_s": 2.0,
+    "reference.0.radius_mm": 1.0,
+    "reference.0.rate_rad_per_s": 1.6,
     "duration_s": 5.0,
 }
 
@@ -235,8 +238,8 @@ def test_without_the_block_the_regulator_damps_what_the_pid_lets_sway(six):
 
 def test_linear_points_know_feedback_linearisation(six):
     """Its loop about a rest, linear: the nonlinear one comes to it for small deviations."""
-    quiet = {"reference.0.by_mm": 0.0, "reference.1.by_mm": 0.0, "noise.off": True, "coils.output_bits": None}
-    experiment = prepare(read_scenario("circle_linearised", {**quiet, "reference.2.radius_mm": 1e-9}), six)
+    quiet = {"reference.0.radius_mm": 1e-9, "noise.off": True, "coils.output_bits": None}
+    experiment = prepare(read_scenario("circle_linearised", quiet), six)
     (point,) = linear_points(experiment)
     assert point.loop.stable
     wanted = np.tile(experiment.rest.sensed, (80, 1))
