@@ -46,13 +46,22 @@ def heights(inputs: dict[str, Any]) -> Answers:
         for gap in inputs["gaps_mm"]
     ]
     numbers = {"rms": ours([run.rms(DEPTH, 1.0) for run in runs], *runs)}
+    drag = float(inputs["identified_drag_N_s_per_m"])
+    words = (
+        f"Farther from the block, after a step of 0.1 mm: {_farther(inputs, {})}. With the damping of (7-7), "
+        f"{drag:g} N s/m, in the place of the air's: {_farther(inputs, {'drag.linear_N_s_per_m': [drag] * 3})}."
+    )
+    return Answers(numbers, (), {"": words})
+
+
+def _farther(inputs: dict[str, Any], changes: dict[str, Any]) -> str:
+    """What becomes of the regulator at each further gap."""
     said = []
     for gap in inputs["further_gaps_mm"]:
-        run = run_of(inputs, "regulator", {"start.depth_mm": float(face - gap), "duration_s": 6.0})
-        event = run.run.metrics.event
-        said.append(f"{gap:g} mm: {event or _held(run)}")
-    words = f"Farther from the block, after a step of 0.1 mm: {'; '.join(said)}."
-    return Answers(numbers, (), {"": words})
+        depth = float(inputs["block_below_mm"] - gap)
+        run = run_of(inputs, "regulator", {"start.depth_mm": depth, "duration_s": 6.0, **changes})
+        said.append(f"{gap:g} mm: {run.run.metrics.event or _held(run)}")
+    return "; ".join(said)
 
 
 def _held(run: Readings) -> str:
