@@ -1,0 +1,72 @@
+"""The gallery: one page with every picture that could be made, and the names of those that could not."""
+
+import importlib
+import re
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+from fieldmap.cli.application import application
+from fieldmap.thesis import Curves, Series
+from fieldmap.thesis.computation import PartResult
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+
+
+@pytest.fixture
+def gallery(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    return importlib.import_module("gallery")
+
+
+def test_the_figures_of_a_row_stand_on_the_page(gallery, tmp_path, monkeypatch):
+    line = Curves(
+        "Fig. 4-7: <Fx>", "x (mm)", "force (N)", (Series("ours", [0.0, 1.0], [1.0, 2.0]),), "A remark."
+    )
+    parts = [
+        PartResult("S9_constants", "constants", curves=(line, line)),
+        PartResult("S9_superposition", "sums", curves=(line,)),
+        PartResult("S12", "lift", problem="no map"),
+    ]
+    monkeypatch.setattr(gallery, "attempt_rows", lambda *_: iter(parts))
+    missing = []
+    sections = list(gallery.figures(tmp_path, tmp_path, [], missing))
+    assert [(section.title[:3], len(section.pictures)) for section in sections] == [("S9:", 3)]
+    page = gallery.write_page(tmp_path, sections, missing).read_text()
+    files = re.findall(r'src="([^"]+)"', page)
+    assert len(set(files)) == 3
+    for file in files:
+        assert (tmp_path / file).read_bytes()[:4] == b"\x89PNG"
+    assert "Fig. 4-7: &lt;Fx&gt; A remark." in page
+    assert "S12: no map" in page
+
+
+def test_scenes_without_their_map_are_named(gallery, tmp_path, monkeypatch):
+    commands = []
+
+    def pretend(words):
+        commands.append(words)
+        Path(words[-1]).write_bytes(b"")
+        return 0
+
+    monkeypatch.setattr(gallery, "run_command", pretend)
+    missing = []
+    drawn = list(gallery.scenes(tmp_path, tmp_path / "maps", missing))
+    without_map = [command for _, _, command in gallery.SCENES if "MAPS" not in command]
+    assert len(drawn) == len(without_map)
+    assert len(missing) == len(gallery.SCENES) - len(drawn)
+    assert all("fieldmap map" in text for text in missing)
+    commands.clear()
+    assert list(gallery.scenes(tmp_path, tmp_path / "maps", [])) == drawn  # what is there is kept
+    assert commands == []
+
+
+def test_every_command_of_a_scene_is_one(gallery):
+    program = typer.main.get_command(application())
+    for _, _, command in gallery.SCENES:
+        name, *words = command.split()
+        with click.Context(program) as context:
+            known = program.get_command(context, name)
+            known.make_context(name, [*words, "--save", "a.png"], parent=context)
