@@ -220,7 +220,7 @@ class HysteresisSolver:
         field = CoilField(constant[None], (currents @ self._unit.bubble)[None])
         elements, before = self._form.elements, memory.material
         state = self._form.solve(before, field, residual, memory.potential[:, None])
-        h, _ = elements.strength(state.potential[:, 0], field)
+        h, _, polarisation, _ = elements.evaluated(state.potential[:, 0], field, 0, before)
         after = before.after(h)
         volume = elements.volume
         return HystereticState(
@@ -229,7 +229,7 @@ class HysteresisSolver:
             self._mesh,
             state,
             IronMemory(after, state.potential[:, 0], currents),
-            self._linkage(before.response(h)[0]),
+            self._linkage(polarisation),
             before.dissipated(after, volume) / mu_0,
             state.iron.iterations,
         )

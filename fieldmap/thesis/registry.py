@@ -32,6 +32,8 @@ PARTS = {
     "S14_table_6_3": "fieldmap.thesis.shift_tables:height_table",
     "S14_x_branches": "fieldmap.thesis.shift_tables:x_branches",
     "S14_y_branches": "fieldmap.thesis.shift_tables:y_branches",
+    "S14_x_remanence": "fieldmap.thesis.remanence_rows:x_remanence",
+    "S14_y_remanence": "fieldmap.thesis.remanence_rows:y_remanence",
     "S14_fits": "fieldmap.thesis.shift_studies:fits",
     "S14_limits": "fieldmap.thesis.shift_studies:limits",
     "S14_convergence": "fieldmap.thesis.shift_studies:convergence",

@@ -1,0 +1,172 @@
+"""Tables 6-4 to 6-7: the unit's magnet led out and back by the direction signals, with iron that remembers.
+
+docs/hysteresis_study.md has the results, scripts/hysteresis_study.py computes them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.arguments import check_choice
+from fieldmap.device.current_division import divide_currents
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.hysteresis import HysteresisSolver, HystereticState, IronMemory
+from fieldmap.levitation import equilibrium_at, magnet_height, thesis_lift_current
+from fieldmap.levitation.differences import DifferencedField
+from fieldmap.levitation.fixed_currents import FixedCurrents
+from fieldmap.levitation.stationary import StationaryPoint
+from fieldmap.thesis.shifts import Rule
+from fieldmap.thesis.unit_states import LOWER, UPPER
+
+Array = NDArray[np.float64]
+Axis = Literal["x", "y"]
+History = Literal["demagnetised", "cycled", "restarted", "saturated"]
+HISTORIES: dict[str, str] = {
+    "demagnetised": "iron that was never magnetised; currents rise evenly to the level of the origin",
+    "cycled": "the same, then the signal has been to the end of the table, to the opposite end and back to 0",
+    "restarted": "the same, then all currents were switched off and raised evenly again",
+    "saturated": "demagnetised, then 3.55 A in all coils, and evenly down to the level of the origin",
+}
+LARGEST_CURRENT = 3.55
+"""The amplifier's limit, A."""
+_LIFT_TOLERANCE, _TRIALS = 2e-3, 6
+# d log lift / d log level to begin with: between (7-18) and the level at which the unscaled model lifts.
+_EXPONENT = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Places (k, 2), m, of the magnet at signals (k,), the first of them 0; levels (k,), A; lifts (k,), N."""
+
+    signals: Array
+    places: Array
+    levels: Array
+    lifts: Array
+    memory: IronMemory
+
+    def shift(self, axis: Axis) -> Array:
+        """Distances (k,), m, along an axis from where the magnet was at the first signal."""
+        along = self.places[:, "xy".index(axis)]
+        return np.asarray(along - along[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Protocol:
+    """How the signals become currents and how deep the magnet hangs: n of (6-3), z_s and h in mm, and the level rule of
+    `fieldmap.thesis.shifts`."""
+
+    axis: Axis = "x"
+    n: float = 1.25
+    z_s: float = 10.0
+    h: float = 15.0
+    rule: Rule = "held"
+
+    def currents(self, level: float, signal: float) -> Array:
+        """Currents (6,), A."""
+        x, y = (signal, 0.0) if self.axis == "x" else (0.0, signal)
+        return divide_currents(level, x, y, self.n)
+
+    @property
+    def level(self) -> float:
+        """Current in each coil at the origin, A: (7-18)."""
+        return thesis_lift_current(self.z_s)
+
+    @property
+    def height(self) -> float:
+        """z of the magnet's centre, m."""
+        return magnet_height(self.z_s, 1e-3 * self.h)
+
+
+def prepared(solver: HysteresisSolver, history: History, protocol: Protocol, end: float) -> IronMemory:
+    """The iron at signal 0 before the run, after a history in which the signal went to `end` and -`end`."""
+    check_choice("history", history, get_args(History))
+    level = protocol.level
+    memory = _evenly(solver, solver.demagnetised, 0.0, level, 3)
+    if history == "saturated":
+        memory = _evenly(solver, memory, level, LARGEST_CURRENT, 3)
+        return _evenly(solver, memory, LARGEST_CURRENT, level, 3)
+    if history == "demagnetised":
+        return memory
+    for signal in end * np.array([0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0]):
+        memory = solver.step(protocol.currents(level, float(signal)), memory).memory
+    if history == "restarted":
+        memory = _evenly(solver, memory, level, 0.0, 3)
+        memory = _evenly(solver, memory, 0.0, level, 3)
+    return memory
+
+
+def _evenly(solver: HysteresisSolver, memory: IronMemory, start: float, end: float, steps: int) -> IronMemory:
+    for level in np.linspace(start, end, steps + 1)[1:]:
+        memory = solver.step(np.full(6, level), memory).memory
+    return memory
+
+
+def walk(
+    solver: HysteresisSolver,
+    memory: IronMemory,
+    signals: Sequence[float] | Array,
+    protocol: Protocol,
+    parts: int = 1,
+) -> Walk:
+    """The magnet at signals (k,) in their order, the first of which is 0, from where the iron is.
+
+    parts: steps of the iron from one signal to the next. With the rule "held" the level follows so that the lift stays
+    what it was at the first signal, to 0.2 %; trials leave no trace in the iron. Raises InputError, NoEquilibrium,
+    NotConverged.
+    """
+    if signals[0] != 0.0:
+        must = "must begin with 0, from where places count"
+        raise InputError(Problem("walk(signals)", must, f"{signals[0]:g}", "put 0 first"))
+    found: list[tuple[StationaryPoint, float]] = []
+    level, before = protocol.level, 0.0
+    for signal in signals:
+        for part in range(1, parts):
+            between = before + (signal - before) * part / parts
+            memory = solver.step(protocol.currents(level, between), memory).memory
+        near = found[-1][0].position[:2] if found else np.zeros(2)
+        target = found[0][0].lift if found and protocol.rule == "held" else None
+        state, point, level = _settled(solver, memory, float(signal), level, target, near, protocol)
+        memory, before = state.memory, float(signal)
+        found.append((point, level))
+    places = np.array([point.position[:2] for point, _ in found])
+    lifts = np.array([point.lift for point, _ in found])
+    return Walk(np.asarray(signals, dtype=float), places, np.array([u for _, u in found]), lifts, memory)
+
+
+def _settled(
+    solver: HysteresisSolver,
+    memory: IronMemory,
+    signal: float,
+    level: float,
+    target: float | None,
+    near: Array,
+    protocol: Protocol,
+) -> tuple[HystereticState, StationaryPoint, float]:
+    """State, rest point and level at one signal, by secants on logarithms where a lift is to be held."""
+    tried: list[tuple[float, float]] = []
+    for _ in range(_TRIALS):
+        state = solver.step(protocol.currents(level, signal), memory)
+        point = _rest(state, near, protocol, solver)
+        if target is None or abs(point.lift / target - 1.0) < _LIFT_TOLERANCE:
+            break
+        tried.append((np.log(level), np.log(point.lift / target)))
+        exponent = _EXPONENT
+        if len(tried) > 1:
+            (u0, f0), (u1, f1) = tried[-2:]
+            exponent = float(np.clip((f1 - f0) / (u1 - u0), 0.3, 2.0))
+        level = float(np.exp(tried[-1][0] - tried[-1][1] / exponent))
+    return state, point, float(level)
+
+
+def _rest(
+    state: HystereticState, near: Array, protocol: Protocol, solver: HysteresisSolver
+) -> StationaryPoint:
+    # A state knows its own currents only, so the path has one of them.
+    field = DifferencedField(FixedCurrents(state), LOWER, UPPER)
+    point, _ = equilibrium_at(
+        field, solver.device.payload, lambda _: (state.currents, protocol.height), near, protocol.level
+    )
+    return point

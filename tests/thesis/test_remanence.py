@@ -1,0 +1,58 @@
+"""The unit led out and back with iron that remembers, on a coarse mesh; measured: Table 6-4."""
+
+import numpy as np
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.errors import InputError
+from fieldmap.iron import HysteresisSolver, Pinning
+from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.remanence import Protocol, prepared, walk
+from fieldmap.thesis.remanence_rows import x_remanence
+
+SIGNALS = np.array([0.0, 0.1, 0.2, 0.1])
+
+
+@pytest.fixture(scope="module")
+def unit():
+    return HysteresisSolver(read_device("drive_unit"), Pinning(0.0, 1), refinement=0.35)
+
+
+def led(unit, pinning, protocol):
+    solver = unit.pinned(pinning)
+    return walk(solver, prepared(solver, "demagnetised", protocol, 0.2), SIGNALS, protocol)
+
+
+def test_without_pinning_the_way_back_is_the_way_out(unit):
+    found = led(unit, Pinning(0.0, 1), Protocol(rule="constant"))
+    shift = 1e3 * found.shift("x")
+    assert shift[3] == pytest.approx(shift[1], abs=1e-3)
+    assert 1.0 < shift[1] < shift[2]
+
+
+def test_remanent_loops_lead_and_the_lift_is_held(unit):
+    """On the way back the magnet lies nearer to the origin, as measured: a lag would have the other sign."""
+    found = led(unit, Pinning(400.0, 4), Protocol())
+    shift = 1e3 * found.shift("x")
+    inputs = read_part("S14_x_remanence").inputs
+    measured = (inputs["back_mm"] - inputs["outward_mm"])[inputs["signals"] == 0.1]
+    assert 0.5 < (shift[3] - shift[1]) / measured[0] < 1.5
+    assert found.lifts == pytest.approx(np.full(4, found.lifts[0]), rel=2e-3)
+
+
+def test_a_run_begins_at_nought(unit):
+    with pytest.raises(InputError, match="must begin with 0"):
+        walk(unit, unit.demagnetised, [0.1], Protocol())
+
+
+def test_rows_hold_what_was_measured(monkeypatch):
+    """The row sets our widths in order beside the measured ones: fed the measured branches, both must agree."""
+    inputs = dict(read_part("S14_x_remanence").inputs)
+    way = np.concatenate([inputs["outward_mm"], inputs["back_mm"][-2::-1]])
+    monkeypatch.setattr(
+        "fieldmap.thesis.remanence_rows.kept_shift", lambda *_: 1e-3 * (way - inputs["outward_mm"][0])
+    )
+    monkeypatch.setattr("fieldmap.thesis.remanence_rows.static_places", lambda *_: inputs["outward_mm"])
+    width = x_remanence(inputs).numbers["width"].value
+    printed = [float(n.text) for n in read_part("S14_x_remanence").numbers["width"]]
+    assert width.ravel() == pytest.approx(printed, abs=1e-9)
