@@ -11,6 +11,7 @@ from fieldmap.cli import (
     check,
     equilibrium,
     export,
+    import_map,
     info,
     linearise,
     make_map,
@@ -64,6 +65,12 @@ COMMANDS: dict[str, Entry] = {
         probe.probe,
         "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload",
         "Field, gradient and force at points.",
+        MAPS,
+    ),
+    "import": Entry(
+        import_map.import_map,
+        "fieldmap import readings.csv -o maps/out/measured.h5 --spacing-mm 5",
+        "A table of flux densities becomes a map.",
         MAPS,
     ),
     "export": Entry(

@@ -10,21 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive
-from fieldmap.device.current_division import divide_currents
-from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.weights import SUPERPOSED, TABLED
-from fieldmap.lookup import (
-    FieldMap,
-    division_domain,
-    iron_weights,
-    saturates,
-    tangent_block,
-    unit_block,
-)
+from fieldmap.lookup import FieldMap, saturates, table_of_currents, tangent_block, unit_block
+from fieldmap.lookup.current_table import no_table
 
 Array = NDArray[np.float64]
-
-_NO_GRID = np.zeros((3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,39 +50,22 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
 
 
 def tabled(
-    field_map: FieldMap, nodes: tuple[int, int, int] = (7, 17, 17), scale: float = 1.0
+    field_map: FieldMap, nodes: tuple[int, int, int] | None = None, scale: float = 1.0
 ) -> FieldOfCurrents:
-    """The field of a map of saturating iron over its division (u, x, y): values and slopes of the reduced model at
-    nodes, exact for quadratic dependence in between. Raises InputError for a map of another domain."""
+    """The field of a map of saturating iron over its division (u, x, y) by the table of `open_map(...,
+    tabulate_currents=True)`, or by one of `nodes` made now; beside the division and beyond the table with its slopes.
+    Raises InputError for a map of another domain."""
     check_positive("tabled", scale=scale)
-    domain = division_domain(field_map)
-    if domain is None:
-        problem = Problem(
-            "tabled(field_map)",
-            "must be a map of saturating iron over a division",
-            repr(field_map),
-            "take superposed or linearised",
-        )
-        raise InputError(problem)
-    lower, upper, exponent = domain
-    axes = [np.linspace(a, b, n) for a, b, n in zip(lower, upper, nodes, strict=True)]
-    u, x, y = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
-    values, slopes = iron_weights(field_map, divide_currents(u, x, y, exponent))
-    grid = np.array([[axis[0], axis[1] - axis[0], len(axis)] for axis in axes])
-    words = f"saturating iron by a table of {' x '.join(map(str, nodes))} states of the division"
-    numbers = (
-        TABLED,
-        float(scale),
-        grid,
-        np.ascontiguousarray(values),
-        np.ascontiguousarray(np.swapaxes(slopes, 1, 2)),
-        float(exponent),
-    )
+    table = table_of_currents(field_map, nodes)
+    states = " x ".join(map(str, table.nodes))
+    off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
+    words = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
+    numbers = (TABLED, float(scale), table.arrays)
     return FieldOfCurrents(unit_block(field_map), numbers, (words, *_words(scale)))
 
 
 def _superposed(scale: float) -> tuple[Any, ...]:
-    return (SUPERPOSED, float(scale), _NO_GRID, np.zeros((0, 0)), np.zeros((0, 0, 0)), 1.0)
+    return SUPERPOSED, float(scale), no_table()
 
 
 def _words(scale: float) -> tuple[str, ...]:

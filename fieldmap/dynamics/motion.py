@@ -11,6 +11,7 @@ from fieldmap.arguments import check_choice, check_count, check_positive, check_
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.kernels.kept_field import keep_field
 from fieldmap.kernels.map_block import INSIDE
 from fieldmap.kernels.motion.layout import SPIN, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.magnet import magnet_energy
@@ -18,7 +19,6 @@ from fieldmap.kernels.motion.step import fixed_currents, rates
 
 Array = NDArray[np.float64]
 
-_WEIGHTS = np.ones(1)
 ORDERS = {"second": 2, "fourth": 4}
 
 
@@ -82,9 +82,8 @@ def move(
     start = _checked("move(state)", state)
     rows = round(duration / (step * every)) + 1
     states = np.empty((rows, STATE))
-    block = field.compiled()[1]
     numbers = body.numbers(drag, plate, walls)
-    filled, status, touched = fixed_currents(block, 1, _WEIGHTS, numbers, start, step, every, rule, states)
+    filled, status, touched = fixed_currents(_kept(field, body), numbers, start, step, every, rule, states)
     time = step * every * np.arange(filled)
     return FixedCurrentsRun(time, states[:filled], bool(status == INSIDE), bool(touched))
 
@@ -106,11 +105,11 @@ def move_adaptively(
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)
-    block, numbers, load = field.compiled()[1], body.numbers(drag, plate), np.empty(6)
+    kept, numbers, load = _kept(field, body), body.numbers(drag, plate), np.empty(6)
 
     def slope(_: float, y: Array) -> Array:
         out = np.full(STATE, np.nan)
-        if rates(block, 1, _WEIGHTS, numbers, y, load, out) != INSIDE:
+        if rates(kept, numbers, y, load, out) != INSIDE:
             out[:] = np.nan
         return out
 
@@ -138,9 +137,8 @@ def move_adaptively(
 def energy(field: Fixed, body: RigidBody, states: ArrayLike) -> Array:
     """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
-    block = field.compiled()[1]
-    numbers = body.numbers()
-    magnetic = [magnet_energy(block, 1, _WEIGHTS, numbers, row) for row in rows]
+    kept, numbers = _kept(field, body), body.numbers()
+    magnetic = [magnet_energy(kept, numbers, row) for row in rows]
     kinetic = 0.5 * body.mass * (rows[:, VELOCITY : VELOCITY + 3] ** 2).sum(axis=1)
     turning = 0.5 * (rows[:, SPIN : SPIN + 3] ** 2) @ body.inertia
     return kinetic + turning + np.array(magnetic) + body.mass * body.gravity * rows[:, 2]
@@ -153,6 +151,11 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
     p = rows[:, SPIN : SPIN + 3] * body.inertia
     twice = 2.0 * np.cross(u, p)
     return p + w[:, None] * twice + np.cross(u, twice)
+
+
+def _kept(field: Fixed, body: RigidBody) -> tuple[Any, ...]:
+    """The field as compiled steps take it: one set of coefficients, of weight 1."""
+    return tuple(keep_field(field.compiled()[1], np.ones(1), len(body.magnet.points)))
 
 
 def _checked(where: str, state: ArrayLike) -> Array:

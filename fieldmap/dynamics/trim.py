@@ -13,6 +13,7 @@ from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics.closed_loop import Division, Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.kernels.kept_field import forget, keep_field
 from fieldmap.kernels.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.layout import POSITION, TURN
 from fieldmap.kernels.motion.sensing import sensed_point
@@ -97,7 +98,9 @@ class _Balance:
         self.numbers = machine.body.numbers(None, None, None)
         self.weight = machine.body.mass * machine.body.gravity
         self.upright = np.zeros(0 if machine.body.upright else 2)
-        self.scratch = np.empty(6), np.empty(6), np.empty(int(machine.magnetic.block[SETS]))
+        block = machine.magnetic.block
+        self.weights = np.empty(int(block[SETS]))
+        self.field = keep_field(block, self.weights, len(machine.body.magnet.points))
 
     def starts(self) -> Iterator[Array]:
         """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""
@@ -135,11 +138,10 @@ class _Balance:
     def residual(self, unknown: Array) -> Array:
         """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
         state, currents, _ = self._parts(unknown)
-        near, room, weights = self.scratch
         load = np.empty(6)
-        inside = find_weights(*self.machine.magnetic.numbers, currents, near, room, weights)
-        block = self.machine.magnetic.block
-        if not inside or find_load(block, 0, weights, self.numbers, state, load)[0] != INSIDE:
+        inside = find_weights(*self.machine.magnetic.numbers, currents, self.weights)
+        forget(self.field)
+        if not inside or find_load(self.field, self.numbers, state, load)[0] != INSIDE:
             return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
         both = np.concatenate([load[:3] / self.weight, load[3:5] / (self.weight * _LEVER)])
         return both[: len(unknown)]

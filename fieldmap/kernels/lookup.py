@@ -53,21 +53,27 @@ def _symmetric(block, nine):
 
 
 @njit(**INLINED)
-def _of_cell(block, c, tx, ty, tz):
+def of_cell(block, c, tx, ty, tz):
+    """The twelve results from the polynomial c (36,) of a cell, at coordinates 0..1 in it."""
     x, y, z = _local(block, tx, ty, tz)
     return _symmetric(block, cell_harmonics.field_and_gradient(c, x, y, z))
 
 
 @njit(**INLINED)
-def _of_table(block, table, tx, ty, tz):
+def of_table(block, table, work, tx, ty, tz):
+    """The twelve results from the table of the polynomial of the whole box; work (degree^2,)."""
     x, y, z = _local(block, tx, ty, tz)
     degree = int(block[DEGREE])
-    work = np.empty(degree * degree)
     return _symmetric(block, global_harmonics.field_and_gradient(table, degree, x, y, z, work))
 
 
 @njit(**INLINED)
-def _of_nodes(block, nodes, i, j, k, first, tx, ty, tz):
+def _work(block):
+    return np.empty(int(block[DEGREE]) ** 2)
+
+
+@njit(**INLINED)
+def of_nodes(block, nodes, i, j, k, first, tx, ty, tz):
     """Hermite form: channels first, first + 1, first + 2 of the nodes' coefficients (nx, ny, nz, channels, 8)."""
     wx, wy, wz = hermite.basis(tx), hermite.basis(ty), hermite.basis(tz)
     dx = hermite.basis_slope(tx, block[LOCAL])
@@ -113,11 +119,11 @@ def contracted_at(block, x, y, z):
         return status, (NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
     if block[KIND] == CELL_HARMONIC:
         first = HEADER + cell_number(block, i, j, k) * cell_harmonics.SIZE
-        return status, _of_cell(block, block[first : first + cell_harmonics.SIZE], tx, ty, tz)
+        return status, of_cell(block, block[first : first + cell_harmonics.SIZE], tx, ty, tz)
     if block[KIND] == GLOBAL_HARMONIC:
         first = HEADER + (int(block[DEGREE]) + 1) ** 2
-        return status, _of_table(block, block[first:], tx, ty, tz)
-    return status, _of_nodes(block, _nodes(block, 3), i, j, k, 0, tx, ty, tz)
+        return status, of_table(block, block[first:], _work(block), tx, ty, tz)
+    return status, of_nodes(block, _nodes(block, 3), i, j, k, 0, tx, ty, tz)
 
 
 @njit(**INLINED)
@@ -129,13 +135,13 @@ def superposed_at(block, currents, x, y, z):
     if block[KIND] == CELL_HARMONIC:
         c = cell_scratch()
         superpose(block, cell_number(block, i, j, k), cell_harmonics.SIZE, currents, c)
-        return status, _of_cell(block, c, tx, ty, tz)
+        return status, of_cell(block, c, tx, ty, tz)
     if block[KIND] == GLOBAL_HARMONIC:
         degree = int(block[DEGREE])
         table = np.empty(global_harmonics.ROWS * degree * degree)
         global_harmonics.expand(_polynomial(block, i, j, k, currents), degree, table)
-        return status, _of_table(block, table, tx, ty, tz)
-    return status, _of_nodes(block, _corners(block, i, j, k, NODE, currents), 0, 0, 0, 0, tx, ty, tz)
+        return status, of_table(block, table, _work(block), tx, ty, tz)
+    return status, of_nodes(block, _corners(block, i, j, k, NODE, currents), 0, 0, 0, 0, tx, ty, tz)
 
 
 @njit(**INLINED)
@@ -200,14 +206,14 @@ def _unit_at(block, s, i, j, k, tx, ty, tz):
     if block[KIND] == CELL_HARMONIC:
         place = cell_number(block, i, j, k) * int(block[SETS]) + s
         first = HEADER + place * cell_harmonics.SIZE
-        return _of_cell(block, block[first : first + cell_harmonics.SIZE], tx, ty, tz)
+        return of_cell(block, block[first : first + cell_harmonics.SIZE], tx, ty, tz)
     if block[KIND] == GLOBAL_HARMONIC:
         degree = int(block[DEGREE])
         size = (degree + 1) ** 2
         table = np.empty(global_harmonics.ROWS * degree * degree)
         global_harmonics.expand(block[HEADER + s * size : HEADER + (s + 1) * size], degree, table)
-        return _of_table(block, table, tx, ty, tz)
-    return _of_nodes(block, _nodes(block, 3 * int(block[SETS])), i, j, k, 3 * s, tx, ty, tz)
+        return of_table(block, table, _work(block), tx, ty, tz)
+    return of_nodes(block, _nodes(block, 3 * int(block[SETS])), i, j, k, 3 * s, tx, ty, tz)
 
 
 @njit(**OUTER)

@@ -44,6 +44,12 @@ INLINED: dict[str, Any] = {
     "fastmath": {"contract"},
 }
 OUTER: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+# Without counts of references, for functions that neither make arrays nor copy slices: a count is an atomic operation,
+# and a loop over small functions spends half of its time on them. A function takes this from the first that calls it
+# unless it says for itself, as WHOLE does.
+PLAIN: dict[str, Any] = {**OUTER, "_nrt": False}
+PLAIN_INLINED: dict[str, Any] = {**INLINED, "_nrt": False}
+WHOLE: dict[str, Any] = {**OUTER, "_nrt": True}
 
 
 @njit(**INLINED)

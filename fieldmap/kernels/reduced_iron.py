@@ -221,19 +221,20 @@ def tangent_factor(source, gradients, single, weights, law, offset, knots, coeff
     return factor
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _right_sides(h, single, isotropic, along, unit):
-    """G^T w (db/dh - 1) s (r, c) for the coils' fields per ampere `unit` (3 p, c)."""
+    """G^T w (db/dh - 1) s (c, r) for the coils' fields per ampere `unit` (3 p, c)."""
     count = single.shape[1]
-    out = np.zeros((count, unit.shape[1]))
+    out = np.zeros((unit.shape[1], count))
     radial, at_x = np.empty(count, np.float32), np.empty(count, np.float32)
     at_y, at_z = np.empty(count, np.float32), np.empty(count, np.float32)
     for p in range(isotropic.size):
         _material_row(p, h, single, isotropic, along, radial, at_x, at_y, at_z)
         for c in range(unit.shape[1]):
             x, y, z = unit[3 * p, c], unit[3 * p + 1, c], unit[3 * p + 2, c]
+            row = out[c]
             for j in range(count):
-                out[j, c] += x * at_x[j] + y * at_y[j] + z * at_z[j]
+                row[j] += x * at_x[j] + y * at_y[j] + z * at_z[j]
     return out
 
 
@@ -257,7 +258,7 @@ def sensitivities(
         _tangent_factor(h, single, isotropic, along, air, factors[s])
         right = _right_sides(h, single, isotropic, along, unit_source)
         for c in range(coils):
-            solve_factored(factors[s], right[:, c].copy(), column)
+            solve_factored(factors[s], right[c], column)
             out[s, :, c] = column
     return out, factors
 

@@ -9,12 +9,14 @@ from fieldmap.lookup.actuation import (
     wrench_actuation,
 )
 from fieldmap.lookup.at_currents import FieldAtCurrents
+from fieldmap.lookup.current_table import CurrentTable
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.iron_response import (
     division_domain,
     iron_weights,
     saturates,
+    table_of_currents,
     tangent_block,
     unit_block,
 )
@@ -23,6 +25,7 @@ from fieldmap.lookup.soft_sphere import soft_sphere_force
 
 __all__ = [
     "Actuation",
+    "CurrentTable",
     "FieldAtCurrents",
     "FieldMap",
     "FiniteMagnet",
@@ -37,6 +40,7 @@ __all__ = [
     "open_map",
     "saturates",
     "soft_sphere_force",
+    "table_of_currents",
     "tangent_block",
     "unit_block",
     "volume_rule",

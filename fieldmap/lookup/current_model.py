@@ -21,6 +21,8 @@ _MOST_STEPS = 60
 MARGIN = 1e-9
 # Currents are taken for a division if they differ from one by no more than this share of u.
 LARGEST_MISMATCH = 1e-6
+# States whose tangents are kept at a time.
+_AT_ONCE = 256
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
@@ -79,6 +81,14 @@ class CurrentModel:
         """Amplitudes (r,) of the modes at currents (c,), begun from what the known states foretell."""
         return self._solve(currents, *self._foretold(currents))
 
+    def slopes(self, currents: Array, amplitudes: Array) -> Array:
+        """Derivatives (s, n_fields, c) of the iron's weights by the currents, at currents (s, c) and their amplitudes
+        (s, r)."""
+        rows = max(len(currents) // _AT_ONCE, 1)
+        parts = zip(np.array_split(currents, rows), np.array_split(amplitudes, rows), strict=True)
+        slopes = np.concatenate([self._sensitivities(*part)[0] for part in parts])
+        return np.asarray(np.einsum("fr,src->sfc", self.model.output, slopes, optimize=True))
+
     def _foretold(self, currents: Array) -> tuple[Array, Array]:
         """Amplitudes (r,) to begin with, and the factor (r, r) of the tangent of the nearest known state."""
         slopes, factors = self._tangents
@@ -117,15 +127,17 @@ class CurrentModel:
     @cached_property
     def _tangents(self) -> tuple[Array, Array]:
         """Of the known states: derivatives (s, r, c) of the amplitudes by the currents, factors (s, r, r) of K."""
+        return self._sensitivities(self.model.known_currents, self.model.known_amplitudes)
+
+    def _sensitivities(self, currents: Array, amplitudes: Array) -> tuple[Array, Array]:
         model = self.model
-        known = (model.known_currents, model.known_amplitudes)
         slopes, factors = sensitivities(
-            np.ascontiguousarray(model.source @ known[0].T),
+            np.ascontiguousarray(model.source @ currents.T),
             model.gradients,
             self._single,
             *self._laws,
             model.air,
-            known[1],
+            amplitudes,
             model.source,
         )
         return slopes, factors

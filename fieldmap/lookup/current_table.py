@@ -1,7 +1,7 @@
 """Weights of a saturating map's fields over the signals of a current division, tabulated: microseconds, not Newton."""
 
 from dataclasses import dataclass
-from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,10 @@ from scipy.interpolate import make_interp_spline
 from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.current_table import FOUND, table_weights
+from fieldmap.kernels.lookup import evaluate_units
+from fieldmap.kernels.map_block import SETS
 from fieldmap.lookup.current_model import LARGEST_MISMATCH, MARGIN, CurrentModel
-from fieldmap.store import FieldError, MapData
+from fieldmap.store import FieldError, Grid
 
 Array = NDArray[np.float64]
 # Nodes of u, x and y: more are taken until the table's error is this share of the model's own.
@@ -31,7 +33,7 @@ class CurrentTable:
     """
 
     model: CurrentModel
-    arrays: tuple[Array, ...]
+    arrays: tuple[Any, ...]
     nodes: tuple[int, int, int]
     error: FieldError
 
@@ -41,58 +43,96 @@ class CurrentTable:
         Currents outside the table are the model's affair: it raises, gives NaN, or evaluates.
         """
         rows = np.ascontiguousarray(currents.reshape(-1, currents.shape[-1]))
-        result = np.empty((len(rows), rows.shape[1] + self.arrays[-1].shape[-1]))
+        result = np.empty((len(rows), 6 + self.model.model.field_count))
         for row, out in zip(rows, result, strict=True):
             if table_weights(self.arrays, row, out) != FOUND:
                 out[:] = self.model.weights(row)
         return result.reshape(*currents.shape[:-1], -1)
 
 
-def tabulate(model: CurrentModel | None, data: MapData) -> CurrentTable:
-    """The table of a map of saturating iron whose currents are a division. Raises InputError for any other map."""
+def tabulate(
+    model: CurrentModel | None,
+    unit: Array,
+    grid: Grid,
+    wanted: FieldError | None = None,
+    nodes: tuple[int, int, int] | None = None,
+) -> CurrentTable:
+    """The table of an opened map of saturating iron whose currents are a division.
+
+    unit: the block of the map's fields, on whose box's surface, at the nodes of `grid`, the table is compared with the
+    model; wanted: error of the model itself. nodes: of u, x and y, at least four each; unless given, as many as
+    make the table's error small beside `wanted`. Raises InputError for any other map and for fewer nodes.
+    """
     if model is None or not model.model.division_exponent.size:
         received = "a map of linear iron" if model is None else "independent currents"
         must_hold = "a map of saturating iron whose recipe has [currents] division"
-        raise InputError(Problem("tabulate_currents", must_hold, received, "leave tabulate_currents out"))
-    fields = _on_the_surface(data)
-    states = _states(model)
+        raise InputError(Problem("table of currents", must_hold, received, "do without a table"))
+    if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
+        must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"
+        raise InputError(Problem("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)"))
+    fields = _on_the_surface(unit, grid)
+    exponent, states = float(model.model.division_exponent[0]), _states(model)
     truth = np.array([model.weights(currents)[6:] for currents in states])
-    wanted = data.current_error
-    for nodes in SIZES:
-        arrays = _splines(model, nodes)
+    for size in SIZES if nodes is None else (nodes,):
+        axes, every, amplitudes = _solved(model, size)
+        values = (amplitudes @ model.model.output.T).reshape(*size, -1)
+        # In the table the slopes are not read: they are found once, for the nodes that are kept.
+        arrays = spline_table(axes, exponent, values, np.zeros((0, 0, 0, 0, 0)))
         found = np.array([_weights(arrays, currents) for currents in states])
         error = FieldError(*(_largest(found - truth, values) for values in fields))
         if wanted is None or _within(error, wanted):
             break
-    return CurrentTable(model, arrays, nodes, error)
+    slopes = model.slopes(every, amplitudes).swapaxes(1, 2).reshape(*size, 6, -1)
+    return CurrentTable(model, (*arrays[:-1], np.array(slopes, order="C")), size, error)
+
+
+def spline_table(
+    axes: list[Array], exponent: float, values: Array, slopes: Array, margin: float = MARGIN
+) -> tuple[Any, ...]:
+    """What `table_weights` takes, of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
+    (nu, nx, ny, 6, k). margin: share of the range by which currents may lie outside, for rounding."""
+    coefficients, knots = values, []
+    for axis, nodes in enumerate(axes):
+        spline = make_interp_spline(nodes, coefficients, k=3, axis=axis)
+        coefficients = np.moveaxis(spline.c, 0, axis)
+        knots.append(np.array(spline.t))
+    lower, upper = np.array([nodes[0] for nodes in axes]), np.array([nodes[-1] for nodes in axes])
+    beside = margin * (upper - lower)
+    return (
+        np.array([exponent]),
+        np.array([LARGEST_MISMATCH]),
+        lower - beside,
+        upper + beside,
+        tuple(knots),
+        np.array(coefficients, order="C"),
+        tuple(np.array(nodes) for nodes in axes),
+        np.array(slopes, order="C"),
+    )
+
+
+def no_table() -> tuple[Any, ...]:
+    """Something of the types of a table, for compiled code that will not read it."""
+    none, three = np.zeros(0), (np.zeros(0), np.zeros(0), np.zeros(0))
+    return none, none, none, none, three, np.zeros((0, 0, 0, 0)), three, np.zeros((0, 0, 0, 0, 0))
 
 
 def _within(error: FieldError, wanted: FieldError) -> bool:
     return error.flux_density <= _GOOD * wanted.flux_density and error.gradient <= _GOOD * wanted.gradient
 
 
-def _weights(arrays: tuple[Array, ...], currents: Array) -> Array:
-    out = np.empty(6 + arrays[-1].shape[-1])
+def _weights(arrays: tuple[Any, ...], currents: Array) -> Array:
+    out = np.empty(6 + arrays[5].shape[-1])
     table_weights(arrays, currents, out)
     return out[6:]
 
 
-def _splines(model: CurrentModel, nodes: tuple[int, int, int]) -> tuple[Array, ...]:
-    reduced = model.model
-    lower, upper, exponent = reduced.lower, reduced.upper, reduced.division_exponent
-    axes = [_nodes(*edge) for edge in zip(lower, upper, nodes, (1.0, _GRADING, _GRADING), strict=True)]
+def _solved(model: CurrentModel, nodes: tuple[int, int, int]) -> tuple[list[Array], Array, Array]:
+    """Nodes of u, x and y, currents (s, 6) of all of them, and the amplitudes (s, r) of the model there."""
+    edges = zip(model.model.lower, model.model.upper, nodes, (1.0, _GRADING, _GRADING), strict=True)
+    axes = [_nodes(*edge) for edge in edges]
     u, x, y = np.meshgrid(*axes, indexing="ij")
-    every = divide_currents(u, x, y, float(exponent[0])).reshape(-1, 6)
-    amplitudes = np.array([model.amplitudes(currents) for currents in every])
-    coefficients = (amplitudes @ reduced.output.T).reshape(*nodes, -1)
-    knots = []
-    for axis, values in enumerate(axes):
-        spline = make_interp_spline(values, coefficients, k=3, axis=axis)
-        coefficients = np.moveaxis(spline.c, 0, axis)
-        knots.append(np.asarray(spline.t))
-    margin = MARGIN * (upper - lower)
-    ends = (lower - margin, upper + margin)
-    return exponent, np.array([LARGEST_MISMATCH]), *ends, *knots, np.ascontiguousarray(coefficients)
+    every = divide_currents(u, x, y, float(model.model.division_exponent[0])).reshape(-1, 6)
+    return axes, every, np.array([model.amplitudes(currents) for currents in every])
 
 
 def _nodes(lower: float, upper: float, count: int, power: float) -> Array:
@@ -113,14 +153,15 @@ def _states(model: CurrentModel) -> Array:
     return divide_currents(u, x, y, float(model.model.division_exponent[0]))
 
 
-def _on_the_surface(data: MapData) -> tuple[Array, Array]:
+def _on_the_surface(unit: Array, grid: Grid) -> tuple[Array, Array]:
     """The iron's fields (k, n, 3) and gradients (k, n, 9) at the nodes on the box's surface, where they are largest."""
-    shape = data.grid.shape
-    edges = [np.isin(np.arange(n), (0, n - 1)) for n in shape]
-    chosen = np.array([any(pick) for pick in product(*edges)])
-    coils, points = len(data.coil_names), len(chosen)
-    flux = data.flux_density[coils:].reshape(-1, points, 3)[:, chosen]
-    return flux, data.gradient[coils:].reshape(-1, points, 9)[:, chosen]
+    points = grid.points()
+    ends = np.stack([grid.lower, grid.upper])
+    near = np.abs(points[:, None] - ends) < 0.5 * grid.spacing
+    points, sets = points[near.any(axis=(1, 2))], int(unit[SETS])
+    flux, slope = np.empty((len(points), sets, 3)), np.empty((len(points), sets, 3, 3))
+    evaluate_units(unit, points, flux, slope)
+    return flux.swapaxes(0, 1)[6:], slope.reshape(len(points), sets, 9).swapaxes(0, 1)[6:]
 
 
 def _largest(weights: Array, fields: Array) -> float:

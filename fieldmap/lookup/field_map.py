@@ -82,7 +82,9 @@ class FieldMap:
         reduced = data.reduced_model
         rules = (outside_currents, follow_currents)
         self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, *rules)
-        self._table = tabulate(self._model, data) if tabulate_currents else None
+        self._table: CurrentTable | None = None
+        if tabulate_currents:
+            self._table = tabulate(self._model, self._form.unit, data.grid, data.current_error)
         self._start()
 
     def _start(self) -> None:

@@ -5,18 +5,22 @@ whose weights w(i) its reduced model gives; what is here are these weights, thei
 currents that touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f - J_f . i0) B_f.
 """
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants import set_size
 from fieldmap.kernels import map_block
-from fieldmap.kernels.reduced_iron import sensitivities
 from fieldmap.lookup.checks import checked_currents
 from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.field_map import FieldMap
 
 Array = NDArray[np.float64]
+
+_made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTable]] = WeakKeyDictionary()
 
 
 def unit_block(field_map: FieldMap) -> Array:
@@ -49,8 +53,23 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
     for row in rows:
         model.weights(row)  # raises where the currents lie outside
     amplitudes = np.array([model.amplitudes(row) for row in rows])
-    slopes = _slopes(model, rows, amplitudes)
-    return amplitudes @ model.model.output.T, np.einsum("fr,src->sfc", model.model.output, slopes)
+    return amplitudes @ model.model.output.T, model.slopes(rows, amplitudes)
+
+
+def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:
+    """The table of a map of saturating iron over a division: its own, or one made now, with `nodes` of u, x and y,
+    and kept for the next call.
+
+    Raises InputError for any other map.
+    """
+    known = field_map.current_table
+    if known is not None and nodes in (None, known.nodes):
+        return known
+    made, info = _made.setdefault(field_map, {}), field_map.info
+    if nodes not in made:
+        model, unit = field_map._model, unit_block(field_map)
+        made[nodes] = tabulate(model, unit, info.grid, info.current_error, nodes)
+    return made[nodes]
 
 
 def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
@@ -84,20 +103,3 @@ def _model(field_map: FieldMap) -> CurrentModel:
         )
         raise InputError(problem)
     return field_map._model
-
-
-def _slopes(model: CurrentModel, currents: Array, amplitudes: Array) -> Array:
-    """Derivatives (s, r, n) of the amplitudes (s, r) by the currents (s, n)."""
-    m = model.model
-    slopes, _ = sensitivities(
-        np.ascontiguousarray(m.source @ currents.T),
-        m.gradients,
-        m.gradients.astype(np.float32),
-        m.weights,
-        m.law,
-        *m.laws,
-        m.air,
-        amplitudes,
-        m.source,
-    )
-    return np.asarray(slopes)

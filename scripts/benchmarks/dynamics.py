@@ -16,7 +16,7 @@ from rich.table import Table
 
 from fieldmap.control import PID
 from fieldmap.device import read_device
-from fieldmap.device.current_division import division_slopes
+from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics import (
     AxisReading,
     Division,
@@ -39,6 +39,7 @@ from fieldmap.dynamics.iron import FieldOfCurrents
 from fieldmap.instruments import SensorFrame
 from fieldmap.kernels.motion.weights import TABLED
 from fieldmap.lookup import FieldMap, interpolate, unit_block, volume_rule
+from fieldmap.lookup.current_table import spline_table
 from fieldmap.store import Grid, MapData
 
 LOWER, UPPER = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
@@ -91,13 +92,10 @@ def fields() -> dict[str, FieldOfCurrents]:
     iron = np.column_stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full(20, 0.01)])
     both = dipoles(np.concatenate([np.full(6, 4.0), np.full(20, 1.0)]), np.concatenate([coils, iron]))
     share = np.cos(turn[:, None] - angles) * 0.3 + 1.0 / 6.0
-    grid = np.array([[0.5, 0.4, 7], [-0.4, 0.05, 17], [-0.3, 0.0375, 17]])
-    u, x, y = (a.ravel() for a in np.meshgrid(*[g[0] + g[1] * np.arange(g[2]) for g in grid], indexing="ij"))
-    currents = u[:, None] * np.array(
-        [division_slopes(1.0, a, b, 1.25)[:, 0] for a, b in zip(x, y, strict=True)]
-    )
-    slopes = np.broadcast_to(share.T, (len(u), 6, 20)).copy()
-    numbers = (TABLED, 1.0, grid, np.ascontiguousarray(currents @ share.T), slopes, 1.25)
+    axes = [np.linspace(0.5, 2.9, 5), np.linspace(-0.4, 0.4, 17), np.linspace(-0.3, 0.3, 17)]
+    currents = divide_currents(*np.meshgrid(*axes, indexing="ij"), 1.25)
+    slopes = np.broadcast_to(share.T, (5, 17, 17, 6, 20))
+    numbers = (TABLED, 1.0, spline_table(axes, 1.25, currents @ share.T, slopes))
     return {"linear": linear, "table": FieldOfCurrents(unit_block(both), numbers, ())}
 
 

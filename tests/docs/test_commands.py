@@ -83,7 +83,7 @@ def test_files_exist(page, line, whole):
     source = words[1]
     if source.endswith(".toml"):
         assert (ROOT / source).is_file() or "/" not in source, f"{page}: {line}"
-    elif not source.endswith(".h5"):
+    elif not source.endswith((".h5", ".csv")):
         kind, subfolder = known.get(words[0], ("geometry", ""))
         names = [Path(name).name for name in shipped_names(kind, subfolder)]
         assert source in names, f"{page}: {line}"

@@ -5,6 +5,7 @@ import pytest
 
 from fieldmap.device.model import MagnetCylinder
 from fieldmap.dynamics import RigidBody, energy, state_of
+from fieldmap.kernels.kept_field import forget, keep_field, kept_at
 from fieldmap.kernels.map_block import INSIDE, OUTSIDE
 from fieldmap.kernels.motion.magnet import magnet_wrench
 from fieldmap.kernels.motion.rotation import turn_matrix
@@ -29,7 +30,13 @@ def wrench_of(field, body, state, fixed):
     load = np.empty(6)
     block = field.at(CURRENTS).compiled()[1] if fixed else unit_block(field)
     weights = np.ones(1) if fixed else CURRENTS
-    assert magnet_wrench(block, int(fixed), weights, body.numbers(), state, load) == INSIDE
+    kept = keep_field(block, weights, len(MAGNET.points))
+    numbers = body.numbers()
+    assert magnet_wrench(kept, numbers, state, load) == INSIDE
+    # From the coefficients that it has kept: the same bits.
+    again = np.empty(6)
+    assert magnet_wrench(kept, numbers, state, again) == INSIDE
+    np.testing.assert_array_equal(again, load)
     return load
 
 
@@ -54,7 +61,9 @@ def test_the_load_is_minus_the_slope_of_the_energy(axial):
     body = RigidBody(0.01, [1e-6] * 3, MAGNET, magnet_at=[1e-3, -2e-3, 3e-3], gravity=0.0)
     for state in states(3):
         load = np.empty(6)
-        magnet_wrench(field.compiled()[1], 1, np.ones(1), body.numbers(), state, load)
+        magnet_wrench(
+            keep_field(field.compiled()[1], np.ones(1), len(MAGNET.points)), body.numbers(), state, load
+        )
         slope = np.empty(6)
         for k in range(6):
             moved = []
@@ -76,5 +85,21 @@ def test_the_load_is_minus_the_slope_of_the_energy(axial):
 def test_a_magnet_that_reaches_out_of_the_map_is_noticed(field, axial):
     load = np.empty(6)
     body = RigidBody(0.01, [1e-6] * 3, MAGNET)
-    status = magnet_wrench(unit_block(field), 0, CURRENTS, body.numbers(), state_of([0.018, 0, 0]), load)
-    assert status == OUTSIDE
+    kept = keep_field(unit_block(field), CURRENTS, len(MAGNET.points))
+    assert magnet_wrench(kept, body.numbers(), state_of([0.018, 0, 0]), load) == OUTSIDE
+
+
+def test_a_kept_field_is_that_of_the_place_and_of_the_currents(field):
+    """Along a path through many cells and back, and after the currents have changed."""
+    currents = CURRENTS.copy()
+    kept = keep_field(unit_block(field), currents, 1)
+    path = 0.018 * np.sin(np.arange(60)[:, None] * [0.11, 0.17, 0.23])
+    for step, point in enumerate(path):
+        if step % 20 == 0:
+            currents *= -1.5
+            forget(kept)
+        status, found = kept_at(kept, 0, *point)
+        assert status == INSIDE
+        flux, slope = field.field_and_gradient(point, currents)
+        np.testing.assert_allclose(found, np.concatenate([flux, slope.ravel()]), rtol=1e-12, atol=1e-14)
+    assert kept_at(kept, 0, 0.03, 0.0, 0.0)[0] == OUTSIDE

@@ -6,16 +6,16 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, RegularGridInterpolator
 
 import fieldmap.lookup.current_table as tables
 from fieldmap.device.current_division import divide_currents, undivide_currents
 from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.kernels.current_division import divide, signals
 from fieldmap.kernels.current_table import (
     BEYOND,
     FOUND,
     NOT_A_DIVISION,
-    signals,
     table_weights,
     tabulated_at_currents,
 )
@@ -32,20 +32,26 @@ def test_signals_of_currents_are_those_of_the_checked_function():
         found = undivide_currents(currents, N)
         expected = (found.u, found.x, found.y, found.mismatch)
         np.testing.assert_allclose(signals(currents, N), expected, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(divide(*expected[:3], N), divide_currents(*expected[:3], N), rtol=1e-13)
+    assert signals(np.array([1.0, -1, 2, -2, 3, -3]), N) == (0.0, 0.0, 0.0, np.inf)
 
 
 @pytest.fixture(scope="module")
-def knots():
-    """Uneven ones, four at each end."""
-    inner = (np.array([1.3, 1.4, 1.9]), np.array([-0.1, 0.0, 0.02]), np.array([0.1]))
-    pairs = zip(LOWER, inner, UPPER, strict=True)
-    return [np.concatenate([[low] * 4, between, [high] * 4]) for low, between, high in pairs]
-
-
-def test_the_kernel_evaluates_the_tensor_product_of_b_splines(knots):
+def table():
+    """Uneven knots, four at each end; anything at nodes as uneven."""
     rng = np.random.default_rng(2)
-    coefficients = rng.standard_normal((*(len(t) - 4 for t in knots), 3))
-    table = (np.array([N]), np.array([1e-9]), LOWER, UPPER, *knots, coefficients)
+    inner = (np.array([1.3, 1.4, 1.9]), np.array([-0.1, 0.0, 0.02]), np.array([0.1]))
+    pairs = list(zip(LOWER, inner, UPPER, strict=True))
+    knots = tuple(np.concatenate([[low] * 4, between, [high] * 4]) for low, between, high in pairs)
+    nodes = tuple(np.concatenate([[low], between, [high]]) for low, between, high in pairs)
+    coefficients = rng.standard_normal((7, 7, 5, 3))
+    slopes = rng.standard_normal((5, 5, 3, 6, 3))
+    return (np.array([N]), np.array([1e-9]), LOWER, UPPER, knots, coefficients, nodes, slopes)
+
+
+def test_the_kernel_evaluates_the_tensor_product_of_b_splines(table):
+    rng = np.random.default_rng(3)
+    knots, coefficients = table[4:6]
     corners = [(LOWER[0], LOWER[1], LOWER[2]), (UPPER[0], LOWER[1], UPPER[2]), (1.4, 0.0, 0.1)]
     for values in (*corners, *(LOWER + rng.random((20, 3)) * (UPPER - LOWER))):
         bases = [BSpline(t, np.eye(len(t) - 4), 3)(v) for t, v in zip(knots, values, strict=True)]
@@ -59,18 +65,33 @@ def test_the_kernel_evaluates_the_tensor_product_of_b_splines(knots):
         np.testing.assert_allclose(out[6:], expected, rtol=1e-6, atol=1e-6)
 
 
-def test_currents_that_the_table_does_not_hold_give_nan(knots):
-    table = (np.array([N]), np.array([1e-6]), LOWER, UPPER, *knots, np.ones((7, 7, 5, 1)))
-    out = np.empty(7)
-    for currents, status in (
-        (INSIDE + 0.01 * np.eye(6)[2], NOT_A_DIVISION),
-        (np.full(6, np.nan), NOT_A_DIVISION),
-        (np.zeros(6), NOT_A_DIVISION),
-        (divide_currents(2.3, 0.0, 0.0, N), BEYOND),
-        (divide_currents(1.5, -0.41, 0.0, N), BEYOND),
+def test_beside_and_beyond_it_the_slopes_go_on_from_the_nearest_division(table):
+    nodes, slopes = table[6:]
+    out, near = np.empty(9), np.empty(9)
+    aside = 0.01 * np.array([1, -1, 1, -1, 1, -1])
+    for signal, to, status in (
+        ((1.63, 0.117, -0.212), aside, NOT_A_DIVISION),
+        ((2.3, 0.05, 0.05), 0.0, BEYOND),
+        ((1.5, -0.41, 0.25), aside, BEYOND),
     ):
+        currents = divide_currents(*signal, N) + to
+        found = undivide_currents(currents, N)
+        place = np.clip([found.u, found.x, found.y], LOWER, UPPER)
+        division = divide_currents(*place, N)
+        wide = (table[0], np.array([1.0]), LOWER - 1e-9, UPPER + 1e-9, *table[4:])
+        assert table_weights(wide, division, near) == FOUND
         assert table_weights(table, currents, out) == status
-        assert np.isnan(out).all()
+        slope = RegularGridInterpolator(nodes, slopes)(place)[0]
+        np.testing.assert_allclose(out[6:], near[6:] + (currents - division) @ slope, rtol=1e-7, atol=1e-9)
+        np.testing.assert_array_equal(out[:6], currents)
+
+
+def test_no_currents_and_not_a_number_do_no_harm(table):
+    out = np.empty(9)
+    assert table_weights(table, np.zeros(6), out) == BEYOND
+    assert np.isfinite(out).all()
+    assert table_weights(table, np.full(6, np.nan), out) == BEYOND
+    assert np.isnan(out).all()
 
 
 @pytest.fixture(scope="module")
@@ -204,4 +225,4 @@ def test_other_maps_have_nothing_to_tabulate(data):
         interpolate(linear, tabulate_currents=True)
     box = SimpleNamespace(model=SimpleNamespace(division_exponent=np.empty(0)))
     with pytest.raises(InputError, match="independent currents"):
-        tables.tabulate(box, data)
+        tables.tabulate(box, np.empty(0), data.grid)

@@ -13,6 +13,7 @@ from fieldmap.dynamics.closed_loop import Division, Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.kernels.kept_field import forget, keep_field
 from fieldmap.kernels.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.layout import POSITION, SPIN, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.rotation import turn_matrix
@@ -153,8 +154,9 @@ class _Slope:
     def __init__(self, machine: Machine, rest: Trim) -> None:
         self.machine, self.rest = machine, rest
         self.numbers = machine.body.numbers(machine.drag, machine.plate, None)
-        self.block = machine.magnetic.block
-        self.weights = np.empty(int(self.block[SETS]))
+        block = machine.magnetic.block
+        self.weights = np.empty(int(block[SETS]))
+        self.field = keep_field(block, self.weights, len(machine.body.magnet.points))
 
     def by_state(self, number: int, step: float, free: bool) -> Array:
         """Derivative (12,) by one of twelve coordinates."""
@@ -182,9 +184,10 @@ class _Slope:
         return found
 
     def _rates(self, state: Array, currents: Array) -> Array:
-        near, room, load, out = np.empty(6), np.empty(6), np.empty(6), np.empty(STATE)
-        find_weights(*self.machine.magnetic.numbers, currents, near, room, self.weights)
-        if rates(self.block, 0, self.weights, self.numbers, state, load, out) != INSIDE:
+        load, out = np.empty(6), np.empty(STATE)
+        find_weights(*self.machine.magnetic.numbers, currents, self.weights)
+        forget(self.field)
+        if rates(self.field, self.numbers, state, load, out) != INSIDE:
             problem = Problem(
                 "linearise(rest)",
                 "must lie inside the map, 0.4 mm from its edge",

@@ -1,9 +1,7 @@
 """From a scenario to what runs: machine, controller, schedule, state at the start."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +9,7 @@ from numpy.typing import NDArray
 from fieldmap.device import Device, read_device
 from fieldmap.dynamics.blocks import Controller, stacked
 from fieldmap.dynamics.closed_loop import Machine, Schedule, simulate_closed_loop
-from fieldmap.dynamics.iron import FieldOfCurrents, linearised, superposed, tabled
+from fieldmap.dynamics.iron import linearised, superposed, tabled
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.outcome import LoopRun
 from fieldmap.dynamics.rigid_body import RigidBody
@@ -108,10 +106,9 @@ def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tu
     guess = _guess(scenario, device, opened, body)
     divided = division_domain(opened) is not None
     if not saturates(opened) or keys.iron == "table" or (keys.iron == "auto" and divided):
+        nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
         superposes = not saturates(opened)
-        field = (
-            superposed(opened, keys.scale) if superposes else _table(opened, tuple(keys.table), keys.scale)
-        )
+        field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)
         machine = machine_of(scenario, device, body, field)
         return machine, _rest(scenario, machine, guess)
     currents, rest = guess, None
@@ -130,12 +127,6 @@ def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tu
             'take field.iron = "table"',
         ).problems[0]
     )
-
-
-# Of one map and one scale there is one table, whatever else a scenario varies, and making it takes seconds.
-@lru_cache(maxsize=2)
-def _table(opened: FieldMap, nodes: Any, scale: float) -> FieldOfCurrents:
-    return tabled(opened, nodes, scale)
 
 
 def _guess(scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody) -> Array:

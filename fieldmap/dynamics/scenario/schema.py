@@ -39,8 +39,9 @@ class FieldKeys(Table):
         description="of saturating iron: a table of its division, or linearised about the currents at rest; auto: the "
         "table where the map has a division",
     )
-    table: Annotated[list[int], Field(min_length=3, max_length=3)] = Field(
-        default=[7, 17, 17], description="nodes of that table for u, x and y"
+    table: Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)] | None = Field(
+        default=None,
+        description="nodes of that table for u, x and y, each at least 4; as many as it needs unless given",
     )
 
 

@@ -8,19 +8,22 @@ goes where the amplifier steers it, unless the supply's limits allow less: exact
 
 from numba import njit
 
-from fieldmap.kernels.map_block import INLINED
+from fieldmap.kernels.map_block import PLAIN_INLINED
 
 WINDING, AMPLIFIER, HIGHEST, LOWEST = 0, 1, 2, 3
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def advance_currents(coils, commands, currents):
-    """Advance currents (n,) by one step towards commands (n,); whether a supply limit held one back."""
-    held = False
+    """Advance currents (n,) by one step towards commands (n,); whether a supply limit held one back, and whether any
+    changed."""
+    held, moved = False, False
     for k in range(currents.shape[0]):
         wanted = commands[k] + (currents[k] - commands[k]) * coils[k, AMPLIFIER]
         high = coils[k, HIGHEST] + (currents[k] - coils[k, HIGHEST]) * coils[k, WINDING]
         low = coils[k, LOWEST] + (currents[k] - coils[k, LOWEST]) * coils[k, WINDING]
         held |= wanted > high or wanted < low
-        currents[k] = min(max(wanted, low), high)
-    return held
+        new = min(max(wanted, low), high)
+        moved |= new != currents[k]
+        currents[k] = new
+    return held, moved

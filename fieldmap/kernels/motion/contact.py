@@ -7,7 +7,7 @@ import math
 
 from numba import njit
 
-from fieldmap.kernels.map_block import OUTER
+from fieldmap.kernels.map_block import PLAIN
 from fieldmap.kernels.motion.layout import (
     AXIS,
     CEILING,
@@ -41,7 +41,7 @@ def _push(body, depth, n, v):
     return normal * n[0] - rub * tx, normal * n[1] - rub * ty, normal * n[2] - rub * tz
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def add_contact(body, state, load):
     """Add the walls' force and torque to load (6,); what is touched, as the sum of ON_FLOOR, ON_CEILING, ON_WALL."""
     r = turn_matrix(state)

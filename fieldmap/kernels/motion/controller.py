@@ -18,12 +18,12 @@ import math
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map_block import INLINED, OUTER
+from fieldmap.kernels.map_block import PLAIN, PLAIN_INLINED, WHOLE
 
 SIGNALS = 7
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def place_in(nodes, count, v):
     """Number of the lower node and share of the upper one."""
     if count == 1:
@@ -33,14 +33,14 @@ def place_in(nodes, count, v):
     return lower, at - lower
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _entry(stack, node, share, i, j):
     if share == 0.0:
         return stack[node, i, j]
     return (1.0 - share) * stack[node, i, j] + share * stack[node + 1, i, j]
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def wanted_output(C, D, node, share, j, memory, v):
     """Output number j before feed-forward and limits."""
     wanted = 0.0
@@ -51,7 +51,7 @@ def wanted_output(C, D, node, share, j, memory, v):
     return wanted
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def next_memory(A, B, E, F, node, share, i, memory, v, applied, feedforward):
     """Number i of the memory after this sample; applied (m,): the outputs as they left."""
     value = 0.0
@@ -65,7 +65,7 @@ def next_memory(A, B, E, F, node, share, i, memory, v, applied, feedforward):
     return value
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def control(controller, v, feedforward, memory, scratch, outputs):
     """Fill outputs (m,) = s, feed-forward (m,) included, and advance memory (n,); whether a limit held one back."""
     A, B, C, D, E, F, lower, upper, hold, nodes = controller
@@ -87,7 +87,7 @@ def control(controller, v, feedforward, memory, scratch, outputs):
     return held
 
 
-@njit(**OUTER)
+@njit(**WHOLE)
 def quiet_feedforward(controller, references, wanted, memory, feedforward):
     """Fill feedforward (p, m), with which a controller gives the outputs wanted (p, m) where the sensed point is at its
     references (p, 3): what is wanted less what it would say by itself. memory (n,) is advanced."""

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from fieldmap.kernels.map_block import CELLS, INVERSE, LOWER, NOT_FINITE, OUTER
+from fieldmap.kernels.map_block import CELLS, INVERSE, LOWER, NOT_FINITE, PLAIN
 from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
 
 NOTHING, FELL_OUT, LEFT_ABOVE, LEFT_SIDEWAYS, NOT_A_NUMBER = 0, 1, 2, 3, 4
@@ -11,7 +11,7 @@ HIT_FLOOR, HIT_POLE, HIT_TUBE, SATURATED, BEYOND_CURRENTS = 5, 6, 7, 8, 9
 BEYOND = 8
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def way_out(block, status, z):
     """How a magnet at height z left the map."""
     if status == NOT_FINITE or z != z:
@@ -23,7 +23,7 @@ def way_out(block, status, z):
     return LEFT_SIDEWAYS
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def hit(touched, ending):
     """The event of what is touched, if it is among those that end a run (a sum like `touched`)."""
     if touched & ending & ON_FLOOR:

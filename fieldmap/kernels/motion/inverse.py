@@ -9,29 +9,29 @@ its place filled in.
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map_block import INSIDE, OUTER, SETS
+from fieldmap.kernels.kept_field import forget, keep_field
+from fieldmap.kernels.map_block import INSIDE, PLAIN, SETS, WHOLE
 from fieldmap.kernels.motion.allocation import allocate
-from fieldmap.kernels.motion.layout import POSITION
+from fieldmap.kernels.motion.layout import MAGNETS, POSITION
 from fieldmap.kernels.motion.magnet import magnet_wrench
 from fieldmap.kernels.motion.weights import find_weights
 
 GAIN, OFFSET = 3, 4
 
 
-@njit(**OUTER)
-def _force(plant, allocation, signals, state, room, weights, load):
+@njit(**PLAIN)
+def _force(plant, field, allocation, signals, state, currents, load):
     """Fill load[:3] with the magnet's force, N; False outside the map."""
-    block, body, _, iron, _, drives = plant
-    kind, scale, grid, values, slopes, exponent = iron
-    currents, near, far = room
+    iron, drives = plant[3], plant[5]
     allocate(allocation, signals, currents)
     for k in range(currents.shape[0]):
         currents[k] = drives[k, GAIN] * currents[k] + drives[k, OFFSET]
-    find_weights(kind, scale, grid, values, slopes, exponent, currents, near, far, weights)
-    return magnet_wrench(block, 0, weights, body, state, load) == INSIDE
+    find_weights(iron[0], iron[1], iron[2], currents, field[1])
+    forget(field)
+    return magnet_wrench(field, plant[1], state, load) == INSIDE
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def _solve(J, r, out):
     """out (3,) = J^-1 r by Cramer's rule; False for a matrix without inverse."""
     a = J[1, 1] * J[2, 2] - J[1, 2] * J[2, 1]
@@ -58,7 +58,7 @@ def _solve(J, r, out):
     return True
 
 
-@njit(**OUTER)
+@njit(**WHOLE)
 def find_signals(plant, allocation, wanted, inverse):
     """Change signals (3,) so that the magnet at `believed` feels the force wanted (3,), N; what is left of it, N.
 
@@ -66,12 +66,12 @@ def find_signals(plant, allocation, wanted, inverse):
     limits; where those do not give the force, what is left says so. NaN outside the map.
     """
     rounds, limits, signals, believed = inverse
-    n = plant[5].shape[0]
-    room, weights = (np.empty(n), np.empty(6), np.empty(6)), np.empty(int(plant[0][SETS]))
+    field = keep_field(plant[0], np.empty(int(plant[0][SETS])), int(plant[1][MAGNETS]))
+    currents = np.empty(plant[5].shape[0])
     load, moved, left, step = np.empty(6), np.empty(3), np.empty(3), np.empty(3)
     J = np.empty((3, 3))
     for turn in range(rounds + 1):
-        if not _force(plant, allocation, signals, believed, room, weights, load):
+        if not _force(plant, field, allocation, signals, believed, currents, load):
             return np.nan
         for i in range(3):
             left[i] = wanted[i] - load[i]
@@ -81,7 +81,7 @@ def find_signals(plant, allocation, wanted, inverse):
             moved[:] = signals
             ds = 1e-4 * (limits[1, j] - limits[0, j])
             moved[j] += ds
-            _force(plant, allocation, moved, believed, room, weights, load)
+            _force(plant, field, allocation, moved, believed, currents, load)
             for i in range(3):
                 J[i, j] = (load[i] - wanted[i] + left[i]) / ds
         if not _solve(J, left, step):
@@ -91,7 +91,7 @@ def find_signals(plant, allocation, wanted, inverse):
     return max(abs(left[0]), abs(left[1]), abs(left[2]))
 
 
-@njit(**OUTER)
+@njit(**WHOLE)
 def signals_along(plant, allocation, inverse, positions, forces, found, left):
     """Fill found (p, 3): the outputs at which the magnet of a body at positions (p, 3) feels forces (p, 3), N, each
     search beginning where the last ended; and left (p,), N."""

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from fieldmap.kernels.map_block import INLINED
+from fieldmap.kernels.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import (
     CONDUCTIVITY,
     DIPOLE,
@@ -17,12 +17,12 @@ from fieldmap.kernels.motion.plate import plate_force
 from fieldmap.kernels.motion.rotation import to_body, to_map
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _resist(linear, quadratic, speed):
     return -(linear + quadratic * abs(speed)) * speed
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def losses(body, state, r, velocity, spin):
     """Force (3) in the frame of the map, torque (3) in that of the body, at a velocity (3) and spin (3).
 
@@ -54,12 +54,12 @@ def losses(body, state, r, velocity, spin):
     return force, torque
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _eddies(body, state, r, velocity, spin):
     m = to_map(r, body[DIPOLE], body[DIPOLE + 1], body[DIPOLE + 2])
     arm = to_map(r, body[DIPOLE + 3], body[DIPOLE + 4], body[DIPOLE + 5])
@@ -72,13 +72,13 @@ def _eddies(body, state, r, velocity, spin):
     return force, to_body(r, a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def velocity_of(state):
     """Velocity (3) of the centre of mass."""
     return state[VELOCITY], state[VELOCITY + 1], state[VELOCITY + 2]
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def spin_of(state):
     """Angular velocity (3) in the frame of the body."""
     return state[SPIN], state[SPIN + 1], state[SPIN + 2]

@@ -1,20 +1,19 @@
 """Force and torque on a magnet that moves with a body: docs/theory/dynamics.md (7), (8).
 
-body: its dipoles (layout), one for a point dipole, the points of a volume rule for a finite magnet. block, weights: a
-map's coefficients and the weights of its fields (the currents, where they superpose); `fixed` is 1 for a block that is
-contracted at its currents already.
+body: its dipoles (layout), one for a point dipole, the points of a volume rule for a finite magnet. field: as in
+kept_field, a point for each dipole.
 """
 
 from numba import njit
 
-from fieldmap.kernels.lookup import contracted_at, superposed_at
-from fieldmap.kernels.map_block import INSIDE, OUTER
+from fieldmap.kernels.kept_field import kept_at
+from fieldmap.kernels.map_block import INSIDE, PLAIN, PLAIN_INLINED
 from fieldmap.kernels.motion.layout import FIRST, MAGNETS, POSITION
 from fieldmap.kernels.motion.rotation import to_body, to_map, turn_matrix
 
 
-@njit(**OUTER)
-def magnet_wrench(block, fixed, weights, body, state, load):
+@njit(**PLAIN_INLINED)
+def magnet_wrench(field, body, state, load):
     """load (6,): force in the frame of the map, torque about the centre of mass in the frame of the body.
 
     Returns the status of the first point that is not inside the map, INSIDE if all are.
@@ -26,10 +25,7 @@ def magnet_wrench(block, fixed, weights, body, state, load):
         ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
         mx, my, mz = to_map(r, body[at + 3], body[at + 4], body[at + 5])
         x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
-        if fixed:
-            status, v = contracted_at(block, x, y, z)
-        else:
-            status, v = superposed_at(block, weights, x, y, z)
+        status, v = kept_at(field, p, x, y, z)
         if status != INSIDE:
             return status
         gx = v[3] * mx + v[6] * my + v[9] * mz
@@ -44,8 +40,8 @@ def magnet_wrench(block, fixed, weights, body, state, load):
     return INSIDE
 
 
-@njit(**OUTER)
-def magnet_energy(block, fixed, weights, body, state):
+@njit(**PLAIN)
+def magnet_energy(field, body, state):
     """Interaction energy -m . B, J, NaN outside the map."""
     r = turn_matrix(state)
     energy = 0.0
@@ -54,9 +50,6 @@ def magnet_energy(block, fixed, weights, body, state):
         ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
         mx, my, mz = to_map(r, body[at + 3], body[at + 4], body[at + 5])
         x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
-        if fixed:
-            _, v = contracted_at(block, x, y, z)
-        else:
-            _, v = superposed_at(block, weights, x, y, z)
+        _, v = kept_at(field, p, x, y, z)
         energy -= mx * v[0] + my * v[1] + mz * v[2]
     return energy

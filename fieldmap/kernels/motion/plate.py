@@ -8,11 +8,11 @@ import math
 from numba import njit
 
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.map_block import INLINED
+from fieldmap.kernels.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import CONDUCTIVITY, FACE, NORMAL, THICKNESS
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def layer_integrals(height, thickness):
     """Integrals over the depth of the plate of 3 / (8 s^4), 1 / (4 s^3), 1 / (4 s^2): (14), (15)."""
     near, far = 1.0 / height, 1.0 / (height + thickness)
@@ -23,7 +23,7 @@ def layer_integrals(height, thickness):
     )
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def plate_force(numbers, at, x, y, z, m, v, rate):
     """Force (3) on a dipole m (3) at a place, moving at v (3), and g (3), so that the torque is m x g: (16), (17).
 

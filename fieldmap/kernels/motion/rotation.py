@@ -11,11 +11,11 @@ import math
 
 from numba import njit
 
-from fieldmap.kernels.map_block import INLINED
+from fieldmap.kernels.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import INERTIA, SPIN, TURN
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def turn_matrix(state):
     """The nine entries, row by row, of the matrix that takes vectors from the body to the map."""
     w, x, y, z = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]
@@ -25,7 +25,7 @@ def turn_matrix(state):
     return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def to_map(r, x, y, z):
     """A vector of the body in the frame of the map; r: nine entries of `turn_matrix`."""
     return (
@@ -35,7 +35,7 @@ def to_map(r, x, y, z):
     )
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def to_body(r, x, y, z):
     """A vector of the map in the frame of the body; r: nine entries of `turn_matrix`."""
     return (
@@ -45,7 +45,7 @@ def to_body(r, x, y, z):
     )
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _turn_by(state, w, x, y, z):
     """state's quaternion times (w, x, y, z): a rotation about axes of the body."""
     a, b, c, d = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]
@@ -55,7 +55,7 @@ def _turn_by(state, w, x, y, z):
     state[TURN + 3] = a * z + b * y - c * x + d * w
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _about_momentum(state, px, py, pz, h):
     """The body turns about its momentum, given over I1, for a time h."""
     rate = math.sqrt(px * px + py * py + pz * pz)
@@ -65,7 +65,7 @@ def _about_momentum(state, px, py, pz, h):
     _turn_by(state, math.cos(half), share * px, share * py, share * pz)
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def free_turn(state, body, h):
     """Advance quaternion and angular velocity by a time h without torque."""
     i1, i2, i3 = body[INERTIA], body[INERTIA + 1], body[INERTIA + 2]
@@ -85,7 +85,7 @@ def free_turn(state, body, h):
     state[SPIN], state[SPIN + 1], state[SPIN + 2] = p1 / i1, p2 / i2, p3 / i3
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _about_second(state, p1, p2, p3, factor):
     """A turn about the body's second axis by factor p2; the momentum's other two components after it."""
     angle = factor * p2
@@ -95,7 +95,7 @@ def _about_second(state, p1, p2, p3, factor):
     return cosine * p1 - sine * p3, cosine * p3 + sine * p1
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def normalise(state):
     """Take what rounding did to the quaternion's length back: one step of Newton's method for 1 / length."""
     a, b, c, d = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]

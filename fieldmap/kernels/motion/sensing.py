@@ -11,12 +11,12 @@ import math
 from numba import njit
 
 from fieldmap.kernels.instruments import measure
-from fieldmap.kernels.map_block import OUTER
+from fieldmap.kernels.map_block import PLAIN
 from fieldmap.kernels.motion.layout import POSITION
 from fieldmap.kernels.motion.rotation import to_map, turn_matrix
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def sensed_point(state, seen_at, out):
     """out (3,): where the point of the body that is seen lies in the map."""
     arm = to_map(turn_matrix(state), seen_at[0], seen_at[1], seen_at[2])
@@ -24,7 +24,7 @@ def sensed_point(state, seen_at, out):
         out[k] = state[POSITION + k] + arm[k]
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def add_scans(scan, before, after, start, h, first, scans, into, shift):
     """Add to scans (m, 3), which hold noise, what sensors see between start and start + h; the number of the next.
 
@@ -42,7 +42,7 @@ def add_scans(scan, before, after, start, h, first, scans, into, shift):
     return k
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def shown(scan, time, scans, axis):
     """What a scanning sensor shows at a time: as fieldmap.kernels.instruments.held_scans."""
     averages, latency = int(scan[2 + axis]), int(scan[1])
@@ -56,7 +56,7 @@ def shown(scan, time, scans, axis):
     return total / averages
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def see(sensing, point, time, noise, voltage_noise, scans, read, out):
     """out (3,): the position that the controller sees of the sensed point (3,). noise, voltage_noise (3,)."""
     into, shift, chains, back, scan = sensing

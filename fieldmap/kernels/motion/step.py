@@ -5,14 +5,14 @@ the rigid body (rotation). Kick half, flight, kick half is of second order and s
 symplectic. Three such steps of x1, x0, x1 times the length make one of fourth order (Yoshida, Phys. Lett. A 150, 262,
 1990). docs/theory/dynamics.md (21)..(24).
 
-body: the flat array of layout. block, fixed, weights: as for magnet_wrench. load (6,): force and torque at the present
+body: the flat array of layout. field: as for magnet_wrench. load (6,): force and torque at the present
 place, kept from step to step.
 """
 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map_block import INLINED, INSIDE, OUTER
+from fieldmap.kernels.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 from fieldmap.kernels.motion.contact import add_contact
 from fieldmap.kernels.motion.layout import (
     CONDUCTIVITY,
@@ -36,10 +36,10 @@ X1 = 1.3512071919596578  # 1 / (2 - 2^(1/3))
 X0 = 1.0 - 2.0 * X1
 
 
-@njit(**OUTER)
-def find_load(block, fixed, weights, body, state, load):
+@njit(**PLAIN)
+def find_load(field, body, state, load):
     """Fill load (6,) at the state; the status of the map, and what is touched."""
-    status = magnet_wrench(block, fixed, weights, body, state, load)
+    status = magnet_wrench(field, body, state, load)
     touched = 0
     if status == INSIDE:
         touched = add_contact(body, state, load) if body[SKIN] > 0.0 else 0
@@ -51,7 +51,7 @@ def find_load(block, fixed, weights, body, state, load):
     return status, touched
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _changes(body, state, r, v, s, load):
     """Rates of velocity (3) and spin (3) at velocity v and spin s, without what the spin does by itself."""
     force, torque = losses(body, state, r, v, s)
@@ -66,12 +66,12 @@ def _changes(body, state, r, v, s, load):
     )
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def _moved(v, a, h):
     return v[0] + h * a[0], v[1] + h * a[1], v[2] + h * a[2]
 
 
-@njit(**OUTER)
+@njit(**PLAIN)
 def kick(body, state, load, h, order):
     """Velocity and spin after a time h at rest in place and turn; with losses by a Runge-Kutta rule of `order`."""
     if body[LOSSY] == 0.0 and body[PLATE + CONDUCTIVITY] == 0.0:
@@ -95,7 +95,7 @@ def kick(body, state, load, h, order):
         state[SPIN + k] += h * b2[k]
 
 
-@njit(**INLINED)
+@njit(**PLAIN_INLINED)
 def fly(body, state, h):
     """Free motion for a time h."""
     for k in range(3):
@@ -104,39 +104,39 @@ def fly(body, state, h):
     normalise(state)
 
 
-@njit(**OUTER)
-def step_of_two(block, fixed, weights, body, state, load, h):
+@njit(**PLAIN_INLINED)
+def step_of_two(field, body, state, load, h):
     """One step of second order; `load` goes in as that at the beginning, comes out as that at the end.
 
-    weights: those at the end of the step. Returns status and what is touched, at the end.
+    field: with the weights at the end of the step. Returns status and what is touched, at the end.
     """
     kick(body, state, load, 0.5 * h, 2)
     fly(body, state, h)
-    status, touched = find_load(block, fixed, weights, body, state, load)
+    status, touched = find_load(field, body, state, load)
     if status == INSIDE:
         kick(body, state, load, 0.5 * h, 2)
     return status, touched
 
 
-@njit(**OUTER)
-def step_of_four(block, fixed, weights, body, state, load, h):
-    """One step of fourth order; weights (3, n): those at the ends of its three parts. Else as `step_of_two`."""
+@njit(**PLAIN)
+def step_of_four(field, body, state, load, h):
+    """One step of fourth order, at weights that do not change; else as `step_of_two`."""
     status, touched = INSIDE, 0
     for part in range(3):
         length = (X0 if part == 1 else X1) * h
         kick(body, state, load, 0.5 * length, 4)
         fly(body, state, length)
-        status, touched = find_load(block, fixed, weights[part], body, state, load)
+        status, touched = find_load(field, body, state, load)
         if status != INSIDE:
             return status, touched
         kick(body, state, load, 0.5 * length, 4)
     return status, touched
 
 
-@njit(**OUTER)
-def rates(block, fixed, weights, body, state, load, out):
+@njit(**PLAIN)
+def rates(field, body, state, load, out):
     """Time derivative (13,) of a state: the right-hand side for an integrator of another kind. Status of the map."""
-    status, _ = find_load(block, fixed, weights, body, state, load)
+    status, _ = find_load(field, body, state, load)
     r = turn_matrix(state)
     v, s = velocity_of(state), spin_of(state)
     a, b = _changes(body, state, r, v, s, load)
@@ -154,23 +154,21 @@ def rates(block, fixed, weights, body, state, load, out):
     return status
 
 
-@njit(**OUTER)
-def fixed_currents(block, fixed, weights, body, state, h, every, order, states):
+@njit(**WHOLE)
+def fixed_currents(field, body, state, h, every, order, states):
     """A motion at weights that do not change: states (rows, 13) after every `every` steps, the first after none.
 
     Returns rows filled, the status of the map and what was touched by then. `state` is advanced.
     """
     load = np.empty(6)
-    status, touched = find_load(block, fixed, weights, body, state, load)
-    three = np.empty((3, weights.shape[0]))
-    three[:] = weights
+    status, touched = find_load(field, body, state, load)
     states[0] = state
     for row in range(1, states.shape[0]):
         for _ in range(every):
             if order == 4:
-                status, now = step_of_four(block, fixed, three, body, state, load, h)
+                status, now = step_of_four(field, body, state, load, h)
             else:
-                status, now = step_of_two(block, fixed, weights, body, state, load, h)
+                status, now = step_of_two(field, body, state, load, h)
             touched |= now
             if status != INSIDE:
                 return row, status, touched
