@@ -149,7 +149,7 @@ def _begin(timing, plant, field, sensing, scans, moving, watch, points):
 
 @njit(**WHOLE)
 def _room(plant, currents, memory, m):
-    """What a run writes to: the kept field; commands now, the last and those before; two points; what `_sample` takes."""
+    """What a run writes to: the kept field; commands now, the last, those before; two points; what `_sample` takes."""
     field = keep_field(plant[0], np.empty(int(plant[0][SETS])), int(plant[1][MAGNETS]))
     asked = (currents.copy(), currents.copy(), currents.copy())
     points = (np.empty(3), np.empty(3))
