@@ -17,7 +17,14 @@ Array = NDArray[np.float64]
 
 X, Y, DEPTH = 0, 1, 2
 LABELS = ("x (mm)", "y (mm)", "depth (mm)")
-VERTICAL_PID = {"kind": "pid", "Kc": 0.334, "Ti_s": 0.42, "Td_s": 0.06, "lower": 0.0, "upper": 10.0}
+VERTICAL_PID: dict[str, Any] = {
+    "kind": "pid",
+    "Kc": 0.334,
+    "Ti_s": 0.42,
+    "Td_s": 0.06,
+    "lower": 0.0,
+    "upper": 10.0,
+}
 """7.2.1, its times taken as minutes."""
 # Of a line in a figure: more points than the picture has across are not seen.
 _MOST_POINTS = 700
@@ -50,6 +57,12 @@ class Readings:
     def mean(self, axis: int, begin: float, end: float) -> float:
         """Of what the sensors show, mm."""
         return float(self.seen[self.during(begin, end), axis].mean())
+
+    def time_to_reference(self, axis: int, at: float) -> float:
+        """From a step at `at`, s, until the true position first reaches what is asked for, s; infinite if never."""
+        final, begin = self.wanted[-1, axis], self.wanted[0, axis]
+        there = self.during(at) & ((self.true[:, axis] - final) * np.sign(final - begin) >= 0.0)
+        return float(self.time[np.argmax(there)] - at) if there.any() else np.inf
 
     def step(self, axis: int) -> StepMetrics:
         """Of the first step of an axis, from the true position."""
