@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -14,7 +15,9 @@ WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
 _LINES = {"ours": "-", "thesis": "--", "measured": "-."}
 _MARKS = {"ours": "o", "thesis": "s", "measured": "x"}
-_MANY = 6
+_MANY = 5
+_APART = 0.01
+"""Share of the figure's height by which two lines must differ somewhere for both to be seen."""
 
 
 def save_curves(curves: Curves, path: str | Path) -> Path:
@@ -29,10 +32,12 @@ def save_curves(curves: Curves, path: str | Path) -> Path:
 def draw_curves(axes: Axes, curves: Curves) -> None:
     """Draw into axes: colour by the name of a series, style by whose it is."""
     names = list(dict.fromkeys(series.name for series in curves.series))
-    for series in curves.series:
-        axes.plot(
-            series.x, series.y, color=COLOURS[names.index(series.name) % len(COLOURS)], **_style(series)
-        )
+    for k, series in enumerate(curves.series):
+        style = _style(series)
+        if not series.points and any(_covers(series, below, curves) for below in curves.series[:k]):
+            # With gaps, through which the line below shows.
+            style |= {"linestyle": (0, (4.0, 4.0)), "zorder": style["zorder"] + 0.5}
+        axes.plot(series.x, series.y, color=COLOURS[names.index(series.name) % len(COLOURS)], **style)
     axes.set(xlabel=curves.x_label, ylabel=curves.y_label, yscale="log" if curves.log_y else "linear")
     if curves.equal:
         axes.set_aspect("equal")
@@ -40,6 +45,17 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
     axes.grid(color="0.9")
     axes.set_axisbelow(True)
     _add_legend(axes, curves)
+
+
+def _covers(series: Series, below: Series, curves: Curves) -> bool:
+    """Whether a line would hide one of another name that was drawn before it."""
+    if below.points or below.name == series.name or series.x.shape != below.x.shape:
+        return False
+    heights = np.concatenate([line.y[np.isfinite(line.y)] for line in curves.series])
+    room = _APART * float(np.ptp(heights))
+    return bool(
+        np.allclose(series.x, below.x) and np.allclose(series.y, below.y, rtol=0.0, atol=room, equal_nan=True)
+    )
 
 
 def _style(series: Series) -> dict[str, Any]:

@@ -41,6 +41,16 @@ def test_labels_and_legend():
     assert words == ["10 mm (ours)", "10 mm (thesis)", "20 mm (measured)"]
 
 
+def test_a_line_that_would_hide_another_has_gaps():
+    near = Series("near", X, X**2 + 0.01)
+    first, second, third, fourth = drawn(
+        Curves("t", "x (mm)", "y (T)", (PLAIN.series[0], near, PLAIN.series[2], Series("far", X, X)))
+    ).lines
+    assert [line.get_linestyle() for line in (first, second, fourth)] == ["-", "--", "-"]
+    assert second.get_zorder() > first.get_zorder()
+    assert third.get_linestyle() == "None"
+
+
 def test_one_line_needs_no_legend_and_decades_are_a_choice():
     axes = drawn(Curves("t", "x (mm)", "y (T)", (Series("line", X, X + 1),), log_y=True))
     assert axes.get_legend() is None
