@@ -17,7 +17,7 @@ from dataclasses import asdict, replace
 
 from rich.console import Console
 from rich.table import Table
-from validation import axisymmetric, closed_forms, drive_units, map_files, thesis_statics
+from validation import axisymmetric, closed_forms, convergence, drive_units, map_files, thesis_statics
 from validation.row import Row
 
 from fieldmap.errors import FieldmapError
@@ -34,6 +34,8 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "unit_linear": (drive_units.unit_linear, 600),
     "unit_other_form": (drive_units.unit_other_form, 30),
     "unit_saturated": (drive_units.unit_saturated, 220),
+    "mesh": (convergence.mesh, 40),
+    "spacing": (convergence.spacing, 2),
     "spoiled_maps": (map_files.spoiled_maps, 100),
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),

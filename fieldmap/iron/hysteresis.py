@@ -235,7 +235,7 @@ class HysteresisSolver:
         )
 
     def _linkage(self, polarisation: Array) -> Array:
-        """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (4)."""
+        """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (5)."""
         unit = self._form.elements.coil_field_at_points(self._unit)
         weight = 0.25 * self._form.elements.volume / mu_0
         return np.einsum("e,ceqd,eqd->c", weight, unit, polarisation, optimize=True)

@@ -96,6 +96,35 @@ def test_pages_that_the_code_names_exist():
     assert [name for name in sorted(named_files) if not (ROOT / name).is_file()] == []
 
 
+CITED = re.compile(r"docs/((?:theory/)?\w+\.md),?\s+(\(\d+\)(?:(?:,\s+|-|\s+and\s+|\s+to\s+)\(\d+\))*)")
+
+
+def test_equations_that_docstrings_cite_exist():
+    """Page and number; that it is the right equation, only a reader can say."""
+    cited = {
+        (page, number)
+        for path in (ROOT / "fieldmap").rglob("*.py")
+        for page, numbers in CITED.findall(path.read_text())
+        for number in re.findall(r"\d+", numbers)
+    }
+    assert len(cited) > 60
+    pages = {page: (ROOT / "docs" / page).read_text() for page, _ in cited}
+    missing = [
+        f"{page} ({number})"
+        for page, number in cited
+        if not re.search(rf"\({number}\)\s*(?:\(.*\))?$", pages[page], re.MULTILINE)
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "theory").glob("*.md")), ids=named)
+def test_equations_are_numbered_once(page):
+    blocks = re.findall(r"^```text\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    numbers = [n for block in blocks for n in re.findall(r"\s\((\d+)\)\s*$", block, re.MULTILINE)]
+    assert numbers
+    assert len(numbers) == len(set(numbers))
+
+
 ROOMS = [
     "adapters", "control", "control.identification", "dynamics", "instruments", "interpolants", "iron", "levitation",
     "lookup", "maps", "parallel", "planar", "sources", "store", "studies", "thesis", "view",

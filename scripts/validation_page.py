@@ -1,0 +1,149 @@
+"""Write docs/validation.md from what the validation and the comparison with the thesis printed.
+
+    fieldmap thesis --report report
+    python scripts/validate.py --json > validate.json
+    python scripts/validation_page.py report/numbers.csv validate.json
+
+Several files of rows may be given; a case that stands in more than one is taken from the last.
+"""
+
+import argparse
+import csv
+import json
+import platform
+import statistics
+from collections.abc import Iterable
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import fieldmap
+from fieldmap.thesis.registry import ROWS
+
+PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
+LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")
+HEAD = """# Validation
+
+What the numbers of this package have been held against, and how far off they were. This page is written by a program
+from what two others print; it is made anew before a release, not with the site:
+
+```console
+$ fieldmap thesis --report report
+$ python scripts/validate.py --json > validate.json
+$ python scripts/validation_page.py report/numbers.csv validate.json
+```
+
+Made on {date} with fieldmap {version}, Python {python}, {libraries}, on {machine}. Errors are the largest over the
+points, relative to the largest value of the same quantity there, unless a line says otherwise. Bounds are those that
+the program fails on.
+"""
+THESIS = """## The thesis
+
+Sharp numbers are arithmetic on stated inputs and must agree to the printed digits (misprints of the thesis, each with
+its reason, left out); models are numbers that somebody else's model gave; measured ones say how far the model is from
+the machine. Deviation is ours / thesis - 1, here the median of its size. Every number, with place, explanation and what
+it rests on: `fieldmap thesis ROW`, or the report of the first command above.
+
+| row | what | sharp that agree | model: numbers, median deviation | measured: numbers, median deviation |
+|---|---|---|---|---|
+"""
+
+
+def thesis_table(path: Path) -> str:
+    """One line for each row of the thesis."""
+    with path.open(newline="", encoding="utf-8") as file:
+        numbers = list(csv.DictReader(file))
+    lines = []
+    for row in dict.fromkeys(number["row"] for number in numbers):
+        mine = [number for number in numbers if number["row"] == row]
+        sharp = [number for number in mine if number["kind"] == "sharp" and not number["misprint"]]
+        agree = sum(number["agrees"] == "true" for number in sharp)
+        cells = [row, ROWS[row], f"{agree} of {len(sharp)}" if sharp else "-"]
+        cells += [_deviation(mine, kind) for kind in ("model", "measured")]
+        lines.append(f"| {' | '.join(cells)} |")
+    sharp = [number for number in numbers if number["kind"] == "sharp" and not number["misprint"]]
+    agree = sum(number["agrees"] == "true" for number in sharp)
+    misprints = sum(bool(number["misprint"]) for number in numbers)
+    total = (
+        f"{agree} of {len(sharp)} sharp numbers agree; {misprints} misprints; {len(numbers)} numbers in all."
+    )
+    return THESIS + "\n".join(lines) + f"\n\n{total}\n"
+
+
+def _deviation(numbers: Iterable[dict[str, str]], kind: str) -> str:
+    of_kind = [number for number in numbers if number["kind"] == kind and not number["misprint"]]
+    sizes = [abs(float(number["deviation"])) for number in of_kind if number["deviation"]]
+    median = f", {100 * statistics.median(sizes):.2g} %" if sizes else ""
+    return f"{len(of_kind)}{median}" if of_kind else "-"
+
+
+def rows_of(paths: Iterable[Path]) -> list[dict[str, Any]]:
+    """Rows of the validation; what stands in more than one file is taken from the last."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for path in paths:
+        for row in json.loads(path.read_text(encoding="utf-8")):
+            found[row["case"], row["quantity"]] = row
+    return list(found.values())
+
+
+def validation_table(rows: list[dict[str, Any]], wanted: bool) -> str:
+    """The rows that have a bound, or those that have none."""
+    lines = ["| case | quantity | measured | bound | held against |", "|---|---|---|---|---|"]
+    for row in rows:
+        if (row["bound"] is not None) == wanted:
+            bound = "-" if row["bound"] is None else f"{row['bound']:g}"
+            verdict = "" if row["verdict"] in ("pass", "-") else f" **{row['verdict']}**"
+            cells = (
+                row["case"],
+                row["quantity"],
+                f"{row['value']:.2g}{verdict}",
+                bound,
+                row["note"] or row["source"],
+            )
+            lines.append("| " + " | ".join(str(cell).replace("|", "/") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def page(numbers: Path, paths: list[Path]) -> str:
+    """The whole page."""
+    rows = rows_of(paths)
+    passed = sum(row["verdict"] == "pass" for row in rows)
+    judged = sum(row["bound"] is not None for row in rows)
+    head = HEAD.format(
+        date=date.today().isoformat(),
+        version=fieldmap.__version__,
+        python=platform.python_version(),
+        libraries=", ".join(f"{name} {version(name)}" for name in LIBRARIES),
+        machine=f"{platform.system()} {platform.machine()}",
+    )
+    return "\n".join(
+        (
+            head,
+            "## Closed forms and independent codes\n",
+            f"{passed} of {judged} within their bounds.\n",
+            validation_table(rows, True),
+            "## Convergence, and numbers without a bound\n",
+            "Errors at several mesh sizes and spacings, and the order that a straight line through their logarithms"
+            " shows.\n",
+            validation_table(rows, False),
+            thesis_table(numbers),
+        )
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("numbers", type=Path, help="numbers.csv of `fieldmap thesis --report`")
+    parser.add_argument("rows", type=Path, nargs="+", help="what scripts/validate.py --json printed")
+    parser.add_argument("-o", "--output", type=Path, default=PAGE)
+    options = parser.parse_args()
+    options.output.write_text(page(options.numbers, options.rows), encoding="utf-8")
+    print(options.output)
+
+
+if __name__ == "__main__":
+    main()
