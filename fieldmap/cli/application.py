@@ -82,7 +82,7 @@ COMMANDS: dict[str, Entry] = {
     "app": Entry(
         app.app,
         "fieldmap app maps/out/workspace.h5",
-        "A map with sliders: field, force and equilibrium follow the currents.",
+        "A window with sliders for the currents of a map.",
         MAPS,
     ),
     "equilibrium": Entry(
