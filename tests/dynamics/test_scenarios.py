@@ -180,6 +180,17 @@ def test_references_are_what_they_are_called(written):
     np.testing.assert_allclose(
         np.diff(np.unwrap(np.arctan2(circle[250:, 1], circle[250:, 0]))), 4e-3, rtol=1e-6
     )
+    out = wanted_by(
+        written,
+        '[[reference]]\nkind="circle"\nat_s=0.5\nradius_mm=3.0\nrate_rad_per_s=2.0\nout_at_s=0.1\nout_mm_per_s=10.0\n',
+    )
+    np.testing.assert_allclose(out[:250, 0], np.clip(10 * (time[:250] - 0.1), 0, 3), atol=1e-9)
+    np.testing.assert_array_equal(out[250:], circle[250:])
+    stairs = wanted_by(
+        written, '[[reference]]\nkind="step"\naxis="x"\nat_s=0.1\nby_mm=0.1\ntimes=3\nevery_s=0.2\n'
+    )
+    np.testing.assert_allclose(np.flatnonzero(np.diff(stairs[:, 0])) + 1, [50, 150, 250])
+    np.testing.assert_allclose(stairs[[0, 50, 150, 499], 0], [0.0, 0.1, 0.2, 0.3], atol=1e-12)
     bits = wanted_by(
         written, '[[reference]]\nkind="prbs"\naxis="y"\namplitude_mm=0.3\nbit_ms=20.0\norder=4\n'
     )
