@@ -22,6 +22,7 @@ from fieldmap.dynamics import (
     Sensors,
     close_loop,
     coupling,
+    linear_points,
     linearise,
     margins,
     modes,
@@ -34,6 +35,7 @@ from fieldmap.dynamics import (
     trim,
 )
 from fieldmap.dynamics.linear import moved_state, sampled_machine, sensor_answer
+from fieldmap.dynamics.linear.loop import _shares_of_the_past
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
 from fieldmap.lookup import open_map
@@ -210,6 +212,31 @@ def test_what_scanning_sensors_show_of_a_sine_is_what_the_micrometer_shows():
     crossed = Sensors(SensorFrame(np.pi / 4, offset=0.0), scan_rate=1200.0, averages=(1, 1, n), latency=2)
     assert sensor_answer(crossed, rate)[2, 2] == pytest.approx(answer, abs=0.02)
     assert abs(sensor_answer(crossed, rate)[0, 0]) > abs(answer)
+
+
+@pytest.mark.parametrize(("averages", "holds"), [(4, True), (64, False)])
+def test_averaging_makes_unstable_what_the_simulation_loses(six, averages, holds):
+    changes = {
+        "field.scale": 2.1,
+        "start.depth_mm": 10.0,
+        "control.linked.depths_mm": [8.0, 12.0],
+        "reference.0.by_mm": 0.0,
+        "reference.1.by_mm": 0.0,
+        "duration_s": 6.0,
+        "sensors.scan_rate_Hz": 1200.0,
+        "sensors.averages": [averages, averages, 1],
+    }
+    experiment = prepare(read_scenario("without_block", changes), six)
+    (point,) = linear_points(experiment)
+    assert point.loop.stable is holds
+    run = experiment.run()
+    assert np.abs(run.sensed - run.references)[-200:, :2].max() < 1e-4 or not holds
+    assert (run.event is None) is holds
+    # What the past is worth adds up to one, and turns a slow sine as the frequency response says.
+    shares = _shares_of_the_past(experiment.machine.sensors, 2e-3)
+    np.testing.assert_allclose(shares.sum(axis=0), np.eye(3), atol=1e-12)
+    turned = np.einsum("kij,k->ij", shares, np.exp(-1j * 8.0 * 2e-3 * np.arange(len(shares))))
+    np.testing.assert_allclose(turned, sensor_answer(experiment.machine.sensors, 8.0), atol=1e-3)
 
 
 def command(*words):

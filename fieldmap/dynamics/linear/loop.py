@@ -56,7 +56,8 @@ def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) ->
 class ClosedLoop:
     """A machine and its controller as one sampled system, z[n+1] = A z[n] + B r[n]; period: s.
 
-    z: states of the machine, outputs of the last period, memory of the controller. C z: the sensed point; r: its
+    z: states of the machine, outputs of the last period, memory of the controller, and where the body was at the last
+    samples, if its sensors take means. C z: the sensed point; r: its
     reference; both as deviations. machine, controller: what it is made of.
     """
 
@@ -78,23 +79,56 @@ class ClosedLoop:
         return bool(np.abs(self.poles).max() < 1.0)
 
 
-def close_loop(linear: LinearMachine, controller: ControllerBlock, schedule: Schedule) -> ClosedLoop:
-    """The linear machine under a controller, with the schedule's period and delay; sensors show what is."""
+def close_loop(
+    linear: LinearMachine, controller: ControllerBlock, schedule: Schedule, sensors: Sensors | None = None
+) -> ClosedLoop:
+    """The linear machine under a controller, with the schedule's period and delay.
+
+    sensors: whose scans, means and latency stand between; without it sensors show what is.
+    """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
     k = controller
-    read, wanted = k.D[:, 3:6] @ machine.C, k.D[:, :3]
-    m, size = k.outputs, len(k.A)
+    shown = np.eye(3)[None] if sensors is None else _shares_of_the_past(sensors, schedule.period)
+    now, past = shown[0] @ machine.C, np.hstack([*shown[1:], np.zeros((3, 0))])
+    listen, wanted = k.D[:, 3:6], k.D[:, :3]
+    m, size, n, late = k.outputs, len(k.A), len(machine.A), past.shape[1]
     applied = k.B + k.E @ k.D
+    older = np.eye(late, late, -3)
+    latest = np.vstack([machine.C, np.zeros((max(late - 3, 0), n))])[:late]
     A = np.block(
         [
-            [machine.A + machine.B @ read, machine.before, machine.B @ k.C],
-            [read, np.zeros((m, m)), k.C],
-            [applied[:, 3:6] @ machine.C, np.zeros((size, m)), k.A + k.E @ k.C],
+            [
+                machine.A + machine.B @ listen @ now,
+                machine.before,
+                machine.B @ k.C,
+                machine.B @ listen @ past,
+            ],
+            [listen @ now, np.zeros((m, m)), k.C, listen @ past],
+            [applied[:, 3:6] @ now, np.zeros((size, m)), k.A + k.E @ k.C, applied[:, 3:6] @ past],
+            [latest, np.zeros((late, m + size)), older],
         ]
     )
-    B = np.vstack([machine.B @ wanted, wanted, applied[:, :3]])
-    C = np.hstack([machine.C, np.zeros((3, m + size))])
+    B = np.vstack([machine.B @ wanted, wanted, applied[:, :3], np.zeros((late, 3))])
+    C = np.hstack([machine.C, np.zeros((3, m + size + late))])
     return ClosedLoop(A, B, C, schedule.period, machine, controller)
+
+
+def _shares_of_the_past(sensors: Sensors, period: float) -> Array:
+    """(k, 3, 3): what is seen is the sum of them times where the body was k samples ago; lags of scans and of the hold
+    between means, shared out to the samples on both sides."""
+    if not sensors.scan_rate:
+        return np.eye(3)[None]
+    scan = 1.0 / sensors.scan_rate
+    into, _, _, back, _ = sensors.numbers
+    count = int(np.ceil((2 * max(sensors.means) + sensors.latency) * scan / period)) + 2
+    shares = np.zeros((count, 3))
+    for axis, n in enumerate(sensors.means):
+        held = (np.arange(8 * n) + 0.5) / 8.0
+        lags = (np.arange(n)[:, None] + held + sensors.latency).ravel() * scan / period
+        below = lags.astype(int)
+        np.add.at(shares[:, axis], below, (1.0 - lags + below) / lags.size)
+        np.add.at(shares[:, axis], below + 1, (lags - below) / lags.size)
+    return np.stack([back @ np.diag(share) @ into for share in shares])
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,8 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> LinearPoint:
     mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in ("vx", "vy", "vz")]
     block = experiment.controller.at(linear.rest, -mass * linear.A[moves, :3], mass * linear.B[moves])
-    loop = close_loop(linear, block, experiment.schedule)
     sensors = experiment.machine.sensors
+    loop = close_loop(linear, block, experiment.schedule, sensors)
     return LinearPoint(
         depth,
         linear,
