@@ -7,9 +7,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from fieldmap.view.figures import COLOURS
+
 Array = NDArray[np.float64]
 
 _LABELS = ("x, mm", "y, mm", "depth, mm")
+_ABOVE: dict[str, Any] = {
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "fontsize": 8,
+    "ncols": 6,
+    "frameon": False,
+    "borderaxespad": 0.1,
+}
 
 
 def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
@@ -33,7 +43,16 @@ def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
                 alpha=0.6 if many else 1.0,
                 label="true",
             )
-        axes[3].plot(time, run["currents"], linewidth=0.7, alpha=0.3 if many else 1.0)
+        for coil, current in enumerate(run["currents"].T):
+            colour = COLOURS[coil % len(COLOURS)]
+            axes[3].plot(
+                time,
+                current,
+                color=colour,
+                linewidth=0.7,
+                alpha=0.3 if many else 1.0,
+                label=f"coil {coil + 1}" if run is runs[0] else None,
+            )
         if run["event"]:
             axes[2].annotate(run["event"], (time[-1], run["true"][-1, 2]), fontsize=8, ha="right")
     for k, axis in enumerate(axes[:3]):
@@ -49,8 +68,10 @@ def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
         axis.grid(True, alpha=0.3)
     axes[2].invert_yaxis()
     if not many:
-        axes[0].legend(loc="upper right", fontsize=8, ncols=3)
+        # Above the axes: inside there is a curve everywhere.
+        axes[0].legend(**_ABOVE)
     axes[3].set_ylabel("currents, A")
+    axes[3].legend(**_ABOVE)
     axes[3].set_xlabel("time, s")
     axes[3].grid(True, alpha=0.3)
     figure.suptitle(title, fontsize=10)
