@@ -19,7 +19,8 @@ from fieldmap.control import (
     with_output_integral,
     zero_order_hold,
 )
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.vertical import identified_plant, rms_at_rest
 
 _FULL_DIGITS = "from (5-17) in full digits; from the rounded (7-7) two entries differ in their last digit"
@@ -66,7 +67,7 @@ def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
     return -float(np.vdot(quadratic, rest) / np.vdot(quadratic, quadratic))
 
 
-def closed_loop(inputs: dict[str, Any]) -> dict[str, Any]:
+def closed_loop(inputs: dict[str, Any]) -> Answers:
     """The design on its own model, and with the changes that the rig needed, against Table 7-3."""
     plant, Ts = identified_plant(inputs), inputs["Ts_s"]
     exact = continuous(plant, Ts)
@@ -78,8 +79,10 @@ def closed_loop(inputs: dict[str, Any]) -> dict[str, Any]:
     at_reference = Regulator(k, _estimator(exact, inputs), Ts, equilibrium, estimate="filtered")
     design = replace(at_reference, equilibrium_at="measured")
     rig = replace(design, estimate="predicted", divisor=inputs["divisor"])
-    of_design, of_reference, of_rig = (_step(sampled, one) for one in (design, at_reference, rig))
-    return {
+    loops = {"design": design, "with (7-20)": at_reference, "with (7-21), as on the rig": rig}
+    runs = {name: simulate_loop(sampled, one, np.ones(2000)) for name, one in loops.items()}
+    of_design, of_reference, of_rig = (step_metrics(run.time, run.y[0]) for run in runs.values())
+    numbers = {
         "design_overshoot": Ours(100 * of_design.overshoot, (_MODEL,)),
         "overshoot_of_7_20": Ours(100 * of_reference.overshoot, (_MODEL,)),
         "design_rise_time": Ours(of_design.rise_time, (_MODEL,)),
@@ -89,8 +92,14 @@ def closed_loop(inputs: dict[str, Any]) -> dict[str, Any]:
         "overshoot": Ours(100 * of_rig.overshoot, (_RIG,)),
         "rms_at_rest": Ours(rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]), (_RIG, _NOISE)),
     }
+    return Answers(numbers, (_step_figure(runs),))
 
 
-def _step(plant: StateSpace, regulator: Regulator) -> Any:
-    run = simulate_loop(plant, regulator, np.ones(2000))
-    return step_metrics(run.time, run.y[0])
+def _step_figure(runs: dict[str, Any]) -> Curves:
+    series = []
+    for name, run in runs.items():
+        shown = run.time <= 1.0
+        series.append(Series(name, run.time[shown], run.y[0][shown]))
+    series.append(Series("asked for", series[0].x, np.ones_like(series[0].x)))
+    title = "Table 7-3: step of the height, regulator on the identified model"
+    return Curves(title, "time (s)", "height (mm)", tuple(series))

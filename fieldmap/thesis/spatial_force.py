@@ -11,7 +11,8 @@ from fieldmap.device import read_device
 from fieldmap.iron import solve_linear
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 
 Array = NDArray[np.float64]
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
@@ -121,7 +122,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def constants(inputs: dict[str, Any]) -> dict[str, Any]:
+def constants(inputs: dict[str, Any]) -> Answers:
     """Table 4-3, and the errors of the added formulas."""
     depth, half_width = 1e-3 * inputs["depth_mm"], 1e-3 * inputs["half_width_mm"]
     fits = [
@@ -136,12 +137,40 @@ def constants(inputs: dict[str, Any]) -> dict[str, Any]:
         f"|y|, |y| <= 30 mm: {1e3 * plane.rms:.2f} mN; d = 100 m says that the term is of no use",
         *errors_in_words(depth, half_width),
     )
-    return {
+    numbers = {
         "L0": Ours([fit.formula.inductance for fit in fits], words),
         "b": Ours([fit.formula.b for fit in fits], words),
         "c": Ours([fit.formula.c for fit in fits], words),
         "d": Ours(plane.formula.d, words),
     }
+    return Answers(numbers, (_one_by_one(depth, half_width, fits), _added(depth, half_width)))
+
+
+def _one_by_one(depth: float, half_width: float, fits: list[Fit[HorizontalForce]]) -> Curves:
+    """Computed force of electromagnets 1 and 4 on two lines, and the formula fitted on the axis."""
+    x, series = places(half_width), []
+    for name, coil, fit in (("1", ONE, fits[0]), ("4", FOUR, fits[1])):
+        for y in (0.0, 30e-3):
+            force = unit_forces(depth, half_width, y)[_index(coil)]
+            series.append(Series(f"electromagnet {name}, y = {1e3 * y:g} mm", 1e3 * x, 1e3 * force))
+        fitted = fit.formula(x, depth, 1.0)
+        series.append(Series(f"(4-9) fitted to {name}, y = 0", 1e3 * x, 1e3 * fitted))
+    title = f"Figs 4-9 to 4-16: one electromagnet, {1e3 * depth:g} mm deep"
+    remark = "The printed constants of Table 4-3 have a pole inside the range and are not drawn."
+    return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series), remark)
+
+
+def _added(depth: float, half_width: float) -> Curves:
+    """What adding fitted formulas makes of two electromagnets and of six."""
+    x, force, names = places(half_width), unit_forces(depth, half_width, 0.0), unit().coil_names
+    formulas = np.array([best_line_fit(name, depth, half_width).formula(x, depth, 1.0) for name in names])
+    series = []
+    for words, chosen in (("1 and 4", (ONE, FOUR)), ("all six", names)):
+        rows = [_index(name) for name in chosen]
+        series.append(Series(f"{words}: computed", 1e3 * x, 1e3 * force[rows].sum(axis=0)))
+        series.append(Series(f"{words}: fitted formulas added", 1e3 * x, 1e3 * formulas[rows].sum(axis=0)))
+    title = f"Force formulas added, 1 A each, {1e3 * depth:g} mm below the disk"
+    return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series))
 
 
 def errors_in_words(depth: float, half_width: float) -> tuple[str, ...]:

@@ -12,7 +12,8 @@ from fieldmap.control import (
     simulate_loop,
     step_metrics,
 )
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 
 _PLANT = "the identified plant (5-17), linear and without limits of the output"
 _NOISE = (
@@ -41,7 +42,7 @@ def controller(inputs: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def closed_loop(inputs: dict[str, Any]) -> dict[str, Any]:
+def closed_loop(inputs: dict[str, Any]) -> Answers:
     """The step of Table 7-1 on the identified plant, and the error at rest with sensor noise."""
     pid = PID(
         inputs["Kc"],
@@ -64,7 +65,17 @@ def closed_loop(inputs: dict[str, Any]) -> dict[str, Any]:
     }
     answers: dict[str, Any] = {name: Ours(value, (_PLANT,)) for name, value in numbers.items()}
     answers["rms_at_rest"] = Ours(rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]), (_PLANT, _NOISE))
-    return answers
+    return Answers(answers, (_step_figure(run, inputs["step_mm"]),))
+
+
+def _step_figure(run: Any, step: float) -> Curves:
+    shown = run.time <= 1.5
+    time = run.time[shown]
+    series = (
+        Series("identified plant (5-17), PID", time, run.y[0][shown]),
+        Series("asked for", time, np.full_like(time, step)),
+    )
+    return Curves("Table 7-1: step of the height on the identified plant", "time (s)", "height (mm)", series)
 
 
 def rms_at_rest(plant: tuple, controller: Any, deviation: float) -> float:

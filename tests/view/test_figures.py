@@ -61,7 +61,9 @@ def test_a_figure_becomes_a_picture(tmp_path):
     assert save_curves(PLAIN, tmp_path / "figure.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize("part", ["S4_levitation", "S5_current_ratio", "S5_depth", "S9_constants"])
+@pytest.mark.parametrize(
+    "part", ["S4_levitation", "S5_current_ratio", "S9_constants", "S16_closed_loop", "S20_closed_loop"]
+)
 def test_every_axis_has_its_unit(part):
     for curves in compute_part(part).curves:
         assert curves.x_label.endswith(")")
