@@ -36,7 +36,7 @@ def simulate(
 
     >>> run = simulate("vertical_step")                                               # doctest: +SKIP
     >>> run.metrics.axes[2].step.overshoot                                            # doctest: +SKIP
-    0.364
+    0.387
     """
     scenario = read_scenario(path_or_name, changes)
     run = prepare(scenario, field_map).run(seed)
