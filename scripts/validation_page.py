@@ -18,6 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from validate import STUDIES
+
 import fieldmap
 from fieldmap.thesis.registry import ROWS
 
@@ -105,6 +107,15 @@ def validation_table(rows: list[dict[str, Any]], wanted: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _left_out(rows: list[dict[str, Any]]) -> str:
+    """Which studies of the validation are not on the page."""
+    missing = [name for name in STUDIES if name not in {row["study"] for row in rows}]
+    names = ", ".join(f"`{name}`" for name in missing)
+    return (
+        f"Not run for this edition: {names} (`python scripts/validate.py --only NAME`).\n" if missing else ""
+    )
+
+
 def page(numbers: Path, paths: list[Path]) -> str:
     """The whole page."""
     rows = rows_of(paths)
@@ -120,6 +131,7 @@ def page(numbers: Path, paths: list[Path]) -> str:
     return "\n".join(
         (
             head,
+            _left_out(rows),
             "## Closed forms and independent codes\n",
             f"{passed} of {judged} within their bounds.\n",
             validation_table(rows, True),

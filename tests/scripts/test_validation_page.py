@@ -1,0 +1,61 @@
+"""The validation page says what its files say."""
+
+import csv
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+COLUMNS = ("row", "name", "kind", "deviation", "agrees", "misprint")
+NUMBERS = [
+    ("S7", "a", "sharp", "0.001", "true", ""),
+    ("S7", "b", "sharp", "0.2", "false", ""),
+    ("S7", "c", "sharp", "0.5", "false", "two digits exchanged"),
+    ("S12", "d", "measured", "-0.1", "", ""),
+    ("S12", "e", "measured", "0.3", "", ""),
+    ("S12", "f", "measured", "", "", ""),
+]
+ROW = {"study": "spheres", "quantity": "error of B", "source": "a formula", "note": ""}
+
+
+@pytest.fixture
+def page(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    module = importlib.import_module("validation_page")
+    with (tmp_path / "numbers.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([COLUMNS, *NUMBERS])
+    old = [ROW | {"case": "sphere", "value": 0.5, "bound": 1e-3, "verdict": "FAIL"}]
+    new = [
+        ROW | {"case": "sphere", "value": 5e-4, "bound": 1e-3, "verdict": "pass"},
+        ROW | {"case": "rod", "value": 2e-2, "bound": 1e-3, "verdict": "FAIL"},
+        ROW | {"case": "map, 5 mm", "value": 7e-6, "bound": None, "verdict": "-"},
+    ]
+    for name, rows in (("old", old), ("new", new)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(rows))
+    yield module.page(tmp_path / "numbers.csv", [tmp_path / "old.json", tmp_path / "new.json"])
+    sys.modules.pop("validation_page")
+
+
+def test_studies_that_were_not_run_are_named(page):
+    left_out = next(line for line in page.splitlines() if line.startswith("Not run"))
+    assert "`unit_linear`" in left_out
+    assert "`spheres`" not in left_out
+
+
+def test_bounds_and_verdicts(page):
+    assert "1 of 2 within their bounds." in page
+    assert "| sphere | error of B | 0.0005 | 0.001 | a formula |" in page
+    assert "| rod | error of B | 0.02 **FAIL** | 0.001 | a formula |" in page
+    assert page.index("| map, 5 mm |") > page.index("## Convergence")
+
+
+def test_rows_of_the_thesis(page):
+    lines = {
+        line.split(" | ")[0]: line.split(" | ")[2:] for line in page.splitlines() if line.startswith("| S")
+    }
+    assert lines["| S7"][0] == "1 of 2"
+    assert lines["| S12"][2] == "3, 20 % |"
+    assert "1 of 2 sharp numbers agree; 1 misprints; 6 numbers in all." in page
