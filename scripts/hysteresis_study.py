@@ -37,10 +37,10 @@ class Measured:
     back: np.ndarray
 
 
-def measured(axis: str, side: str) -> Measured:
-    """One of Tables 6-4 to 6-7."""
+def measured(axis: str, side: str, every: int) -> Measured:
+    """One of Tables 6-4 to 6-7, or every so many of its signals."""
     inputs = read_part(f"S14_{axis}_branches").inputs
-    signals, out, back = (inputs[f"{side}_{what}"] for what in ("signals", "outward_mm", "back_mm"))
+    signals, out, back = (inputs[f"{side}_{what}"][::every] for what in ("signals", "outward_mm", "back_mm"))
     number = {("x", "positive"): 4, ("x", "negative"): 5, ("y", "positive"): 6, ("y", "negative"): 7}[
         axis, side
     ]
@@ -107,6 +107,7 @@ def main() -> None:
     parser.add_argument("--history", choices=tuple(HISTORIES), nargs="+", default=["demagnetised"])
     parser.add_argument("--rule", choices=("held", "constant"), default="held", help="of the current level")
     parser.add_argument("--offset", type=float, default=15.0, help="h, mm: the magnet below the point read")
+    parser.add_argument("--every", type=int, default=1, help="take every so many of the signals")
     parser.add_argument("--cells", type=int, default=6, help="pinning fields")
     parser.add_argument("--parts", type=int, default=1, help="steps of the iron from signal to signal")
     parser.add_argument(
@@ -118,7 +119,7 @@ def main() -> None:
     )
     parser.add_argument("--json", type=Path, help="file to which every run is appended, one a line")
     options = parser.parse_args()
-    table = measured(options.axis, options.side)
+    table = measured(options.axis, options.side, options.every)
     protocol = Protocol(options.axis, h=options.offset, rule=options.rule)
     base = HysteresisSolver(read_device(options.device), Pinning(0.0), options.refinement)
     print(f"{options.device}: {base.surface_faces} charged faces; level {protocol.level:.3f} A at the origin")

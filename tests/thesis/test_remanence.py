@@ -15,7 +15,7 @@ SIGNALS = np.array([0.0, 0.1, 0.2, 0.1])
 
 @pytest.fixture(scope="module")
 def unit():
-    return HysteresisSolver(read_device("drive_unit"), Pinning(0.0, 1), refinement=0.35)
+    return HysteresisSolver(read_device("drive_unit"), Pinning(0.0, 1), refinement=0.4)
 
 
 def led(unit, pinning, protocol):
@@ -32,7 +32,7 @@ def test_without_pinning_the_way_back_is_the_way_out(unit):
 
 def test_remanent_loops_lead_and_the_lift_is_held(unit):
     """On the way back the magnet lies nearer to the origin, as measured: a lag would have the other sign."""
-    found = led(unit, Pinning(400.0, 4), Protocol())
+    found = led(unit, Pinning(400.0, 3), Protocol())
     shift = 1e3 * found.shift("x")
     inputs = read_part("S14_x_remanence").inputs
     measured = (inputs["back_mm"] - inputs["outward_mm"])[inputs["signals"] == 0.1]
