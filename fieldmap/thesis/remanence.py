@@ -23,11 +23,12 @@ from fieldmap.thesis.unit_states import LOWER, UPPER
 
 Array = NDArray[np.float64]
 Axis = Literal["x", "y"]
-History = Literal["demagnetised", "cycled", "restarted", "saturated"]
+History = Literal["demagnetised", "cycled", "restarted", "wiped", "saturated"]
 HISTORIES: dict[str, str] = {
     "demagnetised": "iron that was never magnetised; currents rise evenly to the level of the origin",
     "cycled": "the same, then the signal has been to the end of the table, to the opposite end and back to 0",
-    "restarted": "the same, then all currents were switched off and raised evenly again",
+    "restarted": "as cycled, then all currents were switched off and raised evenly again",
+    "wiped": "as cycled, then 3.55 A in all coils, and evenly down to the level of the origin",
     "saturated": "demagnetised, then 3.55 A in all coils, and evenly down to the level of the origin",
 }
 LARGEST_CURRENT = 3.55
@@ -92,10 +93,10 @@ def prepared(solver: HysteresisSolver, history: History, protocol: Protocol, end
         return memory
     for signal in end * np.array([0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0]):
         memory = solver.step(protocol.currents(level, float(signal)), memory).memory
-    if history == "restarted":
-        memory = _evenly(solver, memory, level, 0.0, 3)
-        memory = _evenly(solver, memory, 0.0, level, 3)
-    return memory
+    if history == "cycled":
+        return memory
+    by = 0.0 if history == "restarted" else LARGEST_CURRENT
+    return _evenly(solver, _evenly(solver, memory, level, by, 3), by, level, 3)
 
 
 def _evenly(solver: HysteresisSolver, memory: IronMemory, start: float, end: float, steps: int) -> IronMemory:
