@@ -93,8 +93,7 @@ def steps(model: CurrentModel, currents: np.ndarray, near: bool) -> int:
     if near:
         away = (((data.known_currents - currents) / model._range) ** 2).sum(axis=1)
         begin = data.known_amplitudes[away.argmin()]
-    iron = (data.gradients, model._single, *model._laws, data.air, data.constant)
-    return newton(data.source @ currents, *iron, begin, factor, 1e-7, 60)[1]
+    return newton(data.source @ currents, *model._iron, model._constant, begin, factor, 1e-6, 60)[1]
 
 
 if __name__ == "__main__":

@@ -27,26 +27,52 @@ from fieldmap.kernels.matrix_vector import times, times_transposed
 _TINY, _ROUNDING = 1e-14, 1e-7
 # Numbers in a vector register, single precision.
 _WIDTH = 16
+# Points whose parts of the tangent are added at a time.
+_POINTS = 4
 # Below this relative decrement the tangent is kept for the next steps, as long as each leaves less than `_GAIN` of it.
 _NEAR, _GAIN = 0.1, 0.6
 # Error of h and R after steps in single precision, as a share of the largest relative decrement among them.
 _SINGLE = 1e-6
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True, _nrt=False)
+def _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along):
+    x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
+    size = math.sqrt(x * x + y * y + z * z) + _TINY
+    b, slope = flux_density(size, law[p], offset, knots, coefficients)
+    m = weights[p] * (b / size - 1.0)
+    isotropic[p] = m
+    along[p] = weights[p] * (slope - b / size) / (size * size)
+    vector[3 * p], vector[3 * p + 1], vector[3 * p + 2] = m * x, m * y, m * z
+
+
+@njit(cache=True, _nrt=False)
 def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along):
     """vector (3 p,) = w m h; isotropic (p,) = w m; along (p,) = w (db/dh - b/h) / h^2."""
     for p in range(weights.size):
-        x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
-        size = math.sqrt(x * x + y * y + z * z) + _TINY
-        b, slope = flux_density(size, law[p], offset, knots, coefficients)
-        m = weights[p] * (b / size - 1.0)
-        isotropic[p] = m
-        along[p] = weights[p] * (slope - b / size) / (size * size)
-        vector[3 * p], vector[3 * p + 1], vector[3 * p + 2] = m * x, m * y, m * z
+        _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, _nrt=False)
+def _evaluate(source, gradients, a, tables, h, vector, isotropic, along, out):
+    """out (r,) = G^T (w m h) at h = s - G a, and what `_magnetise` makes of h: in one pass over G."""
+    weights, law, offset, knots, coefficients = tables
+    for j in range(a.size):
+        out[j] = 0.0
+    for p in range(weights.size):
+        for k in range(3 * p, 3 * p + 3):
+            row, total = gradients[k], 0.0
+            for j in range(a.size):
+                total += row[j] * a[j]
+            h[k] = source[k] - total
+        _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along)
+        gx, gy, gz = gradients[3 * p], gradients[3 * p + 1], gradients[3 * p + 2]
+        x, y, z = vector[3 * p], vector[3 * p + 1], vector[3 * p + 2]
+        for j in range(a.size):
+            out[j] += x * gx[j] + y * gy[j] + z * gz[j]
+
+
+@njit(cache=True, fastmath=True, _nrt=False)
 def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
     """Three rows (r,) of w (db/dh - 1) G, those of point p."""
     x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
@@ -63,22 +89,56 @@ def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
         out_z[j] = m * gz[j] + z * radial[j]
 
 
+@njit(cache=True, fastmath=True, _nrt=False)
+def _spread(row, at, place):
+    """Registers of a row (wide,) to their places in `at`, where those of the rows of `_POINTS` points take turns."""
+    for block in range(row.size // _WIDTH):
+        to, first = (3 * _POINTS * block + place) * _WIDTH, block * _WIDTH
+        for t in range(_WIDTH):
+            at[to + t] = row[first + t]
+
+
+@njit(cache=True, fastmath=True, _nrt=False)
+def _add_points(factors, at, total):
+    """Lower triangle of total += factors^T (rows in `at`), factors (12, r): twelve products for one sum that is fetched
+    and stored, a register at a time."""
+    for i in range(total.shape[0]):
+        row, f = total[i], factors[:, i]
+        a, b, c, d, e, g = f[0], f[1], f[2], f[3], f[4], f[5]
+        m, n, o, p, q, r = f[6], f[7], f[8], f[9], f[10], f[11]
+        for block in range(i // _WIDTH + 1):
+            k = 3 * _POINTS * block * _WIDTH
+            for j in range(block * _WIDTH, (block + 1) * _WIDTH):
+                row[j] += (
+                    (a * at[k] + b * at[k + _WIDTH] + c * at[k + 2 * _WIDTH])
+                    + (d * at[k + 3 * _WIDTH] + e * at[k + 4 * _WIDTH] + g * at[k + 5 * _WIDTH])
+                    + (m * at[k + 6 * _WIDTH] + n * at[k + 7 * _WIDTH] + o * at[k + 8 * _WIDTH])
+                    + (p * at[k + 9 * _WIDTH] + q * at[k + 10 * _WIDTH] + r * at[k + 11 * _WIDTH])
+                )
+                k += 1
+
+
 @njit(cache=True, fastmath=True)
 def _material_tangent(h, single, isotropic, along):
     """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete."""
-    count = single.shape[1]
+    count, points = single.shape[1], isotropic.size
     # Rows of whole vector registers; the numbers behind the last one are zero.
     wide = _WIDTH * ((count + _WIDTH - 1) // _WIDTH)
     total = np.zeros((count, wide), np.float32)
-    radial = np.zeros(wide, np.float32)
+    radial, at = np.zeros(wide, np.float32), np.zeros(3 * _POINTS * wide, np.float32)
     at_x, at_y, at_z = np.zeros(wide, np.float32), np.zeros(wide, np.float32), np.zeros(wide, np.float32)
-    for p in range(isotropic.size):
-        _material_row(p, h, single, isotropic, along, radial, at_x, at_y, at_z)
-        gx, gy, gz = single[3 * p], single[3 * p + 1], single[3 * p + 2]
-        for i in range(count):
-            row, x, y, z = total[i], gx[i], gy[i], gz[i]
-            for j in range(_WIDTH * (i // _WIDTH + 1)):
-                row[j] += x * at_x[j] + y * at_y[j] + z * at_z[j]
+    rest = np.zeros((3 * _POINTS, count), np.float32)
+    for first in range(0, points, _POINTS):
+        for k in range(min(_POINTS, points - first)):
+            _material_row(first + k, h, single, isotropic, along, radial, at_x, at_y, at_z)
+            _spread(at_x, at, 3 * k)
+            _spread(at_y, at, 3 * k + 1)
+            _spread(at_z, at, 3 * k + 2)
+        if first + _POINTS <= points:
+            _add_points(single[3 * first : 3 * (first + _POINTS)], at, total)
+        else:
+            rest[: 3 * (points - first)] = single[3 * first :]
+            _add_points(rest, at, total)
     return total
 
 
@@ -132,13 +192,14 @@ def newton(
     of steps, and the last relative decrement (larger than `tolerance` if `limit` steps were not enough).
     """
     a, change = start.copy(), np.empty_like(start)
-    h = source - times(gradients, a)
-    trial, vector, moved = np.empty_like(h), np.empty_like(h), np.empty_like(h)
+    h, trial = np.empty_like(source), np.empty_like(source)
+    vector, moved = np.empty_like(h), np.empty_like(h)
     isotropic, along = np.empty(weights.size), np.empty(weights.size)
     changes, responses, count = np.empty((PAIRS, a.size)), np.empty((PAIRS, a.size)), 0
     tables = (weights, law, offset, knots, coefficients)
-    _magnetise(h, *tables, vector, isotropic, along)
-    residual = times_transposed(vector, gradients) + constant - times(air, a)
+    material = np.empty_like(a)
+    _evaluate(source, gradients, a, tables, h, vector, isotropic, along, material)
+    residual = material + constant - times(air, a)
     decrement, before, farthest, largest = np.inf, np.inf, 0.0, 1e-300
     known = factor[0, 0] > 0.0
     for step in range(limit):
@@ -160,9 +221,8 @@ def newton(
         if (fresh or before < np.inf) and decrement < tolerance:
             if _SINGLE * farthest < tolerance:
                 return a + change, step + 1, decrement
-            h = source - times(gradients, a)
-            _magnetise(h, *tables, vector, isotropic, along)
-            residual = times_transposed(vector, gradients) + constant - times(air, a)
+            _evaluate(source, gradients, a, tables, h, vector, isotropic, along, material)
+            residual = material + constant - times(air, a)
             before, farthest = np.inf, 0.0
             continue
         before, farthest = decrement, max(farthest, decrement)

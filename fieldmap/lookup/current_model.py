@@ -14,8 +14,9 @@ from fieldmap.store import ReducedModel
 
 Array = NDArray[np.float64]
 OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
-# The last step is taken past this decrement: what is left is a few tenths of it.
-_TOLERANCE = 1e-7
+# The last step is taken past this decrement: what is left is a few tenths of it. For lookups the larger one, still a
+# thousandth of what such models are off; the other for searches that divide differences of the weights.
+_TOLERANCE, _FOR_LOOKUPS = 1e-7, 1e-6
 _MOST_STEPS = 60
 # Currents may lie outside the domain by this share of its range: rounding of what the user computed.
 MARGIN = 1e-9
@@ -64,8 +65,16 @@ class CurrentModel:
         self._outside = outside
         # Lengths by which currents are compared.
         self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
-        self._single = model.gradients.astype(np.float32)
-        self._laws = (model.weights, model.law, *model.laws)
+        # Copies that may be written to, as those of a pickled model: compiled for another kind of array, the kernels
+        # would round otherwise.
+        laws = (np.array(part) for part in (model.weights, model.law, *model.laws))
+        self._iron = (
+            np.array(model.gradients),
+            model.gradients.astype(np.float32),
+            *laws,
+            np.array(model.air),
+        )
+        self._source, self._constant = np.array(model.source), np.array(model.constant)
 
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields): the currents (..., c) in A, then those of the iron's fields.
@@ -79,7 +88,7 @@ class CurrentModel:
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (r,) of the modes at currents (c,), begun from what the known states foretell."""
-        return self._solve(currents, *self._foretold(currents))
+        return self._solve(currents, *self._foretold(currents), _TOLERANCE)
 
     def slopes(self, currents: Array, amplitudes: Array) -> Array:
         """Derivatives (s, n_fields, c) of the iron's weights by the currents, at currents (s, c) and their amplitudes
@@ -97,26 +106,22 @@ class CurrentModel:
         nearest = (((currents - known) / self._range) ** 2).sum(axis=1).argmin()
         return start, factors[nearest].copy()
 
-    def _solve(self, currents: Array, start: Array, factor: Array) -> Array:
-        """Amplitudes (r,), begun from `start`; factor: see `fieldmap.kernels.reduced_iron.newton`, overwritten."""
-        model = self.model
+    def _solve(self, currents: Array, start: Array, factor: Array, tolerance: float) -> Array:
+        """Amplitudes (r,), begun from `start`; factor, tolerance: see `fieldmap.kernels.reduced_iron.newton`."""
         found, _, decrement = newton(
-            times(model.source, currents),
-            model.gradients,
-            self._single,
-            *self._laws,
-            model.air,
-            model.constant,
+            times(self._source, currents),
+            *self._iron,
+            self._constant,
             start,
             factor,
-            _TOLERANCE,
+            tolerance,
             _MOST_STEPS,
         )
-        if not decrement <= _TOLERANCE:
+        if not decrement <= tolerance:
             raise NotConverged(
                 Problem(
                     "reduced model of the iron",
-                    f"Newton's method must reach {_TOLERANCE:g}",
+                    f"Newton's method must reach {tolerance:g}",
                     f"{decrement:.1e} after {_MOST_STEPS} steps at {currents.tolist()} A",
                     "stay within the currents that the map was made for",
                 ),
@@ -130,32 +135,26 @@ class CurrentModel:
         return self._sensitivities(self.model.known_currents, self.model.known_amplitudes)
 
     def _sensitivities(self, currents: Array, amplitudes: Array) -> tuple[Array, Array]:
-        model = self.model
-        slopes, factors = sensitivities(
-            np.ascontiguousarray(model.source @ currents.T),
-            model.gradients,
-            self._single,
-            *self._laws,
-            model.air,
-            amplitudes,
-            model.source,
-        )
+        sources = np.ascontiguousarray(self._source @ currents.T)
+        slopes, factors = sensitivities(sources, *self._iron, np.array(amplitudes), self._source)
         return slopes, factors
 
     def _row(self, currents: Array) -> Array:
         if not self._holds(currents):
             return np.full(self.model.field_count, np.nan)
-        amplitudes = self._followed if self._follow else self.amplitudes
-        return np.asarray(self.model.output @ amplitudes(currents))
+        if self._follow:
+            return np.asarray(self.model.output @ self._followed(currents))
+        found = self._solve(currents, *self._foretold(currents), _FOR_LOOKUPS)
+        return np.asarray(self.model.output @ found)
 
     def _followed(self, currents: Array) -> Array:
         """The amplitudes, begun from the last ones."""
         start, factor = self._path.ahead(currents) or self._foretold(currents)
         try:
-            found = self._solve(currents, start, factor)
+            found = self._solve(currents, start, factor, _FOR_LOOKUPS)
         except NotConverged:
             start, factor = self._foretold(currents)
-            found = self._solve(currents, start, factor)
+            found = self._solve(currents, start, factor, _FOR_LOOKUPS)
         # One assignment: another thread sees the old path or the new one, never a mixture.
         self._path = _Path((*self._path.states[-1:], (currents.copy(), found)), factor)
         return found

@@ -72,7 +72,7 @@ def tabulate(
         raise InputError(Problem("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)"))
     fields = _on_the_surface(unit, grid)
     exponent, states = float(model.model.division_exponent[0]), _states(model)
-    truth = np.array([model.weights(currents)[6:] for currents in states])
+    truth = np.array([model.amplitudes(currents) for currents in states]) @ model.model.output.T
     for size in SIZES if nodes is None else (nodes,):
         axes, every, amplitudes = _solved(model, size)
         values = (amplitudes @ model.model.output.T).reshape(*size, -1)

@@ -341,3 +341,18 @@ def test_currents_that_give_a_field_through_saturated_iron(data, folder):
     wanted[1] = np.nan
     found = opened.currents_for(point, field=wanted, limits=2.0)
     np.testing.assert_allclose(opened.field(point, found)[[0, 2]], wanted[[0, 2]], rtol=0, atol=1e-8)
+
+
+def test_what_newtons_method_leaves_is_far_below_what_the_model_is_off(data):
+    """A lookup against the same equations solved to 1e-11, in the fields that it adds up."""
+    model = CurrentModel(data.reduced_model, data.coil_names)
+    reduced = data.reduced_model
+    shares = np.random.default_rng(3).random((12, 2))
+    for currents in reduced.lower + shares * (reduced.upper - reduced.lower):
+        exact = reduced.output @ model._solve(currents, *model._foretold(currents), 1e-11)
+        left = model.weights(currents)[2:] - exact
+        for values, own in (
+            (data.flux_density, data.current_error.flux_density),
+            (data.gradient, data.current_error.gradient),
+        ):
+            assert np.abs(np.tensordot(left, values[2:], 1)).max() < 0.01 * own
