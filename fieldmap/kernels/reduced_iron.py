@@ -16,6 +16,7 @@ where they were not, both are evaluated anew before the result is believed.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -24,6 +25,9 @@ from fieldmap.kernels.kept_tangent import PAIRS, direction, keep_pair, solve_fac
 from fieldmap.kernels.magnetisation_law import flux_density
 from fieldmap.kernels.matrix_vector import times, times_transposed
 
+# Without counts of references (map_block.PLAIN).
+_PLAIN: dict[str, Any] = {"cache": True, "_nrt": False}
+_FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 _TINY, _ROUNDING = 1e-14, 1e-7
 # Numbers in a vector register, single precision.
 _WIDTH = 16
@@ -35,7 +39,7 @@ _NEAR, _GAIN = 0.1, 0.6
 _SINGLE = 1e-6
 
 
-@njit(cache=True, forceinline=True, _nrt=False)
+@njit(forceinline=True, **_PLAIN)
 def _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along):
     x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
     size = math.sqrt(x * x + y * y + z * z) + _TINY
@@ -46,14 +50,14 @@ def _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, is
     vector[3 * p], vector[3 * p + 1], vector[3 * p + 2] = m * x, m * y, m * z
 
 
-@njit(cache=True, _nrt=False)
+@njit(**_PLAIN)
 def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along):
     """vector (3 p,) = w m h; isotropic (p,) = w m; along (p,) = w (db/dh - b/h) / h^2."""
     for p in range(weights.size):
         _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along)
 
 
-@njit(cache=True, fastmath=True, _nrt=False)
+@njit(**_FAST)
 def _evaluate(source, gradients, a, tables, h, vector, isotropic, along, out):
     """out (r,) = G^T (w m h) at h = s - G a, and what `_magnetise` makes of h: in one pass over G."""
     weights, law, offset, knots, coefficients = tables
@@ -72,7 +76,7 @@ def _evaluate(source, gradients, a, tables, h, vector, isotropic, along, out):
             out[j] += x * gx[j] + y * gy[j] + z * gz[j]
 
 
-@njit(cache=True, fastmath=True, _nrt=False)
+@njit(**_FAST)
 def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
     """Three rows (r,) of w (db/dh - 1) G, those of point p."""
     x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
@@ -89,7 +93,7 @@ def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
         out_z[j] = m * gz[j] + z * radial[j]
 
 
-@njit(cache=True, fastmath=True, _nrt=False)
+@njit(**_FAST)
 def _spread(row, at, place):
     """Registers of a row (wide,) to their places in `at`, where those of the rows of `_POINTS` points take turns."""
     for block in range(row.size // _WIDTH):
@@ -98,7 +102,7 @@ def _spread(row, at, place):
             at[to + t] = row[first + t]
 
 
-@njit(cache=True, fastmath=True, _nrt=False)
+@njit(**_FAST)
 def _add_points(factors, at, total):
     """Lower triangle of total += factors^T (rows in `at`), factors (12, r): twelve products for one sum that is fetched
     and stored, a register at a time."""

@@ -67,13 +67,10 @@ class CurrentModel:
         self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
         # Copies that may be written to, as those of a pickled model: compiled for another kind of array, the kernels
         # would round otherwise.
-        laws = (np.array(part) for part in (model.weights, model.law, *model.laws))
-        self._iron = (
-            np.array(model.gradients),
-            model.gradients.astype(np.float32),
-            *laws,
-            np.array(model.air),
-        )
+        weights, law, offset, knots, coefficients = map(np.array, (model.weights, model.law, *model.laws))
+        gradients, air = np.array(model.gradients), np.array(model.air)
+        single = gradients.astype(np.float32)
+        self._iron = (gradients, single, weights, law, offset, knots, coefficients, air)
         self._source, self._constant = np.array(model.source), np.array(model.constant)
 
     def weights(self, currents: Array) -> Array:
