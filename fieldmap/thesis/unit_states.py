@@ -1,6 +1,5 @@
 """States of the drive unit with saturating iron, one for each set of currents: solved once, kept in a file."""
 
-import hashlib
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
@@ -8,17 +7,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import fieldmap
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.maps.generation import OUTPUT_FOLDER
+from fieldmap.provenance import fingerprint
 from fieldmap.store import Grid, KeptState, MapData, StateArchive
 
 Array = NDArray[np.float64]
 
 DEVICE = "drive_unit"
+ROOMS = ("kernels", "device", "sources", "iron")
+"""Rooms whose code decides a state."""
 FILE = "thesis_states.h5"
 TOLERANCE = 1e-3
 SPACING = 4e-3
@@ -32,7 +33,7 @@ class UnitStates:
     """The drive unit at any currents: a `LevitationField` that solves a state for each new set of them.
 
     refinement divides the mesh sizes of the device file. folder: where solved states are kept (None: in memory only),
-    for the same device text, refinement, tolerance and version of fieldmap; delete the file after changing the solver.
+    for the same device, refinement, tolerance, libraries and code of the rooms that solve.
     Fields are taken from the solver at the nodes of a grid of 4 mm and interpolated by harmonic polynomials.
     """
 
@@ -132,9 +133,8 @@ class UnitStates:
 
     @property
     def _fingerprint(self) -> str:
-        texts = (self.device.text, *self.device.included.values(), fieldmap.__version__)
         numbers = (self.refinement, TOLERANCE, SPACING, *LOWER, *UPPER)
-        return hashlib.sha256(repr((texts, numbers)).encode()).hexdigest()
+        return fingerprint((*self.device.texts, repr(numbers)), ROOMS)
 
 
 def _grid() -> Grid:
