@@ -1,6 +1,5 @@
 """S14: the two branches of Tables 6-4 and 6-6 with iron that remembers, at coercive fields that are named."""
 
-import hashlib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -8,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import fieldmap
 from fieldmap.device import read_device
 from fieldmap.iron.hysteresis import HysteresisSolver, Pinning
 from fieldmap.maps.generation import OUTPUT_FOLDER
+from fieldmap.provenance import fingerprint
 from fieldmap.store import KeptState, StateArchive
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.remanence import Axis, Protocol, prepared, walk
 from fieldmap.thesis.shift_tables import curve
 from fieldmap.thesis.shifts import COMMON, RULES
-from fieldmap.thesis.unit_states import DEVICE
+from fieldmap.thesis.unit_states import DEVICE, ROOMS
 
 Array = NDArray[np.float64]
 REFINEMENT = 0.5
@@ -81,7 +80,8 @@ def kept_shift(
     key = np.array([pinning.coercive_field, pinning.cells, axis, protocol.z_s, protocol.h, *way])
     if folder is None:
         return _shift(pinning, protocol, way)
-    with StateArchive(folder / _FILE, _fingerprint()) as archive:
+    mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*ROOMS, "levitation", "thesis"))
+    with StateArchive(folder / _FILE, mark) as archive:
         number = 0
         while (kept := archive.get(number)) is not None:
             if np.array_equal(kept.currents, key) and not isinstance(kept.values, str):
@@ -101,9 +101,3 @@ def _shift(pinning: Pinning, protocol: Protocol, way: Array) -> Array:
 @cache
 def _unit() -> HysteresisSolver:
     return HysteresisSolver(read_device(DEVICE), Pinning(0.0), REFINEMENT)
-
-
-def _fingerprint() -> str:
-    device = read_device(DEVICE)
-    texts = (device.text, *device.included.values(), fieldmap.__version__, REFINEMENT)
-    return hashlib.sha256(repr(texts).encode()).hexdigest()
