@@ -33,8 +33,8 @@ def studies(incomplete: str) -> list[str]:
 def scenarios(incomplete: str) -> list[str]:
     """Shipped scenarios that begin so.
 
-    >>> scenarios("vertical_s")
-    ['vertical_step']
+    >>> scenarios("vertical_r")
+    ['vertical_ramp']
     """
     return _begin([name.split("/")[-1] for name in shipped_names("maps", "scenarios")], incomplete)
 
