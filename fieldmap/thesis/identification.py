@@ -22,10 +22,12 @@ from fieldmap.control.identification import (
     pseudo_random_binary,
     root_locus,
 )
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.curves import Curves, Series
+from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.vertical import identified_plant
 
 _RUNS = 100
+_DRAWN_GAINS = np.linspace(0.01, 1.0, 2000)
 _RECORDS = (
     f"mean of {_RUNS} simulated records (seed 7): linear plant, no limits, white sensor noise of Table 3-8"
 )
@@ -72,14 +74,37 @@ def horizontal_recovery(inputs: dict[str, Any]) -> dict[str, Any]:
     return answers
 
 
-def locus(inputs: dict[str, Any]) -> dict[str, Any]:
+def locus(inputs: dict[str, Any]) -> Answers:
     """Table 5-2: the poles that the thesis identified, beside those of its final model at the same gains."""
     plant = identified_plant(inputs)
     unit = pid_transfer_function(1.0, inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
     negative = transfer_function(-unit.numerator, unit.denominator)
     gains = np.asarray(inputs["gains"])
     poles = root_locus(plant, negative, gains).poles
-    return _pairs_and_third(poles, gains, inputs, (_SECONDS,))
+    numbers = _pairs_and_third(poles, gains, inputs, (_SECONDS,))
+    return Answers(
+        numbers, _locus_curves(root_locus(plant, negative, _DRAWN_GAINS, steps=1).poles, numbers, inputs)
+    )
+
+
+def _locus_curves(
+    branches: np.ndarray, numbers: dict[str, Any], inputs: dict[str, Any]
+) -> tuple[Curves, ...]:
+    """Figs 5-7 and 5-8: the branches, and the identified poles of Table 5-2 (Fig. 5-6) about q = 1."""
+    lines = tuple(
+        Series("final model (5-17)", branch.real, branch.imag)
+        for branch in branches.T
+        if branch.real.min() > 0.5
+    )
+    pair = numbers["pair_real"].value, numbers["pair_imaginary"].value
+    ours = Series("final model at the gains of Table 5-2", *pair, points=True)
+    measured = np.array(inputs["measured_real"]), np.array(inputs["measured_imaginary"])
+    theirs = Series("identified, Table 5-2", *measured, "measured", points=True)
+    remark = (
+        f"K_c from {_DRAWN_GAINS[0]:g} to {_DRAWN_GAINS[-1]:g} V/mm; a pole that stays near 0 is not drawn."
+    )
+    title = "Figs 5-6 to 5-8: poles of the closed loop over the gain"
+    return (Curves(title, "real part (1)", "imaginary part (1)", (*lines, ours, theirs), remark),)
 
 
 def minutes(inputs: dict[str, Any]) -> dict[str, Any]:

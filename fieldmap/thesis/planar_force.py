@@ -150,7 +150,7 @@ def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: fl
     return tuple(figures)
 
 
-def superposition(inputs: dict[str, Any]) -> dict[str, Any]:
+def superposition(inputs: dict[str, Any]) -> Answers:
     """Two electromagnets at 3:1 (Fig. 4-7): where (4-7) + (4-8) vanish, and where the computed force does."""
     depth = 1e-3 * inputs["depth_mm"]
     currents = (0.5 * inputs["ratio"], 0.5)
@@ -164,10 +164,23 @@ def superposition(inputs: dict[str, Any]) -> dict[str, Any]:
         *growth_in_words((depth,), inputs["a_m"], currents),
     )
     ours = Ours(1e3 * points[0].x, words)
-    return {
+    numbers = {
         "equilibrium": ours,
         "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), words),
     }
+    return Answers(numbers, (_vertical_curves(),))
+
+
+def _vertical_curves() -> Curves:
+    """Fig. 4-6: the vertical force below the middle, computed and by two (4-6)."""
+    z = np.linspace(DEPTHS[0], DEPTHS[-1], 100)
+    x, both = np.zeros_like(z), (1.0, 1.0)
+    lines = (
+        Series("computed", 1e3 * z, force(both, x, z)[:, 1]),
+        Series("(4-6), our constants", 1e3 * z, added(vertical_fit().formula, both, x, z)),
+    )
+    title = "Fig. 4-6: two electromagnets, below the middle"
+    return Curves(title, "depth below the pole piece (mm)", "$F_z$ (N)", lines)
 
 
 def _saturating_in_words(depth: float, currents: tuple[float, float]) -> str:

@@ -131,7 +131,7 @@ def _depth_curves(amperes: Array) -> tuple[Curves, ...]:
     return _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines)
 
 
-def gradients(inputs: dict[str, Any]) -> dict[str, Any]:
+def gradients(inputs: dict[str, Any]) -> Answers:
     """The three gradients that the text of section 2.4 states; depth counts downwards."""
     z, nominal = -1e-3 * inputs["depth_mm"], inputs["nominal_current_A"]
     names = ("vertical", "horizontal_large_ratio", "horizontal_small_ratio")
@@ -147,7 +147,37 @@ def gradients(inputs: dict[str, Any]) -> dict[str, Any]:
     for solved, suffix in ((unit(True), ""), (unit(False), "_in_open_space")):
         for name, value in zip(names, values(solved), strict=True):
             answers[name + suffix] = Ours(float(value), _assumptions(solved))
-    return answers
+    return Answers(answers, _curves_below_the_middle(nominal))
+
+
+def _curves_below_the_middle(nominal: float) -> tuple[Curves, ...]:
+    """Figs 2-12 and 2-13: B_z straight below the middle, and below places at both sides of it."""
+    sides = (-0.1, -0.05, 0.0, 0.05, 0.1)
+    figures = [
+        _flux_density_downwards(
+            "Fig. 2-12: below the middle, ratio 1:1",
+            currents(1.0, nominal),
+            ((unit(True), "box without flux", 0.0), (unit(False), "open space", 0.0)),
+        )
+    ]
+    for solved, words in ((unit(True), "box without flux"), (unit(False), "open space")):
+        lines = tuple((solved, f"x = {1e3 * x:g} mm", x) for x in sides)
+        figures.append(
+            _flux_density_downwards(f"Fig. 2-13: ratio 1:1.5, {words}", currents(1.5, nominal), lines)
+        )
+    return tuple(figures)
+
+
+def _flux_density_downwards(
+    title: str, amperes: Array, lines: tuple[tuple[PlanarSolution, str, float], ...]
+) -> Curves:
+    """B_z over the depth; unit, label and x (m) of each line."""
+    depths = np.linspace(0.06, 0.2, 200)
+    series = []
+    for solved, label, x in lines:
+        points = np.column_stack([np.full_like(depths, x), -depths])
+        series.append(Series(label, 1e3 * depths, 1e3 * solved.field(points, amperes)[:, 1]))
+    return Curves(title, "depth below the pole piece (mm)", "$B_z$ (mT)", tuple(series))
 
 
 def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
