@@ -38,12 +38,13 @@ class Pool:
             self._cluster = distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
-                # No web page, hence no port; and states of the iron may take what memory there is.
-                dashboard_address=None,
+                # No web page; what dask opens in its place takes any port, where its own one could be taken.
+                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                # States of the iron may take what memory there is.
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
             )
-            self._client = distributed.Client(self._cluster)
+            self._client = distributed.Client(self._cluster, set_as_default=False)
         else:
             self._client = _client_of(scheduler)
 
@@ -76,7 +77,7 @@ class Pool:
             return futures
 
         try:
-            done = distributed.as_completed(submit(self._at_once))
+            done = distributed.as_completed(submit(self._at_once), loop=self._client.loop)
             for future in done:
                 error = future.exception()
                 outcome = future.result() if error is None else Outcome(under_way[future], None, _died(error))
@@ -122,12 +123,17 @@ def _set_threads(threads: int | None) -> None:
 def _client_of(scheduler: str) -> distributed.Client:
     try:
         if os.path.isfile(scheduler):
-            return distributed.Client(scheduler_file=scheduler, timeout=_ANSWERS_WITHIN_SECONDS)
-        return distributed.Client(scheduler, timeout=_ANSWERS_WITHIN_SECONDS)
+            return _client(scheduler_file=scheduler)
+        return _client(address=scheduler)
     except (OSError, ValueError) as error:
         remedy = "start one with   dask scheduler   and copy the address that it prints"
         received = f"{scheduler!r}: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
         raise InputError(Problem("scheduler", "the address of a dask scheduler", received, remedy)) from error
+
+
+def _client(**where: str) -> distributed.Client:
+    """Not the default of the process: one that does not connect would be left behind as the default."""
+    return distributed.Client(**where, timeout=_ANSWERS_WITHIN_SECONDS, set_as_default=False)
 
 
 def _died(error: BaseException) -> Exception:

@@ -28,7 +28,7 @@ def completed(line):
         ("fieldmap ma", ["map"]),
         ("fieldmap check loop", ["loop_and_sphere"]),
         ("fieldmap map qui", ["quick"]),
-        ("fieldmap simulate vertical_s", ["vertical_step"]),
+        ("fieldmap simulate vertical_r", ["vertical_ramp"]),
         ("fieldmap thesis S2", ["S20"]),
         ("fieldmap map no_such", []),
     ],

@@ -71,7 +71,7 @@ def kill_a_worker():
 if __name__ == "__main__":
     for name in ("linear", "saturating"):
         generate(f"{folder}/{name}.toml", f"{folder}/one_{name}.h5")
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
         to = {"scheduler": cluster.scheduler_address}
         generate(f"{folder}/linear.toml", f"{folder}/two_linear.h5", **to)
         tell = at("state 5 of", kill_a_worker)
