@@ -11,7 +11,6 @@ z = 1 mm too, where the drive unit has iron.
 import statistics
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.lookup_peers import peers
+from benchmarks.two_threads import sentences, threads_gain
 from fieldmap.kernels.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.store import Grid, MapData
@@ -158,45 +158,6 @@ def peer_row(peer: Any, points: Array, exact: tuple[Array, Array], repetitions: 
     return row
 
 
-def threads_gain(data: MapData, count: int) -> dict[str, float]:
-    """How much sooner `count` points, field and gradient, are done on two threads than on one; and how much sooner
-    by two callers that share nothing, with half of the points each: what this machine's second processor is worth
-    to this work. Eight calls one after the other each, in turn: processors' clocks change with how many of them work.
-    """
-    points = places(count)
-    out = (np.empty((count, 3)), np.empty((count, 3, 3)))
-    one, two = (interpolate(data, "harmonic", threads=threads).at(np.ones(6)) for threads in (1, 2))
-    halves = [slice(None, count // 2), slice(count // 2, None)]
-    with ThreadPoolExecutor(2) as callers:
-
-        def apart() -> None:
-            list(callers.map(lambda h: one.field_and_gradient(points[h], (out[0][h], out[1][h])), halves))
-
-        ways = {
-            "one": lambda: one.field_and_gradient(points, out),
-            "two": lambda: two.field_and_gradient(points, out),
-            "apart": apart,
-        }
-        seconds: dict[str, list[float]] = {way: [] for way in ways}
-        for _ in range(9):
-            for way, work in ways.items():
-                work()
-                seconds[way].append(elapsed(work, 8))
-    one_s, two_s, apart_s = (np.array(seconds[way]) for way in ways)
-    return {
-        "gain": float(np.median(one_s / two_s)),
-        "gain_of_independent_callers": float(np.median(one_s / apart_s)),
-    }
-
-
-def elapsed(work: Callable[[], object], calls: int) -> float:
-    """Seconds of the clock on the wall."""
-    begin = time.perf_counter()
-    for _ in range(calls):
-        work()
-    return time.perf_counter() - begin
-
-
 def inverse_row(data: MapData, count: int) -> dict[str, float]:
     """Time of one call of `currents_for`, from Python: the force on a dipole within limits, six coils; and the
     largest relative error of the force that the currents found give."""
@@ -241,13 +202,12 @@ def measure(quick: bool) -> dict[str, Any]:
     rows = [our_row(interpolate(data, kind, threads=1), points, exact, repetitions) for kind in KINDS]
     found, missing = peers(data.grid, data.flux_density.sum(axis=0), lambda p: loops(p)[0].sum(axis=0))
     rows += [peer_row(peer, points, exact, repetitions) for peer in found]
-    gain = threads_gain(data, 50_000 if quick else 1_000_000)
     return {
         "points": len(points),
         "repetitions": repetitions,
         "rows": rows,
         "missing": missing,
-        "two_threads": gain,
+        "two_threads": threads_gain(data, places(1_000_000)) if not quick else threads_gain(data, points, 1),
         "global_of_seven": global_rows(20_000),
         "currents_for": inverse_row(data, 200 if quick else 10_000),
     }
@@ -277,11 +237,8 @@ def show(result: dict[str, Any], console: Console) -> None:
             f"{row['jump_B']:.0e}, bound {row['jump_B_bound']:.0e}, of the largest B; currents contracted in "
             f"{row['contract_us']:.0f} us; {row['kilobytes']:.0f} kB"
         )
-    threads = result["two_threads"]
-    console.print(
-        f"two threads, 1e6 points: {threads['gain']:.2f} times as fast; two callers that share nothing: "
-        f"{threads['gain_of_independent_callers']:.2f}"
-    )
+    for sentence in sentences(result["two_threads"]):
+        console.print(sentence)
     for row in result["global_of_seven"]:
         console.print(
             f"global form, workspace, seven loops at z = {row['height_mm']:.0f} mm: eB {row['eB']:.0e}, "

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -93,3 +94,16 @@ def test_benchmark_of_dynamics_prints_a_row_per_machine():
     assert len(result["rows"]) == 4
     assert all(row["times_real_time"] > 1 for row in result["rows"])
     assert result["many"]["runs"] == 10
+
+
+def test_calls_on_two_threads_are_sorted_by_what_the_processors_were_worth(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    two_threads = importlib.import_module("benchmarks.two_threads")
+    calls = np.array([[0.5, 1.9, 2.0], [0.52, 1.85, 1.9], [0.5, 1.0, 1.9], [0.9, 1.0, 1.1]])
+    found = two_threads.gains(1.0, calls)
+    assert {kind: gain["calls"] for kind, gain in found.items()} == {"all": 4, "own": 2, "one": 1}
+    assert found["own"]["gain"] == pytest.approx(1 / 0.51)
+    assert found["one"]["gain"] == pytest.approx(1 / 0.9)
+    assert two_threads.gains(1.0, calls[:3])["one"] == {"calls": 0, "gain": None}
+    (sentence,) = two_threads.sentences({"threads": found})
+    assert "1.96 times as fast (2 calls) with both processors on cores of their own" in sentence
