@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fieldmap.device.current_division import undivide_currents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
+from fieldmap.kernels.continuation import continued
 from fieldmap.kernels.matrix_vector import times
 from fieldmap.kernels.reduced_iron import blended_start, newton, sensitivities
 from fieldmap.store import ReducedModel
@@ -18,6 +19,8 @@ OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
 # thousandth of what such models are off; the other for searches that divide differences of the weights.
 _TOLERANCE, _FOR_LOOKUPS = 1e-7, 1e-6
 _MOST_STEPS = 60
+# States behind that tell where the next one lies.
+_PASSED = 3
 # Currents may lie outside the domain by this share of its range: rounding of what the user computed.
 MARGIN = 1e-9
 # Currents are taken for a division if they differ from one by no more than this share of u.
@@ -29,23 +32,26 @@ _REMEDY = 'make a map with a wider [currents], or open this one with outside_cur
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """The last currents (c,) with their amplitudes (r,), at most two, and the factor of a tangent near the last."""
+    """The last currents (k, c) with their amplitudes (k, r), newest last, and the factor of a tangent near the last."""
 
-    states: tuple[tuple[Array, Array], ...] = ()
-    factor: Array | None = None
+    currents: Array
+    amplitudes: Array
+    factor: Array
 
-    def ahead(self, currents: Array) -> tuple[Array, Array] | None:
-        """Amplitudes to begin with, the last ones or a step further where the currents go on as they did; a factor."""
-        if not self.states or self.factor is None:
-            return None
-        last_currents, last = self.states[-1]
-        if len(self.states) < 2:
-            return last, self.factor.copy()
-        before_currents, before = self.states[0]
-        step = last_currents - before_currents
-        length = float(step @ step)
-        share = float((currents - last_currents) @ step) / length if length > 0.0 else 0.0
-        return last + min(max(share, 0.0), 2.0) * (last - before), self.factor.copy()
+    def ahead(self, currents: Array) -> tuple[Array, Array]:
+        """Amplitudes (r,) to begin with, where those passed lead to, and a factor (r, r)."""
+        start, (weights, nodes) = np.empty(self.amplitudes.shape[1]), np.empty((2, len(self.currents)))
+        continued(currents, self.currents, self.amplitudes, weights, nodes, start)
+        return start, self.factor.copy()
+
+    def further(self, currents: Array, amplitudes: Array, factor: Array) -> "_Path":
+        """With one state more."""
+        kept = 1 - _PASSED
+        return _Path(
+            np.vstack((self.currents[kept:], currents)),
+            np.vstack((self.amplitudes[kept:], amplitudes)),
+            factor,
+        )
 
 
 class CurrentModel:
@@ -60,7 +66,8 @@ class CurrentModel:
         self, model: ReducedModel, coil_names: tuple[str, ...], outside: str = "raise", follow: bool = False
     ) -> None:
         self.model = model
-        self._follow, self._path = follow, _Path()
+        self._follow = follow
+        self._path: _Path | None = None
         self._names = coil_names
         self._outside = outside
         # Lengths by which currents are compared.
@@ -146,14 +153,19 @@ class CurrentModel:
 
     def _followed(self, currents: Array) -> Array:
         """The amplitudes, begun from the last ones."""
-        start, factor = self._path.ahead(currents) or self._foretold(currents)
+        path = self._path
+        start, factor = self._foretold(currents) if path is None else path.ahead(currents)
         try:
             found = self._solve(currents, start, factor, _FOR_LOOKUPS)
         except NotConverged:
             start, factor = self._foretold(currents)
             found = self._solve(currents, start, factor, _FOR_LOOKUPS)
         # One assignment: another thread sees the old path or the new one, never a mixture.
-        self._path = _Path((*self._path.states[-1:], (currents.copy(), found)), factor)
+        self._path = (
+            _Path(currents[None].copy(), found[None], factor)
+            if path is None
+            else path.further(currents, found, factor)
+        )
         return found
 
     def _holds(self, currents: Array) -> bool:
