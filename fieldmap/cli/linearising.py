@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldmap.cli.simulating import opened_map, pair
+from fieldmap.cli.writing import output_problems
 from fieldmap.dynamics.scenario import Experiment, LinearPoint, linear_points, prepare, read_scenario
 from fieldmap.errors import InputError, Problem
 
@@ -33,14 +34,7 @@ class Outcome:
 
 def check_wanted(wanted: Wanted) -> None:
     """What can be wrong with the command line, before any work. Raises InputError."""
-    problems = []
-    if wanted.output is not None and wanted.output.suffix not in (".json", ".npz"):
-        problems.append(
-            Problem("--output", "must end in .json or .npz", str(wanted.output), "choose a suffix")
-        )
-    if wanted.output is not None and not wanted.output.absolute().parent.is_dir():
-        must = "must lie in a folder that exists"
-        problems.append(Problem("--output", must, str(wanted.output), "make the folder"))
+    problems = output_problems("--output", wanted.output, (".json", ".npz"))
     if wanted.depths is not None:
         try:
             _depths(wanted.depths)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.cli.writing import output_problems
 from fieldmap.dynamics import simulate_many
 from fieldmap.dynamics.outcome import LoopRun
 from fieldmap.dynamics.record import as_csv, recorded
@@ -18,7 +19,7 @@ from fieldmap.errors import InputError, Problem
 
 # Runs that a picture or a file keeps all signals of.
 MOST_KEPT = 50
-_PICTURES = {".png", ".svg", ".pdf"}
+_PICTURES = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
@@ -68,18 +69,11 @@ def check_wanted(wanted: Wanted) -> None:
     problems = []
     if wanted.runs < 1:
         problems.append(Problem("--runs", "must be 1 or more", str(wanted.runs), "give a whole number"))
-    if wanted.output is not None and wanted.output.suffix not in (".h5", ".csv"):
-        problems.append(Problem("--output", "must end in .h5 or .csv", str(wanted.output), "choose a suffix"))
+    problems += output_problems("--output", wanted.output, (".h5", ".csv"))
     several = wanted.runs > 1 or wanted.vary is not None
     if wanted.output is not None and wanted.output.suffix == ".csv" and several:
         problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
-    if wanted.save is not None and wanted.save.suffix not in _PICTURES:
-        problems.append(
-            Problem("--save", "must end in .png, .svg or .pdf", str(wanted.save), "choose a suffix")
-        )
-    for path, option in ((wanted.output, "--output"), (wanted.save, "--save")):
-        if path is not None and not path.absolute().parent.is_dir():
-            problems.append(Problem(option, "must lie in a folder that exists", str(path), "make the folder"))
+    problems += output_problems("--save", wanted.save, _PICTURES)
     if problems:
         raise InputError(*problems)
 

@@ -217,7 +217,8 @@ def allocation_numbers(given: Division | Mixing, n: int, m: int) -> tuple[Any, .
         MATRIX,
         1.0,
         np.ascontiguousarray(given.matrix, float),
-        np.ascontiguousarray(np.broadcast_to(given.constant, (n,)), float),
+        # Of its own and so writable: otherwise the loop would be compiled once more.
+        np.array(np.broadcast_to(given.constant, (n,)), float),
     )
 
 

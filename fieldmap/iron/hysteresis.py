@@ -9,18 +9,18 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.constants import mu_0
 
 from fieldmap.arguments import check_count, check_not_negative
-from fieldmap.device.model import Coil, Device, PermanentMagnet, SaturatingMaterial
+from fieldmap.device.model import Device, PermanentMagnet, SaturatingMaterial
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry
 from fieldmap.iron.forms.bh_law import law_tables
 from fieldmap.iron.forms.nodal_elements import CoilField
 from fieldmap.iron.forms.pinned_elements import PinnedForm, PinnedMagnetisation
-from fieldmap.iron.forms.potential_form import PotentialState
-from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
+from fieldmap.iron.meshing.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.quantities.air import checked_currents
 from fieldmap.iron.soft_bodies import require_soft_bodies
-from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.iron.solved_state import SolvedState
+from fieldmap.sources import unit_flux_densities
 from fieldmap.sources.inductance import bare_inductance
 
 Array = NDArray[np.float64]
@@ -86,49 +86,18 @@ class IronMemory:
 
 
 @dataclass(frozen=True, eq=False)
-class HystereticState:
+class HystereticState(SolvedState):
     """Coils and iron after one step. Fields in T, gradients in T/m, points (n, 3) or (3,) in m.
 
     memory: where the next step begins. loss: J, what the iron turned into heat on the way here. iron_linkage (c,), Wb:
     what the iron adds to the linkages. steps: Newton steps. parts: into which the way was divided.
     """
 
-    coils: tuple[Coil, ...]
-    currents: Array
-    mesh: IronMesh
-    state: PotentialState
     memory: IronMemory
     iron_linkage: Array
     loss: float
     steps: int
     parts: int = 1
-
-    @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
-        return tuple(coil.name for coil in self.coils)
-
-    def field(self, points: ArrayLike) -> Array:
-        """Flux density (n, 3) or (3,) outside the iron. Raises InputError for bad points and for points inside it."""
-        x, single = checked_points(points)
-        refuse_inside(self.mesh, x)
-        b = self.state.iron.faces.field(x, self.state.iron.density)[0]
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            b += current * unit_flux_density(coil, x)
-        return b[0] if single else b
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """Gradient dB_i/dx_j (n, 3, 3) or (3, 3) outside the iron. Raises InputError as `field`."""
-        x, single = checked_points(points)
-        refuse_inside(self.mesh, x)
-        g = self.state.iron.faces.field_and_gradient(x, self.state.iron.density)[1][0]
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            g += current * unit_flux_density_and_gradient(coil, x)[1]
-        return g[0] if single else g
-
-    def flux_density(self, body: str) -> Array:
-        """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
-        return mean_over_body(self.mesh, body, self.state.iron.flux_density[0])
 
     def flux_linkage(self) -> Array:
         """Flux linkages (c,) of the coils in Wb, all turns."""

@@ -7,10 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.device.model import (
-    Device,
-    PermanentMagnet,
-)
+from fieldmap.device.model import Device, PermanentMagnet
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
 from fieldmap.iron.continuation import Sources, solve_with_continuation

@@ -40,11 +40,9 @@ def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) ->
             "sampled_machine(delay)", "must be from 0 to the period", f"{delay:g} s", "shorten it"
         )
         raise InputError(problem)
-    A, _ = zero_order_hold(linear.A, linear.B, period)
+    A, B = zero_order_hold(linear.A, linear.B, period)
     if delay == 0.0:
-        return SampledMachine(
-            A, zero_order_hold(linear.A, linear.B, period)[1], np.zeros_like(linear.B), linear.C
-        )
+        return SampledMachine(A, B, np.zeros_like(B), linear.C)
     late = zero_order_hold(linear.A, linear.B, delay)[1]
     if delay == period:
         return SampledMachine(A, np.zeros_like(late), late, linear.C)

@@ -101,10 +101,8 @@ def _regulator(model: _Model, linear: LinearMachine, weights: GaussianWeights, p
     Q = np.zeros((n + m, n + m))
     seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
     Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
-    P = _riccati(
-        A, B, period * Q, period * np.diag(1.0 / np.square(weights.output)), "reached by its outputs"
-    )
     R = period * np.diag(1.0 / np.square(weights.output))
+    P = _riccati(A, B, period * Q, R, "reached by its outputs")
     return np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), float)
 
 

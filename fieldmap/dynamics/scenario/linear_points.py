@@ -20,7 +20,7 @@ from fieldmap.dynamics.linear import (
     reach,
 )
 from fieldmap.dynamics.scenario.build import Experiment
-from fieldmap.dynamics.scenario.rests import rest_at
+from fieldmap.dynamics.scenario.rests import rests_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,21 +42,12 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 
     Raises NoEquilibrium, Infeasible or OutsideMapError where it has no rest at a depth.
     """
-    start = experiment.scenario.contents.start.depth_mm
-    wanted = [start] if depths_mm is None else list(depths_mm)
-    guesses = {start: experiment.rest.outputs}
-    found = {}
-    # From the start outward, each search from the rest nearest to it.
-    for depth in sorted(wanted, key=lambda depth: abs(depth - start)):
-        nearest = min(guesses, key=lambda known: abs(known - depth))
-        rest = (
-            experiment.rest
-            if depth == start
-            else rest_at(experiment.scenario, experiment.machine, depth, guesses[nearest])
-        )
-        guesses[depth] = rest.outputs
-        found[depth] = _point(experiment, depth, linearise(experiment.machine, rest))
-    return [found[depth] for depth in wanted]
+    scenario, machine = experiment.scenario, experiment.machine
+    depths = [scenario.contents.start.depth_mm] if depths_mm is None else list(depths_mm)
+    rests = rests_at(scenario, machine, experiment.rest, depths)
+    return [
+        _point(experiment, depth, linearise(machine, rest)) for depth, rest in zip(depths, rests, strict=True)
+    ]
 
 
 def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> LinearPoint:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.dynamics.blocks import Controller
 from fieldmap.dynamics.closed_loop import Machine, Schedule
@@ -19,10 +18,9 @@ from fieldmap.dynamics.linked import (
 )
 from fieldmap.dynamics.scenario.controller_keys import GaussianKeys, LinearisationKeys
 from fieldmap.dynamics.scenario.reader import Scenario
-from fieldmap.dynamics.scenario.rests import rest_at
+from fieldmap.dynamics.scenario.rests import rests_at
 from fieldmap.dynamics.trim import Trim
 
-Array = NDArray[np.float64]
 MILLI = 1e-3
 
 
@@ -40,22 +38,12 @@ def linked_controller(scenario: Scenario, machine: Machine, rest: Trim) -> Contr
         return gaussian_block(linearise(machine, rest), weights, period, delay, limits)
     # Heights rise, so the deepest comes first.
     depths = np.linspace(keys.depths_mm[1], keys.depths_mm[0], keys.designs)
-    rests = _rests(scenario, machine, rest, depths)
+    rests = rests_at(scenario, machine, rest, list(depths))
     blocks = [gaussian_block(linearise(machine, there), weights, period, delay, limits) for there in rests]
     heights = -MILLI * (scenario.contents.sensors.zero_depth_mm + depths)
     begin = gaussian_block(linearise(machine, rest), weights, period, delay, limits).memory
     first = replace(blocks[0], memory=begin)
     return ScheduledController((first, *blocks[1:]), float(heights[0]), float(heights[1] - heights[0]))
-
-
-def _rests(scenario: Scenario, machine: Machine, rest: Trim, depths: Array) -> list[Trim]:
-    """At each depth, the search going outward from the start."""
-    known = {scenario.contents.start.depth_mm: rest}
-    for depth in sorted(depths, key=lambda depth: abs(depth - scenario.contents.start.depth_mm)):
-        if depth not in known:
-            nearest = min(known, key=lambda there: abs(there - depth))
-            known[depth] = rest_at(scenario, machine, depth, known[nearest].outputs)
-    return [known[depth] for depth in depths]
 
 
 def _weights(scenario: Scenario, keys: GaussianKeys, output: tuple[float, ...]) -> GaussianWeights:

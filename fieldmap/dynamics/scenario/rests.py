@@ -1,5 +1,7 @@
 """Where the machine of a scenario rests."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -38,3 +40,17 @@ def rest_at(scenario: Scenario, machine: Machine, depth_mm: float, guess: ArrayL
         remedy = "begin higher or nearer to the axis, or state a field.scale"
         raise Infeasible(scenario.error("start", must, received, remedy).problems[0])
     return rest
+
+
+def rests_at(scenario: Scenario, machine: Machine, rest: Trim, depths_mm: Sequence[float]) -> list[Trim]:
+    """Where it rests at each of these depths, as `rest_at`; rest: the one at its start.
+
+    The search goes from the start outward, each time from the rest nearest to the depth.
+    """
+    start = scenario.contents.start.depth_mm
+    known = {start: rest}
+    for depth in sorted(depths_mm, key=lambda depth: abs(depth - start)):
+        if depth not in known:
+            nearest = min(known, key=lambda there: abs(there - depth))
+            known[depth] = rest_at(scenario, machine, depth, known[nearest].outputs)
+    return [known[depth] for depth in depths_mm]

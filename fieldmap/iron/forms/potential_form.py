@@ -116,22 +116,23 @@ class ConvexForm(Generic[E]):
         scale, residuals = 0.0, []
         # The air is linear: its share of the residual is carried along instead of computed anew.
         air = self._exterior.apply(phi[:, None])[:, 0]
+        inner = self._residual(phi, field, 0, material)
         for _ in range(_MAX_NEWTON_STEPS):
-            right = self._residual(phi, field, 0, material) - air
+            right = inner - air
             stiffness = self._tangent(phi, field, 0, material)
             factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
             first = factor.solve(right)
             # The energy norm of the residual, relative to that of the coils' drive.
             norm = float(np.sqrt(max(float(right @ first), 0.0)))
             if scale == 0.0:
-                drive = self._residual(np.zeros_like(phi), field, 0, material)
+                drive = inner if start is None else self._residual(np.zeros_like(phi), field, 0, material)
                 scale = float(np.sqrt(drive @ factor.solve(drive))) or 1.0
             residuals.append(norm / scale)
             if residuals[-1] < tolerance:
                 return self._state(phi[:, None], field, material, tuple(residuals))
             step = self._newton_step(stiffness, factor, first, residuals[-1])
             air_step = self._exterior.apply(step[:, None])[:, 0]
-            length = self._line_search(phi, step, air, air_step, field, material)
+            length, inner = self._line_search(phi, step, right, air, air_step, field, material)
             phi, air = phi + length * step, air + length * air_step
         require_convergence("Newton", tuple(residuals), tolerance)
         raise AssertionError("unreachable")
@@ -187,27 +188,35 @@ class ConvexForm(Generic[E]):
         step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
         return step[:, 0]
 
-    def _line_search(self, phi, step, air, air_step, field, material) -> float:
-        """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a."""
+    def _line_search(self, phi, step, right, air, air_step, field, material) -> tuple[float, Array]:
+        """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a.
 
-        def slope(a: float) -> float:
-            inner = self._residual(phi + a * step, field, 0, material)
-            return float((inner - air - a * air_step) @ step)
+        right: R at phi. Returns a and the iron's share of R there.
+        """
 
-        start, end = slope(0.0), slope(1.0)
+        def inner(a: float) -> Array:
+            return self._residual(phi + a * step, field, 0, material)
+
+        def slope(share: Array, a: float) -> float:
+            return float((share - air - a * air_step) @ step)
+
+        full = inner(1.0)
+        start, end = float(right @ step), slope(full, 1.0)
         if abs(end) < 0.3 * abs(start) or end > 0:
-            return 1.0
+            return 1.0, full
         low, high, low_value, high_value = 0.0, 1.0, start, end
         for _ in range(12):
             secant = low + (high - low) * np.clip(low_value / (low_value - high_value), 0.1, 0.9)
-            value = slope(secant)
+            there = inner(secant)
+            value = slope(there, secant)
             if abs(value) < 0.1 * abs(start):
-                return float(secant)
+                return float(secant), there
             if value > 0:
                 low, low_value = secant, value
             else:
                 high, high_value = secant, value
-        return low or 0.5 * high
+        length = float(low or 0.5 * high)
+        return length, inner(length)
 
     def _residual(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
         element = self.elements.residual(phi, field, source, material)
