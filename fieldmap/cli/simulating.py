@@ -172,7 +172,7 @@ def _write(path: Path, batches: list[Batch]) -> Path:
     from fieldmap.store import write_runs
 
     records = [
-        recorded(result.run, ("1", "2", "3", "4", "5", "6"), {"value": batch.label})
+        recorded(result.run, batch.experiment.coil_names, {"value": batch.label})
         for batch in batches
         for result in batch.results
         if result.run is not None
@@ -199,6 +199,6 @@ def _picture(batch: Batch, result: Result) -> dict[str, Any]:
         "wanted": reading_mm(scenario, run.references) if some else empty,
         "true": reading_mm(scenario, run.sensed) if some else empty,
         "seen": reading_mm(scenario, run.seen) if some else empty,
-        "currents": run.currents if some else np.zeros((1, 6)),
+        "currents": run.currents if some else np.zeros((1, run.coils)),
         "event": result.metrics.event,
     }

@@ -37,10 +37,16 @@ class Division:
 
 @dataclass(frozen=True, eq=False)
 class Mixing:
-    """Outputs (m,) become the voltages of the coils by matrix (n, m) @ outputs + constant (n,)."""
+    """Outputs (m,) become the voltages of the coils by matrix (n, m) @ outputs + constant (n,).
+
+    names (m,): of the outputs. idle: axes whose output does nothing. assumptions: what it rests on.
+    """
 
     matrix: Array
     constant: Array
+    names: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +102,11 @@ class Machine:
             low, high = drive.supply
             winding = f"windings by R and L without mutual inductance, {low:g} to {high:g} V"
         plate = () if self.plate is None else self.plate.assumptions
+        mixing = self.allocation.assumptions if isinstance(self.allocation, Mixing) else ()
         return (
             *self.magnetic.assumptions,
             *self.body.assumptions,
+            *mixing,
             winding,
             *plate,
             *self.sensors.assumptions,

@@ -55,6 +55,16 @@ class CoilDrive:
         row = [step, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper]
         return np.tile(np.array(row), (self.coils, 1))
 
+    @property
+    def steady(self) -> tuple[Array, Array]:
+        """Lowest and highest currents (n,), A, that last: of the amplifier, and of supply over resistance."""
+        a = self.amplifier
+        low, high = np.full(self.coils, a.current_lower), np.full(self.coils, a.current_upper)
+        if self.resistance is None:
+            return low, high
+        R = np.broadcast_to(np.asarray(self.resistance, float), (self.coils,))
+        return np.maximum(low, self.supply[0] / R), np.minimum(high, self.supply[1] / R)
+
     def numbers(self, step: float) -> Array:
         """(n, 4) for a length of step, s, in the order of fieldmap.kernels.motion.coils."""
         numbers = np.zeros((self.coils, 4))

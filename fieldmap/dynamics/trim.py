@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 # Of the weight; the harmonic form of a map steps from cell to cell by about 1e-7 of its field.
 _ACCURACY = 1e-6
+# Between the cells of a coarse map the force can step over zero: what is left there at most, of the weight.
+_STEP = 2e-4
 # Units of what is searched for: 1 mm, 0.1 rad, 1 V; of the balance: the weight, and the weight times 10 mm.
 _MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
 # What is tried beside the guess of every output but the first, the lift.
@@ -71,7 +73,7 @@ def trim(machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLi
             break
     assert best is not None
     worst = float(np.abs(best.fun).max())
-    if not worst < _ACCURACY:
+    if not worst < _STEP:
         problem = Problem(
             "trim",
             "forces and torques must balance",

@@ -147,22 +147,34 @@ def _dipole_gradient(moment, source, points):
     return 3e-7 * (outer + along * np.eye(3) - 5 * along * r[:, :, None] * r[:, None, :] / d2) / d2**2.5
 
 
-@pytest.fixture(scope="session")
-def six_coils(tmp_path_factory):
-    """A map file: six dipoles on the circle of the drive unit, each of 8 A m^2 per ampere, in its workspace."""
-    angles = np.deg2rad([240.0, 180.0, 120.0, 300.0, 0.0, 60.0])
+def _write_dipoles(sources, path):
+    """A map file of vertical dipoles (n, 3), each of 8 A m^2 per ampere, in the workspace of the drive unit."""
+    n = len(sources)
     lower, upper = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
     cells = np.array([8, 8, 12])
     grid = Grid(lower, (upper - lower) / cells, tuple(cells + 1))
     points = grid.points()
-    sources = np.column_stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)])
+    flux = [_dipole_field(8.0, s, points) for s in sources]
+    slope = [_dipole_gradient(8.0, s, points) for s in sources]
     data = MapData(
         grid,
-        tuple("123456"),
-        np.ones(6),
-        flux_density=np.array([_dipole_field(8.0, s, points) for s in sources]).reshape(6, *grid.shape, 3),
-        gradient=np.array([_dipole_gradient(8.0, s, points) for s in sources]).reshape(6, *grid.shape, 3, 3),
+        tuple(str(k + 1) for k in range(n)),
+        np.ones(n),
+        flux_density=np.array(flux).reshape(n, *grid.shape, 3),
+        gradient=np.array(slope).reshape(n, *grid.shape, 3, 3),
     )
-    path = tmp_path_factory.mktemp("maps") / "six.h5"
     write_map(path, data)
     return path
+
+
+@pytest.fixture(scope="session")
+def dipole_map():
+    return _write_dipoles
+
+
+@pytest.fixture(scope="session")
+def six_coils(tmp_path_factory):
+    """A map file: six dipoles on the circle of the drive unit."""
+    angles = np.deg2rad([240.0, 180.0, 120.0, 300.0, 0.0, 60.0])
+    sources = np.column_stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)])
+    return _write_dipoles(sources, tmp_path_factory.mktemp("maps") / "six.h5")

@@ -104,7 +104,7 @@ def linearise(machine: Machine, rest: Trim) -> LinearMachine:
     inputs = (
         ("lift_V", "x_signal", "y_signal")
         if isinstance(machine.allocation, Division)
-        else tuple(f"output_{k}" for k in range(B.shape[1]))
+        else machine.allocation.names or tuple(f"output_{k}" for k in range(B.shape[1]))
     )
     words = (
         "small deviations from rest: no limits, no walls, no converters' steps",

@@ -134,5 +134,6 @@ def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
     answer = linear.C @ np.linalg.solve(s * np.eye(len(linear.A)) - linear.A, linear.B) + linear.D
     if linear.inputs[:1] == ("lift_V",):
         answer = answer[:, [1, 2, 0]]
-    relative = answer * np.linalg.inv(answer).T
+    # The pseudo-inverse is the inverse, and takes an input that moves nothing (a coil less than axes) for none.
+    relative = answer * np.linalg.pinv(answer).T
     return Coupling(frequency, np.abs(answer) if frequency else answer.real, relative.real)

@@ -129,9 +129,9 @@ def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
     try:
         return np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R))
     except (np.linalg.LinAlgError, ValueError) as error:
-        problem = Problem(
-            "gaussian_block(linear)", f"every unstable mode must be {what}", f"{error}", "see `modes`"
-        )
+        must = f"every mode that does not die away by itself must be {what}"
+        remedy = "`fieldmap linearise` shows the modes; a little drag lets die away what swings without end"
+        problem = Problem("gaussian_block(linear)", must, f"{error}", remedy)
         raise InputError(problem) from None
 
 

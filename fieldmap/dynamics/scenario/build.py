@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from fieldmap.device import Device, read_device
 from fieldmap.dynamics.blocks import Controller, stacked
-from fieldmap.dynamics.closed_loop import Machine, Schedule, simulate_closed_loop
+from fieldmap.dynamics.closed_loop import Division, Machine, Schedule, simulate_closed_loop
 from fieldmap.dynamics.iron import linearised, superposed, tabled
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.outcome import LoopRun
 from fieldmap.dynamics.rigid_body import RigidBody
+from fieldmap.dynamics.scenario.allocation import starting_currents
 from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.dynamics.scenario.linked import fed_forward, linked_controller
 from fieldmap.dynamics.scenario.parts import body_of, machine_of
@@ -20,9 +21,8 @@ from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
 from fieldmap.dynamics.scenario.rests import rest_at
 from fieldmap.dynamics.trim import Trim
-from fieldmap.errors import Infeasible, NoEquilibrium
+from fieldmap.errors import NoEquilibrium
 from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
-from fieldmap.levitation import lift_current
 from fieldmap.lookup import FieldMap, division_domain, open_map, saturates
 from fieldmap.shipped import shipped_file
 
@@ -33,7 +33,7 @@ MILLI = 1e-3
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; rest: where the
-    machine is at rest."""
+    machine is at rest; coil_names: of the map, in the order of currents."""
 
     scenario: Scenario
     machine: Machine
@@ -42,6 +42,7 @@ class Experiment:
     state: Array
     currents: Array
     rest: Trim
+    coil_names: tuple[str, ...]
 
     def warm(self) -> None:
         """One control period, so that what is timed after it is compiled."""
@@ -67,15 +68,7 @@ def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment
 
     field_map: in the place of the scenario's map. Raises ScenarioError, MapFileError, NoEquilibrium.
     """
-    device = read_device(_beside(scenario, scenario.contents.device, "geometry"))
-    opened = (
-        field_map if field_map is not None else open_map(_map_path(scenario), outside_currents="evaluate")
-    )
-    if len(opened.coil_names) != 6:
-        must = "must be a map of six coils, whose currents a division sets"
-        raise scenario.error(
-            "map", must, f"{len(opened.coil_names)} coils", "use fieldmap.dynamics from Python"
-        )
+    device, opened = _device_and_map(scenario, field_map)
     machine, rest = _machine_at_rest(scenario, device, opened)
     contents = scenario.contents
     start_mm = _reading(rest.sensed, contents.sensors.zero_depth_mm)
@@ -96,24 +89,38 @@ def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment
     else:
         controller = stacked(*(block_of(scenario, axis, rest) for axis in "zxy"))
     schedule = fed_forward(scenario, machine, controller, rest, schedule)
-    return Experiment(scenario, machine, controller, schedule, _start(scenario, rest), rest.currents, rest)
+    begin, names = _start(scenario, rest), tuple(opened.coil_names)
+    return Experiment(scenario, machine, controller, schedule, begin, rest.currents, rest, names)
+
+
+def _device_and_map(scenario: Scenario, field_map: FieldMap | None) -> tuple[Device, FieldMap]:
+    device = read_device(_beside(scenario, scenario.contents.device, "geometry"))
+    opened = (
+        field_map if field_map is not None else open_map(_map_path(scenario), outside_currents="evaluate")
+    )
+    if len(opened.coil_names) != len(device.coils):
+        must = f"must be a map of the device's {len(device.coils)} coils"
+        received = f"{len(opened.coil_names)} coils"
+        raise scenario.error("map", must, received, "name the device that the map was made of")
+    return device, opened
 
 
 def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tuple[Machine, Trim]:
     """The machine, and where it rests. Saturating iron is linearised about the currents of that rest."""
     body = body_of(scenario, device, opened)
     keys = scenario.contents.field
-    guess = _guess(scenario, device, opened, body)
+    guess, allocation = starting_currents(scenario, device, opened, body, _magnet_at(scenario, opened, body))
     divided = division_domain(opened) is not None
     if not saturates(opened) or keys.iron == "table" or (keys.iron == "auto" and divided):
         nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
         superposes = not saturates(opened)
         field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)
-        machine = machine_of(scenario, device, body, field)
+        machine = machine_of(scenario, device, body, field, allocation)
         return machine, _rest(scenario, machine, guess)
     currents, rest = guess, None
     for _ in range(12):
-        machine = machine_of(scenario, device, body, linearised(opened, currents, keys.scale))
+        field = linearised(opened, currents, keys.scale)
+        machine = machine_of(scenario, device, body, field, allocation)
         rest = _rest(scenario, machine, currents)
         change = float(np.abs(rest.currents - currents).max())
         currents = rest.currents
@@ -129,34 +136,26 @@ def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tu
     )
 
 
-def _guess(scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody) -> Array:
-    """Equal currents that about lift the body at the start, for the search to begin with."""
+def _magnet_at(scenario: Scenario, opened: FieldMap, body: RigidBody) -> Array:
+    """The magnet's centre (3,) of the upright body at the start, m."""
     contents = scenario.contents
     z = (
         -MILLI * (contents.sensors.zero_depth_mm + contents.start.depth_mm)
         - (body.seen_at - body.magnet_at)[2]
     )
-    point = [MILLI * (contents.start.x_mm or 0.0), MILLI * (contents.start.y_mm or 0.0), z]
+    point = np.array([MILLI * (contents.start.x_mm or 0.0), MILLI * (contents.start.y_mm or 0.0), z])
     if not (opened.lower <= point).all() or not (point <= opened.upper).all():
-        received = f"the magnet at {[round(1e3 * p, 3) for p in point]} mm"
+        received = f"the magnet at {[round(1e3 * float(p), 3) for p in point]} mm"
         raise scenario.error(
             "start", "must be inside the map", received, "begin elsewhere, or make a larger map"
         )
-    domain = division_domain(opened)
-    if domain is None and not saturates(opened):
-        return lift_current(opened, device.payload, point).currents / contents.field.scale
-    levels = np.linspace(domain[0][0], domain[1][0], 9) if domain else np.linspace(0.3, 3.0, 10)
-    moment, weight = body.magnet.moment * contents.field.scale, body.mass * body.gravity
-    lift = np.array([moment * abs(opened.gradient(point, np.full(6, i))[2, 2]) for i in levels])
-    if lift.max() < weight:
-        share = f"{lift.max() / weight:.2g} of the weight at most"
-        where = scenario.error("field.scale", "the field must carry the body", share, "raise the scale")
-        raise Infeasible(where.problems[0])
-    return np.full(6, float(np.interp(weight, lift, levels)))
+    return point
 
 
 def _rest(scenario: Scenario, machine: Machine, currents: Array) -> Trim:
-    guess = [float(np.mean(currents)) / machine.drive.amplifier.gain, 0.0, 0.0]
+    divided = isinstance(machine.allocation, Division)
+    level = float(np.mean(currents) if divided else np.abs(currents).max())
+    guess = [level / machine.drive.amplifier.gain, 0.0, 0.0]
     return rest_at(scenario, machine, scenario.contents.start.depth_mm, guess)
 
 

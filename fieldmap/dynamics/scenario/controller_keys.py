@@ -8,6 +8,7 @@ from fieldmap.device.schema.base import NotNegative, Positive, Table, Vector, br
 
 Matrix = list[list[float]]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+LIMITS = "0 to 10 V, -0.4 to 0.4 for the division; else 0 to what the amplifiers give, -1 to 1, unless given"
 Lengths = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 
 
@@ -100,12 +101,13 @@ class GaussianKeys(Table):
     drift_mN: Lengths = Field(
         default=[0.5, 0.5, 2.0], description="of forces that are not known, per root of s"
     )
-    lower: Vector = Field(default=[0.0, -0.4, -0.4], description="lowest lift in V, x and y signals")
-    upper: Vector = Field(default=[10.0, 0.4, 0.4], description="highest lift in V, x and y signals")
+    lower: Vector | None = Field(default=None, description=f"lowest lift in V, x and y signals; {LIMITS}")
+    upper: Vector | None = Field(default=None, description=f"highest lift in V, x and y signals; {LIMITS}")
 
     @model_validator(mode="after")
     def _limits_rise(self) -> "GaussianKeys":
-        if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
+        both = self.lower is not None and self.upper is not None
+        if both and not all(a < b for a, b in zip(self.lower or (), self.upper or (), strict=True)):
             raise broken("lower must be below upper", f"{self.lower} and {self.upper}", "swap them")
         return self
 
@@ -160,8 +162,8 @@ class FeedforwardKeys(Table):
         default=50.0, description="beyond it a change of the reference is a step"
     )
     largest_m_per_s2: Positive = Field(default=3.0, description="acceleration that is fed forward at most")
-    lower: Vector = Field(default=[0.0, -0.4, -0.4], description="lowest lift in V, x and y signals")
-    upper: Vector = Field(default=[10.0, 0.4, 0.4], description="highest lift in V, x and y signals")
+    lower: Vector | None = Field(default=None, description=f"lowest lift in V, x and y signals; {LIMITS}")
+    upper: Vector | None = Field(default=None, description=f"highest lift in V, x and y signals; {LIMITS}")
 
 
 AxisController = Annotated[

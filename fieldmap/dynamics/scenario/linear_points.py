@@ -54,12 +54,13 @@ def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> Linea
     mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in ("vx", "vy", "vz")]
     block = experiment.controller.at(linear.rest, -mass * linear.A[moves, :3], mass * linear.B[moves])
     sensors = experiment.machine.sensors
-    loop = close_loop(linear, block, experiment.schedule, sensors)
+    # A body's turn about its magnet's axis is felt by nothing and no mode of the loop.
+    felt = linear.only(tuple(name for name in linear.states if name not in ("turn_z", "spin_z")))
+    loop = close_loop(felt, block, experiment.schedule, sensors)
     return LinearPoint(
         depth,
         linear,
         tuple(modes(linear)),
-        # A body's turn about its magnet's axis is felt by nothing and no mode of the loop.
         reach(linear, above=-np.inf if experiment.machine.body.upright else 1e-3),
         coupling(linear),
         loop,

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmap.dynamics.blocks import Controller
-from fieldmap.dynamics.closed_loop import Machine, Schedule
+from fieldmap.dynamics.closed_loop import Division, Machine, Schedule
 from fieldmap.dynamics.iron import FieldOfCurrents
 from fieldmap.dynamics.linear import linearise
 from fieldmap.dynamics.linked import (
@@ -16,11 +17,13 @@ from fieldmap.dynamics.linked import (
     gaussian_block,
     trajectory,
 )
-from fieldmap.dynamics.scenario.controller_keys import GaussianKeys, LinearisationKeys
+from fieldmap.dynamics.scenario.controller_keys import FeedforwardKeys, GaussianKeys, LinearisationKeys
 from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.dynamics.scenario.rests import rests_at
 from fieldmap.dynamics.trim import Trim
+from fieldmap.errors import Infeasible
 
+Array = NDArray[np.float64]
 MILLI = 1e-3
 
 
@@ -29,11 +32,12 @@ def linked_controller(scenario: Scenario, machine: Machine, rest: Trim) -> Contr
     keys, control = scenario.contents.control.linked, scenario.contents.control
     period, delay = MILLI * control.period_ms, MILLI * control.delay_ms
     assert keys is not None
+    limits = _limits(keys, machine)
+    _check_rest(scenario, rest, limits)
     if isinstance(keys, LinearisationKeys):
         weights = _weights(scenario, keys, tuple(MILLI * value for value in keys.allowed_mN))
-        return force_controller(machine, rest, weights, period, keys.lower, keys.upper, delay, keys.rounds)
+        return force_controller(machine, rest, weights, period, *limits, delay, keys.rounds)
     weights = _weights(scenario, keys, tuple(keys.allowed_outputs))
-    limits = np.array(keys.lower), np.array(keys.upper)
     if keys.depths_mm is None:
         return gaussian_block(linearise(machine, rest), weights, period, delay, limits)
     # Heights rise, so the deepest comes first.
@@ -44,6 +48,26 @@ def linked_controller(scenario: Scenario, machine: Machine, rest: Trim) -> Contr
     begin = gaussian_block(linearise(machine, rest), weights, period, delay, limits).memory
     first = replace(blocks[0], memory=begin)
     return ScheduledController((first, *blocks[1:]), float(heights[0]), float(heights[1] - heights[0]))
+
+
+def _limits(keys: GaussianKeys | FeedforwardKeys, machine: Machine) -> tuple[Array, Array]:
+    """Lowest and highest lift, V, x and y signals: as given, or what suits the allocation."""
+    divided, amplifier = isinstance(machine.allocation, Division), machine.drive.amplifier
+    lift, signal = (10.0, 0.4) if divided else (amplifier.largest_current / amplifier.gain, 1.0)
+    lower = [0.0, -signal, -signal] if keys.lower is None else keys.lower
+    upper = [lift, signal, signal] if keys.upper is None else keys.upper
+    return np.array(lower), np.array(upper)
+
+
+def _check_rest(scenario: Scenario, rest: Trim, limits: tuple[Array, Array]) -> None:
+    """A controller cannot hold what its limits do not let it say. Raises Infeasible."""
+    lower, upper = limits
+    if not ((lower <= rest.outputs) & (rest.outputs <= upper)).all():
+        lift, x, y = rest.outputs
+        must = f"lift, x and y at rest must lie within the limits, {lower.tolist()} to {upper.tolist()}"
+        received = f"{lift:.3g} V, {x:.3g}, {y:.3g}"
+        remedy = "widen lower and upper, or begin elsewhere"
+        raise Infeasible(scenario.error("control.linked", must, received, remedy).problems[0])
 
 
 def _weights(scenario: Scenario, keys: GaussianKeys, output: tuple[float, ...]) -> GaussianWeights:
@@ -83,8 +107,7 @@ def fed_forward(
         believed,
         rest,
         schedule,
-        np.array(keys.lower),
-        np.array(keys.upper),
+        *_limits(keys, machine),
         MILLI * keys.fastest_mm_per_s,
         keys.largest_m_per_s2,
     )

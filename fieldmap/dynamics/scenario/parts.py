@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldmap.device import Device
-from fieldmap.dynamics.closed_loop import Division, Machine
+from fieldmap.dynamics.closed_loop import Division, Machine, Mixing
 from fieldmap.dynamics.drives import drive_of_device
 from fieldmap.dynamics.iron import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
@@ -31,7 +31,7 @@ def body_of(scenario: Scenario, device: Device, opened: FieldMap) -> RigidBody:
             raise scenario.error(
                 "body.finite_magnet", "needs a magnet", "a moment only", "add payload.magnet"
             )
-        magnet = finite_magnet(payload.magnet, opened.at(np.ones(6)), 1e-4)  # type: ignore[arg-type]
+        magnet = finite_magnet(payload.magnet, opened.at(np.ones(len(opened.coil_names))), 1e-4)  # type: ignore[arg-type]
     lengths = (keys.radius_mm, keys.height_mm, keys.below_mm)
     radius, height, below = (None if value is None else MILLI * value for value in lengths)
     return body_of_payload(
@@ -45,7 +45,9 @@ def body_of(scenario: Scenario, device: Device, opened: FieldMap) -> RigidBody:
     )
 
 
-def machine_of(scenario: Scenario, device: Device, body: RigidBody, field: FieldOfCurrents) -> Machine:
+def machine_of(
+    scenario: Scenario, device: Device, body: RigidBody, field: FieldOfCurrents, allocation: Division | Mixing
+) -> Machine:
     """Everything but the controllers."""
     contents = scenario.contents
     keys, walls = contents.coils, contents.walls
@@ -62,7 +64,7 @@ def machine_of(scenario: Scenario, device: Device, body: RigidBody, field: Field
         body,
         drive,
         _sensors(scenario),
-        Division(contents.control.division_n),
+        allocation,
         Drag(
             tuple(drag.linear_N_s_per_m),  # type: ignore[arg-type]
             tuple(drag.body_linear_N_s_per_m),  # type: ignore[arg-type]

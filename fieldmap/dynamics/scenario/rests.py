@@ -32,11 +32,14 @@ def rest_at(scenario: Scenario, machine: Machine, depth_mm: float, guess: ArrayL
             outputs[1 + k] = (
                 keys.output if isinstance(keys, ConstantKeys) and keys.output is not None else 0.0
             )
-    amplifier = machine.drive.amplifier
     rest = trim(machine, place, outputs, guess)
-    if np.abs(rest.currents).max() > amplifier.largest_current * (1.0 + 1e-9):
-        must = f"the body must rest with what the amplifiers give, {amplifier.largest_current:g} A"
-        received = f"{np.abs(rest.currents).max():.3g} A"
+    low, high = machine.drive.steady
+    beyond = np.maximum(rest.currents - high, low - rest.currents)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > 1e-9 * max(1.0, abs(rest.currents[worst])):
+        limit = (high if rest.currents[worst] > 0 else low)[worst]
+        must = f"the body must rest with what the amplifiers give and the supply drives, {limit:.4g} A"
+        received = f"{rest.currents[worst]:.3g} A"
         remedy = "begin higher or nearer to the axis, or state a field.scale"
         raise Infeasible(scenario.error("start", must, received, remedy).problems[0])
     return rest

@@ -151,6 +151,11 @@ class ControlKeys(Table):
     period_ms: Positive = Field(default=2.0, description="of the control task")
     delay_ms: NotNegative = Field(default=0.0, description="from sample to command, at most one period")
     step_ms: Positive = Field(default=0.1, description="of the mechanics")
+    allocation: Literal["division", "least_power"] | None = Field(
+        default=None,
+        description="how lift, x and y become currents: by the thesis's division of six coils, or by least power about "
+        "the start; the division for six coils unless given",
+    )
     division_n: Positive = Field(default=1.25, description="n of the current division (6-3)")
     z: AxisController | None = Field(default=None, description="depth in mm to lift voltage")
     x: AxisController | None = Field(default=None, description="x in mm to x signal")

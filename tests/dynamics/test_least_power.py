@@ -1,0 +1,170 @@
+"""Scenarios of machines with any number of coils: lift and signals by least power."""
+
+import numpy as np
+import pytest
+
+from fieldmap.dynamics import linear_points, prepare, read_scenario, simulate
+from fieldmap.dynamics.least_power import least_power_mixing, lift_shares
+from fieldmap.errors import Infeasible, InputError, ScenarioError
+from fieldmap.lookup import open_map, wrench_actuation
+
+# Coils of a device file whose map the test makes by itself: only windings, payload and driver count.
+COIL = """
+[[coil]]
+name = "{name}"
+kind = "circular"
+inner_radius_mm = 11
+outer_radius_mm = 21
+height_mm = 39
+turns = 840
+resistance_ohm = 4.25
+inductance_mH = 29
+position_mm = [{x}, 0, 100]
+"""
+DEVICE = """
+format = 1
+name = "some"
+title = "Some coils"
+{coils}
+[payload]
+mass_g = 6
+[payload.magnet]
+shape = "cylinder"
+diameter_mm = 10
+height_mm = 10
+remanence_T = 1.3
+[driver]
+gain_A_per_V = 0.5
+current_limit_A = 5
+supply_voltage_V = 40
+"""
+SCENARIO = """
+format = 1
+title = "Held, then 1 mm higher"
+map = "some.h5"
+device = "some.toml"
+duration_s = 1.0
+[drag]
+linear_N_s_per_m = [0.001, 0.001, 0.001]
+[sensors]
+zero_depth_mm = 0
+[control.linked]
+kind = "lqg"
+[start]
+depth_mm = 100
+[[reference]]
+kind = "step"
+axis = "depth"
+at_s = 0.3
+by_mm = -1.0
+"""
+ASIDE = '[[reference]]\nkind = "step"\naxis = "x"\nat_s = 0.3\nby_mm = 0.5\n'
+PIDS = """
+[control.z]
+kind = "pid"
+Kc = 0.5
+Ti_s = 0.5
+Td_s = 0.05
+[control.x]
+kind = "constant"
+[control.y]
+kind = "constant"
+"""
+RING = [[0.04, 0.0], [0.0, 0.04], [-0.04, 0.0], [0.0, -0.04]]
+
+
+@pytest.fixture
+def some(dipole_map, tmp_path):
+    """Write map, device and scenario of dipoles in the place of coils, 8 A m^2 per ampere, above the workspace."""
+
+    def write(places, text=SCENARIO):
+        dipole_map(np.column_stack([places, np.full(len(places), 0.026)]), tmp_path / "some.h5")
+        coils = "".join(COIL.format(name=k, x=100 * k) for k in range(len(places)))
+        (tmp_path / "some.toml").write_text(DEVICE.format(coils=coils))
+        (tmp_path / "hold.toml").write_text(text)
+        return tmp_path / "hold.toml"
+
+    return write
+
+
+@pytest.mark.parametrize("turning", ["upright", "free"])
+@pytest.mark.parametrize("count", [3, 4, 8])
+def test_any_ring_of_coils_holds_and_moves_a_magnet(some, count, turning):
+    angles = 2 * np.pi * np.arange(count) / count
+    path = some(0.04 * np.column_stack([np.cos(angles), np.sin(angles)]), SCENARIO + ASIDE)
+    run = simulate(path, {"body.turning": turning})
+    assert run.event is None
+    end = run.sensed[-100:]
+    np.testing.assert_allclose(end, np.broadcast_to([5e-4, 0.0, -0.099], end.shape), atol=2e-5)
+    assert run.outputs.shape[1] == 3
+    assert run.currents.shape[1] == count
+    assert any("least power" in words for words in run.assumptions)
+
+
+def test_currents_at_rest_are_those_of_least_power(some):
+    """Those of the map's own inverse, which knows nothing of scenarios."""
+    experiment = prepare(read_scenario(some(RING + [[0.0, 0.0]]), {"body.turning": "upright"}))
+    opened = open_map(some(RING + [[0.0, 0.0]]).parent / "some.h5")
+    moment = experiment.machine.body.magnet.moment * np.array([0.0, 0.0, 1.0])
+    weight = 6e-3 * 9.80665
+    known = opened.currents_for([0, 0, -0.1], [0.0, 0.0, weight], moment)
+    np.testing.assert_allclose(experiment.rest.currents, known, rtol=1e-6)
+    # Lift, x and y push along z, x and y, and nowhere else.
+    force = wrench_actuation(opened, [0, 0, -0.1], moment).matrix[:3]
+    made = (force @ experiment.machine.allocation.matrix)[:, [1, 2, 0]]
+    np.testing.assert_allclose(made, np.diag(np.diag(made)), atol=1e-6 * made.max())
+    assert (np.diag(made) > 0).all()
+
+
+def test_the_linear_loop_is_stable_and_tells_what_is_held(some):
+    (point,) = linear_points(prepare(read_scenario(some(RING))))
+    assert point.loop.stable
+    assert point.linear.inputs == ("lift_V", "x_signal", "y_signal")
+    np.testing.assert_allclose(np.diag(point.coupling.relative), 1.0, atol=1e-3)
+
+
+def test_one_coil_holds_the_depth_and_leaves_the_rest_to_the_field(some):
+    path = some([[0.0, 0.0]], SCENARIO.replace('[control.linked]\nkind = "lqg"\n', PIDS))
+    run = simulate(path)
+    assert run.event is None
+    assert abs(run.sensed[-1, 2] + 0.099) < 1e-4
+    assert sum("does nothing" in words for words in run.assumptions) == 2
+    (point,) = linear_points(prepare(read_scenario(path)))
+    assert point.coupling.relative[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("places", "changes", "error", "words"),
+    [
+        ([[0.0, 0.0]], {"start.x_mm": 1.0}, ScenarioError, "leave it out: the magnet rests"),
+        ([[0.0, 0.0]], {"reference.0.axis": "x"}, ScenarioError, "do not push along x"),
+        ([[0.0, 0.0]], {"control.feedforward": {}}, ScenarioError, "along x, y and z"),
+        (RING, {"control.allocation": "division"}, ScenarioError, "for six coils"),
+        (RING, {"field.scale": 0.05}, Infeasible, "supply drives"),
+        (RING, {"control.linked.upper": [1.0, 1.0, 1.0]}, Infeasible, "within the limits"),
+        (RING, {"start.x_mm": 50.0}, ScenarioError, "inside the map"),
+        (RING, {"device": "drive_unit"}, ScenarioError, "of the device's 6 coils"),
+    ],
+)
+def test_what_cannot_be_held_is_told(some, places, changes, error, words):
+    with pytest.raises(error, match=words):
+        prepare(read_scenario(some(places), changes))
+
+
+def test_coils_that_do_not_lift_are_told(some):
+    """A dipole at (a, 0, h) above: dBz/dz on the axis vanishes where 5 h^2 = 3 (a^2 + h^2), so at a = h sqrt(2/3)."""
+    height = 0.126
+    aside = height * np.sqrt(2 / 3)
+    with pytest.raises(Infeasible, match="push the magnet along z"):
+        prepare(read_scenario(some([[aside, 0.0], [-aside, 0.0]])))
+
+
+def test_shares_and_signals_of_a_known_matrix():
+    """Two coils in a row along x, a third that only lifts: least squares by hand."""
+    force = np.array([[0.1, -0.1, 0.0], [0.0, 0.0, 0.0], [0.3, 0.3, 0.3]])
+    np.testing.assert_allclose(lift_shares(force), [1, 1, 1])
+    mixing = least_power_mixing(force, [1, 1, 1], 3.0)
+    np.testing.assert_allclose(mixing.matrix, [[1, 3, 0], [1, -3, 0], [1, 0, 0]], atol=1e-12)
+    assert mixing.idle == ("y",)
+    with pytest.raises(InputError, match="one per coil"):
+        least_power_mixing(force, [1, 1], 3.0)
