@@ -156,7 +156,7 @@ def amperes_in_words(amperes: Any, names: tuple[str, ...]) -> str:
 
 def gather_run(path: str) -> Shown:
     """The first run of a file that `fieldmap simulate -o` wrote. Raises InputError."""
-    from fieldmap.device import read_device
+    from fieldmap.device import read_device, recorded_device
     from fieldmap.store import read_runs
     from fieldmap.view.trajectory import ShownRun
 
@@ -172,7 +172,7 @@ def gather_run(path: str) -> Shown:
     above = np.mean(signals["sensed"] - signals["position"], axis=0)
     run = ShownRun(
         about["title"],
-        read_device(scenario["device"]),
+        read_device(scenario["device"]) if "device" in scenario else recorded_device(about["device"]),
         signals["time"],
         signals["position"],
         signals["quaternion"],

@@ -172,7 +172,7 @@ def _write(path: Path, batches: list[Batch]) -> Path:
     from fieldmap.store import write_runs
 
     records = [
-        recorded(result.run, batch.experiment.coil_names, {"value": batch.label})
+        recorded(result.run, batch.experiment.device.coil_names, {"value": batch.label})
         for batch in batches
         for result in batch.results
         if result.run is not None
@@ -182,6 +182,7 @@ def _write(path: Path, batches: list[Batch]) -> Path:
         path.write_text(as_csv(records[0]))
         return path
     about = {
+        "device": batches[0].experiment.device.text,
         "title": scenario.contents.title,
         "scenario": scenario.text,
         "changes": str(dict(scenario.changes)),

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import tomllib
 from pathlib import Path
 from types import MappingProxyType
 from typing import TypeVar
@@ -46,6 +47,25 @@ def device_of(document: Document) -> Device:
         raise DeviceFileError(_in_the_plane(document.path))
     contents, curves, included = checked_contents(document, DeviceFile)
     return _build(contents, document, curves, included)
+
+
+def recorded_device(text: str) -> Device:
+    """The device in the text of a file, as a map records it: coils, payload, driver and workspace; its iron, which the
+    map holds the field of, is left out. Raises DeviceFileError for a text that is no device."""
+    document = Document(Path("device recorded in the map"), text, tomllib.loads(text))
+    findings = schema_findings(DeviceFile, document.data)
+    if findings:
+        raise DeviceFileError(*document.problems(findings))
+    contents = DeviceFile.model_validate(document.data)
+    return Device(
+        name=contents.name,
+        title=contents.title,
+        coils=tuple(coil.to_model() for coil in contents.coil),
+        payload=contents.payload.to_model() if contents.payload else None,
+        driver=contents.driver.to_model() if contents.driver else None,
+        workspace=contents.workspace.to_model() if contents.workspace else None,
+        text=text,
+    )
 
 
 def checked_contents(document: Document, root: type[_File]) -> tuple[_File, Curves, dict[str, str]]:

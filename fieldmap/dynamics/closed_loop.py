@@ -102,12 +102,14 @@ class Machine:
             low, high = drive.supply
             winding = f"windings by R and L without mutual inductance, {low:g} to {high:g} V"
         plate = () if self.plate is None else self.plate.assumptions
+        drag = () if self.drag is None else self.drag.assumptions
         mixing = self.allocation.assumptions if isinstance(self.allocation, Mixing) else ()
         return (
             *self.magnetic.assumptions,
             *self.body.assumptions,
             *mixing,
             winding,
+            *drag,
             *plate,
             *self.sensors.assumptions,
         )

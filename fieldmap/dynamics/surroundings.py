@@ -44,6 +44,21 @@ class Drag:
             [self.linear, self.body_linear, self.body_quadratic, self.turning, self.turning_quadratic], float
         )
 
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is not zero, in words."""
+        units = {"linear": "N s/m", "body_linear": "N s/m along the body's axes"}
+        units |= {
+            "body_quadratic": "N s^2/m^2 along the body's axes",
+            "turning": "N m s about the body's axes",
+        }
+        units |= {"turning_quadratic": "N m s^2 about the body's axes"}
+        return tuple(
+            f"drag {', '.join(f'{value:g}' for value in values)} {units[name]}"
+            for name, values in vars(self).items()
+            if np.any(values)
+        )
+
 
 @dataclass(frozen=True)
 class Plate:

@@ -58,7 +58,9 @@ def continued(aim, passed, states, weights, nodes, out):
             nodes[j] += (passed[j, c] - passed[last, c]) * step / max(length, 1e-300)
     best, least = last, np.inf
     for first in range(last, -1, -1):
-        if (first < last and length == 0.0) or (first < last - 1 and nodes[first] > nodes[first + 1] - _APART):
+        if (first < last and length == 0.0) or (
+            first < last - 1 and nodes[first] > nodes[first + 1] - _APART
+        ):
             break
         _lagrange(nodes, at, first, weights)
         miss = _miss(weights, passed, aim)

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics import RigidBody
 from fieldmap.lookup import FiniteMagnet, interpolate
-from fieldmap.store import Grid, MapData, ReducedModel, write_map
+from fieldmap.store import Grid, MapData, Provenance, ReducedModel, write_map
 
 
 def axial_field(points, b0, b1, b2):
@@ -147,7 +147,7 @@ def _dipole_gradient(moment, source, points):
     return 3e-7 * (outer + along * np.eye(3) - 5 * along * r[:, :, None] * r[:, None, :] / d2) / d2**2.5
 
 
-def _write_dipoles(sources, path):
+def _write_dipoles(sources, path, device=""):
     """A map file of vertical dipoles (n, 3), each of 8 A m^2 per ampere, in the workspace of the drive unit."""
     n = len(sources)
     lower, upper = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
@@ -162,6 +162,7 @@ def _write_dipoles(sources, path):
         np.ones(n),
         flux_density=np.array(flux).reshape(n, *grid.shape, 3),
         gradient=np.array(slope).reshape(n, *grid.shape, 3, 3),
+        provenance=Provenance(device_text=device),
     )
     write_map(path, data)
     return path

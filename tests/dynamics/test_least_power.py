@@ -77,10 +77,11 @@ RING = [[0.04, 0.0], [0.0, 0.04], [-0.04, 0.0], [0.0, -0.04]]
 def some(dipole_map, tmp_path):
     """Write map, device and scenario of dipoles in the place of coils, 8 A m^2 per ampere, above the workspace."""
 
-    def write(places, text=SCENARIO):
-        dipole_map(np.column_stack([places, np.full(len(places), 0.026)]), tmp_path / "some.h5")
-        coils = "".join(COIL.format(name=k, x=100 * k) for k in range(len(places)))
-        (tmp_path / "some.toml").write_text(DEVICE.format(coils=coils))
+    def write(places, text=SCENARIO, records=True):
+        device = DEVICE.format(coils="".join(COIL.format(name=k, x=100 * k) for k in range(len(places))))
+        sources = np.column_stack([places, np.full(len(places), 0.026)])
+        dipole_map(sources, tmp_path / "some.h5", device if records else "")
+        (tmp_path / "some.toml").write_text(device)
         (tmp_path / "hold.toml").write_text(text)
         return tmp_path / "hold.toml"
 
@@ -168,3 +169,24 @@ def test_shares_and_signals_of_a_known_matrix():
     assert mixing.idle == ("y",)
     with pytest.raises(InputError, match="one per coil"):
         least_power_mixing(force, [1, 1], 3.0)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_the_shipped_scenario_takes_any_map(some, scale):
+    """The middle of the map where half of the amplifiers' 5 A carry the magnet, else the deepest place that they do."""
+    run = simulate("hold", {"map": str(some(RING).parent / "some.h5"), "field.scale": scale})
+    assert run.event is None
+    start = run.scenario.start_depth_mm
+    assert abs(-1e3 * run.sensed[0, 2] - start) < 0.01
+    assert abs(-1e3 * run.sensed[-1, 2] - (start - 1.0)) < 0.02
+    if scale == 1.0:
+        assert start == pytest.approx(108.0)
+    else:
+        # A place deeper by a twentieth of the map would take 11 % more, by the fourth power of the distance.
+        assert 2.5 / 1.11 < run.currents[0].max() <= 2.5
+
+
+def test_a_map_without_a_device_needs_one(some):
+    path = some(RING, records=False).parent / "some.h5"
+    with pytest.raises(ScenarioError, match="must be named"):
+        prepare(read_scenario("hold", {"map": str(path)}))

@@ -1,12 +1,11 @@
 """From a scenario to what runs: machine, controller, schedule, state at the start."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.device import Device, read_device
+from fieldmap.device import Device
 from fieldmap.dynamics.blocks import Controller, stacked
 from fieldmap.dynamics.closed_loop import Division, Machine, Schedule, simulate_closed_loop
 from fieldmap.dynamics.iron import linearised, superposed, tabled
@@ -16,6 +15,7 @@ from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.scenario.allocation import starting_currents
 from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.dynamics.scenario.linked import fed_forward, linked_controller
+from fieldmap.dynamics.scenario.opening import device_and_map, magnet_at, with_depth
 from fieldmap.dynamics.scenario.parts import body_of, machine_of
 from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
@@ -23,8 +23,7 @@ from fieldmap.dynamics.scenario.rests import rest_at
 from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import NoEquilibrium
 from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
-from fieldmap.lookup import FieldMap, division_domain, open_map, saturates
-from fieldmap.shipped import shipped_file
+from fieldmap.lookup import FieldMap, division_domain, saturates
 
 Array = NDArray[np.float64]
 MILLI = 1e-3
@@ -33,7 +32,7 @@ MILLI = 1e-3
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; rest: where the
-    machine is at rest; coil_names: of the map, in the order of currents."""
+    machine is at rest; device: what it is made of."""
 
     scenario: Scenario
     machine: Machine
@@ -42,7 +41,7 @@ class Experiment:
     state: Array
     currents: Array
     rest: Trim
-    coil_names: tuple[str, ...]
+    device: Device
 
     def warm(self) -> None:
         """One control period, so that what is timed after it is compiled."""
@@ -68,8 +67,10 @@ def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment
 
     field_map: in the place of the scenario's map. Raises ScenarioError, MapFileError, NoEquilibrium.
     """
-    device, opened = _device_and_map(scenario, field_map)
-    machine, rest = _machine_at_rest(scenario, device, opened)
+    device, opened = device_and_map(scenario, field_map)
+    body = body_of(scenario, device, opened)
+    scenario = with_depth(scenario, device, opened, body)
+    machine, rest = _machine_at_rest(scenario, device, opened, body)
     contents = scenario.contents
     start_mm = _reading(rest.sensed, contents.sensors.zero_depth_mm)
     wanted = references(scenario, start_mm)
@@ -89,27 +90,16 @@ def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment
     else:
         controller = stacked(*(block_of(scenario, axis, rest) for axis in "zxy"))
     schedule = fed_forward(scenario, machine, controller, rest, schedule)
-    begin, names = _start(scenario, rest), tuple(opened.coil_names)
-    return Experiment(scenario, machine, controller, schedule, begin, rest.currents, rest, names)
+    begin = _start(scenario, rest)
+    return Experiment(scenario, machine, controller, schedule, begin, rest.currents, rest, device)
 
 
-def _device_and_map(scenario: Scenario, field_map: FieldMap | None) -> tuple[Device, FieldMap]:
-    device = read_device(_beside(scenario, scenario.contents.device, "geometry"))
-    opened = (
-        field_map if field_map is not None else open_map(_map_path(scenario), outside_currents="evaluate")
-    )
-    if len(opened.coil_names) != len(device.coils):
-        must = f"must be a map of the device's {len(device.coils)} coils"
-        received = f"{len(opened.coil_names)} coils"
-        raise scenario.error("map", must, received, "name the device that the map was made of")
-    return device, opened
-
-
-def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tuple[Machine, Trim]:
+def _machine_at_rest(
+    scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody
+) -> tuple[Machine, Trim]:
     """The machine, and where it rests. Saturating iron is linearised about the currents of that rest."""
-    body = body_of(scenario, device, opened)
     keys = scenario.contents.field
-    guess, allocation = starting_currents(scenario, device, opened, body, _magnet_at(scenario, opened, body))
+    guess, allocation = starting_currents(scenario, device, opened, body, magnet_at(scenario, opened, body))
     divided = division_domain(opened) is not None
     if not saturates(opened) or keys.iron == "table" or (keys.iron == "auto" and divided):
         nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
@@ -136,27 +126,11 @@ def _machine_at_rest(scenario: Scenario, device: Device, opened: FieldMap) -> tu
     )
 
 
-def _magnet_at(scenario: Scenario, opened: FieldMap, body: RigidBody) -> Array:
-    """The magnet's centre (3,) of the upright body at the start, m."""
-    contents = scenario.contents
-    z = (
-        -MILLI * (contents.sensors.zero_depth_mm + contents.start.depth_mm)
-        - (body.seen_at - body.magnet_at)[2]
-    )
-    point = np.array([MILLI * (contents.start.x_mm or 0.0), MILLI * (contents.start.y_mm or 0.0), z])
-    if not (opened.lower <= point).all() or not (point <= opened.upper).all():
-        received = f"the magnet at {[round(1e3 * float(p), 3) for p in point]} mm"
-        raise scenario.error(
-            "start", "must be inside the map", received, "begin elsewhere, or make a larger map"
-        )
-    return point
-
-
 def _rest(scenario: Scenario, machine: Machine, currents: Array) -> Trim:
     divided = isinstance(machine.allocation, Division)
     level = float(np.mean(currents) if divided else np.abs(currents).max())
     guess = [level / machine.drive.amplifier.gain, 0.0, 0.0]
-    return rest_at(scenario, machine, scenario.contents.start.depth_mm, guess)
+    return rest_at(scenario, machine, scenario.start_depth_mm, guess)
 
 
 def _start(scenario: Scenario, rest: Trim) -> Array:
@@ -180,25 +154,3 @@ def _reading(sensed: Array, zero_mm: float) -> Array:
 
 def _into_map(reading: Array, zero_mm: float) -> Array:
     return (reading + [0.0, 0.0, zero_mm]) * [MILLI, MILLI, -MILLI]
-
-
-def _beside(scenario: Scenario, name: str, kind: str) -> str | Path:
-    beside = scenario.path.parent / name
-    if beside.is_file():
-        return beside
-    shipped = shipped_file(kind, name)
-    if shipped is None:
-        must = "a file relative to the scenario, or the name of a shipped one"
-        raise scenario.error("device", must, f'"{name}"', "correct the name")
-    return shipped
-
-
-def _map_path(scenario: Scenario) -> Path:
-    """The map: relative to the scenario, as given, or by its name in maps/out."""
-    name = scenario.contents.map
-    folder = Path("maps") / "out"
-    for path in (scenario.path.parent / name, Path(name), folder / name, folder / f"{name}.h5"):
-        if path.is_file():
-            return path
-    must = "must be a map file relative to the scenario, or the name of one in maps/out"
-    raise scenario.error("map", must, f'"{name}"', f"make it: fieldmap map {Path(name).stem}, or give --map")

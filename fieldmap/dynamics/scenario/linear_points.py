@@ -43,7 +43,7 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
     Raises NoEquilibrium, Infeasible or OutsideMapError where it has no rest at a depth.
     """
     scenario, machine = experiment.scenario, experiment.machine
-    depths = [scenario.contents.start.depth_mm] if depths_mm is None else list(depths_mm)
+    depths = [scenario.start_depth_mm] if depths_mm is None else list(depths_mm)
     rests = rests_at(scenario, machine, experiment.rest, depths)
     return [
         _point(experiment, depth, linearise(machine, rest)) for depth, rest in zip(depths, rests, strict=True)

@@ -38,7 +38,7 @@ def simulate(
     >>> run.metrics.axes[2].step.overshoot                                            # doctest: +SKIP
     0.387
     """
-    scenario = read_scenario(path_or_name, changes)
-    run = prepare(scenario, field_map).run(seed)
+    experiment = prepare(read_scenario(path_or_name, changes), field_map)
+    run, scenario = experiment.run(seed), experiment.scenario
     known = {field.name: getattr(run, field.name) for field in fields(LoopRun)}
     return ScenarioRun(**known, scenario=scenario, metrics=run_metrics(scenario, run))

@@ -1,5 +1,6 @@
 """Read a scenario file and check all of it."""
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +25,12 @@ class Scenario:
     text: str
     contents: ScenarioFile
     changes: Mapping[str, Any]
+
+    @property
+    def start_depth_mm(self) -> float:
+        """Reading of the vertical sensor at the start; of a prepared scenario, which has chosen one."""
+        depth = self.contents.start.depth_mm
+        return math.nan if depth is None else depth
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> ScenarioError:
         """An error at a key of the file."""

@@ -50,7 +50,7 @@ def rests_at(scenario: Scenario, machine: Machine, rest: Trim, depths_mm: Sequen
 
     The search goes from the start outward, each time from the rest nearest to the depth.
     """
-    start = scenario.contents.start.depth_mm
+    start = scenario.start_depth_mm
     known = {start: rest}
     for depth in sorted(depths_mm, key=lambda depth: abs(depth - start)):
         if depth not in known:

@@ -181,7 +181,11 @@ class ControlKeys(Table):
 class StartKeys(Table):
     """Where the run begins, at rest unless said otherwise."""
 
-    depth_mm: float = Field(description="reading of the vertical sensor")
+    depth_mm: float | None = Field(
+        default=None,
+        description="reading of the vertical sensor; the middle of the map, or next to it where the coils carry the "
+        "body easily, unless given",
+    )
     x_mm: float | None = Field(default=None, description="left out: where the x signal lets the body rest")
     y_mm: float | None = Field(default=None, description="left out: where the y signal lets the body rest")
     shift_mm: Vector = Field(default=[0.0] * 3, description="away from rest: x, y, depth")
@@ -306,10 +310,13 @@ class ScenarioFile(Table):
     format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
     title: Text = Field(description="one line about the run")
     map: Text = Field(description="map file, relative to the scenario; or its name in maps/out")
-    device: Text = Field(description="device file, relative to the scenario, or name of a shipped device")
+    device: Text | None = Field(
+        default=None,
+        description="device file, relative to the scenario, or name of a shipped device; the map's own unless given",
+    )
     duration_s: Positive = Field(description="length of the run")
     control: ControlKeys = Field(description="controllers and their clock")
-    start: StartKeys = Field(description="where the run begins")
+    start: StartKeys = Field(default=StartKeys(), description="where the run begins")
     field: FieldKeys = Field(default=FieldKeys(), description="how the field follows the currents")
     body: BodyKeys = Field(default=BodyKeys(), description="the body around the magnet")
     drag: DragKeys = Field(default=DragKeys(), description="resistance of the air")
