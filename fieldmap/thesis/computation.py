@@ -76,6 +76,7 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     seconds = time.process_time() - started
     if not isinstance(answers, Answers):
         answers = Answers(answers)
+    _check_figures(part, printed, answers.curves)
     return PartResult(
         part,
         printed.title,
@@ -115,6 +116,14 @@ def attempt_rows(
             progress(part, done / sum(costs))
         yield attempt(part)
         done += cost
+
+
+def _check_figures(part: str, printed: PrintedPart, curves: Iterable[Curves]) -> None:
+    """The list of figures in the documentation is made from the data files, so that no row need be computed for it."""
+    drawn = {number for one in curves for number in one.figures}
+    if drawn != set(printed.figures):
+        odd = ", ".join(sorted(drawn ^ set(printed.figures)))
+        raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")
 
 
 def _joined(part: str, printed: PrintedPart, answers: Answers) -> dict[str, str]:

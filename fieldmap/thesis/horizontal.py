@@ -17,7 +17,7 @@ def arithmetic(inputs: dict[str, Any]) -> dict[str, Any]:
     """(6-10), (6-11), and the signals that move 1 mm; what the models make of these signals."""
     ratio = inputs["system_Ti_s"] / inputs["model_Ti_s"]
     second = inputs["second_system_Ti_s"] / inputs["second_model_Ti_s"]
-    signals = {axis: _signal(inputs[f"{axis}_polynomial"], inputs["step_mm"]) for axis in "xy"}
+    signals = {axis: signal_of(inputs[f"{axis}_polynomial"], inputs["step_mm"]) for axis in "xy"}
     positions = {
         axis: [
             signals[axis] * _gain(inputs[f"{axis}_{order}_order"], inputs["Ts_s"])
@@ -37,7 +37,7 @@ def arithmetic(inputs: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _signal(polynomial: Any, position: float) -> float:
+def signal_of(polynomial: Any, position: float) -> float:
     """The smallest positive signal at which the fitted polynomial reaches a position."""
     roots = np.roots(np.append(polynomial[:-1], polynomial[-1] - position))
     return float(min(root.real for root in roots if abs(root.imag) < 1e-12 and root.real > 0))

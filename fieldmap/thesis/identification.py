@@ -10,6 +10,7 @@ from fieldmap.control import (
     PID,
     TransferFunction,
     closed_loop,
+    from_roots,
     pid_transfer_function,
     sampled,
     simulate_loop,
@@ -27,7 +28,8 @@ from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.vertical import identified_plant
 
 _RUNS = 100
-_DRAWN_GAINS = np.linspace(0.01, 1.0, 2000)
+_DRAWN_GAINS, _ALL_GAINS = np.linspace(0.01, 1.0, 2000), np.geomspace(1e-3, 40.0, 2000)
+_GAINS = f"$K_c$ from {_DRAWN_GAINS[0]:g} to {_DRAWN_GAINS[-1]:g} V/mm, times of the controller in seconds."
 _RECORDS = (
     f"mean of {_RUNS} simulated records (seed 7): linear plant, no limits, white sensor noise of Table 3-8"
 )
@@ -82,29 +84,45 @@ def locus(inputs: dict[str, Any]) -> Answers:
     gains = np.asarray(inputs["gains"])
     poles = root_locus(plant, negative, gains).poles
     numbers = _pairs_and_third(poles, gains, inputs, (_SECONDS,))
-    return Answers(
-        numbers, _locus_curves(root_locus(plant, negative, _DRAWN_GAINS, steps=1).poles, numbers, inputs)
+    first = from_roots(inputs["plant_gain"], inputs["preliminary_zeros"], inputs["preliminary_poles"])
+    models = {"preliminary model, Table 5-3": first, "final model, Table 5-4": plant}
+    near, whole = (
+        {name: root_locus(model, negative, gains, steps=1).poles for name, model in models.items()}
+        for gains in (_DRAWN_GAINS, _ALL_GAINS)
     )
+    return Answers(numbers, (_whole_locus(whole), _locus_near_one(near, numbers, inputs)))
 
 
-def _locus_curves(
-    branches: np.ndarray, numbers: dict[str, Any], inputs: dict[str, Any]
-) -> tuple[Curves, ...]:
-    """Figs 5-7 and 5-8: the branches, and the identified poles of Table 5-2 (Fig. 5-6) about q = 1."""
+def _whole_locus(branches: dict[str, np.ndarray]) -> Curves:
+    """Fig. 5-7: every branch, and the circle inside which a loop is stable."""
+    turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 200))
+    lines = [Series("unit circle", turn.real, turn.imag, "asked")]
+    lines += [
+        Series(name, np.where(np.abs(one) < 1.4, one.real, np.nan), one.imag)
+        for name, model in branches.items()
+        for one in model.T
+    ]
+    title = "Fig. 5-7: poles of the closed loop over the gain"
+    remark = f"$K_c$ from {_ALL_GAINS[0]:g} to {_ALL_GAINS[-1]:g} V/mm, times of the controller in seconds; |q| < 1.4."
+    return Curves(title, "real part (1)", "imaginary part (1)", tuple(lines), remark, equal=True)
+
+
+def _locus_near_one(
+    branches: dict[str, np.ndarray], numbers: dict[str, Any], inputs: dict[str, Any]
+) -> Curves:
+    """Fig. 5-8: the branches about q = 1, and the identified poles of Table 5-2 (Fig. 5-6)."""
     lines = tuple(
-        Series("final model (5-17)", branch.real, branch.imag)
-        for branch in branches.T
-        if branch.real.min() > 0.5
+        Series(name, np.where(one.real > 0.85, one.real, np.nan), one.imag)
+        for name, model in branches.items()
+        for one in model.T
+        if one.real.max() > 0.85
     )
     pair = numbers["pair_real"].value, numbers["pair_imaginary"].value
     ours = Series("final model at the gains of Table 5-2", *pair, points=True)
     measured = np.array(inputs["measured_real"]), np.array(inputs["measured_imaginary"])
     theirs = Series("identified, Table 5-2", *measured, "measured", points=True)
-    remark = (
-        f"K_c from {_DRAWN_GAINS[0]:g} to {_DRAWN_GAINS[-1]:g} V/mm; a pole that stays near 0 is not drawn."
-    )
-    title = "Figs 5-6 to 5-8: poles of the closed loop over the gain"
-    return (Curves(title, "real part (1)", "imaginary part (1)", (*lines, ours, theirs), remark),)
+    title = "Figs 5-6, 5-8: poles of the closed loop about q = 1"
+    return Curves(title, "real part (1)", "imaginary part (1)", (*lines, ours, theirs), _GAINS)
 
 
 def minutes(inputs: dict[str, Any]) -> dict[str, Any]:

@@ -75,6 +75,9 @@ def _figures(runs: dict[str, Readings], settled: float) -> tuple[Any, ...]:
         for figure, (name, run) in zip(("7-24", "7-27", "7-29"), runs.items(), strict=False)
     ]
     name, first = next(iter(runs.items()))
-    in_time = over_time(f"Fig. 7-25: x over time, {name}", X, {"x": first}, begin=settled)
+    in_time = [
+        over_time(f"Fig. 7-25: {letter} over time, {name}", axis, {letter: first}, begin=settled)
+        for letter, axis in (("x", X), ("y", Y))
+    ]
     height = over_time("Figs 7-26, 7-28, 7-30: the height meanwhile", DEPTH, runs, begin=settled)
-    return (*paths, in_time, height)
+    return (*paths, *in_time, height)

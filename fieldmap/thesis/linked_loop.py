@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, VERTICAL_PID, Readings, X, Y, ours, over_time, run_of
 from fieldmap.thesis.registry import Answers
 
@@ -22,27 +23,9 @@ def vertical(inputs: dict[str, Any]) -> Answers:
     numbers["setup_of_30"] = ours(column, base)
     drag = inputs["identified_drag_N_s_per_m"]
     slow = run_of(inputs, "vertical_step", {"drag.linear_N_s_per_m": [drag] * 3})
-    ramps = {"7.2.1": run_of(inputs, "vertical_ramp")}
-    second = {f"control.z.{key}": value for key, value in _second_controller(inputs).items()}
-    ramps["Fig. 5-16"] = run_of(inputs, "vertical_ramp", second)
     name = f"damping of (7-7), {drag:g} N s/m"
-    curves = (
-        over_time(
-            "Fig. 5-15: step of 1 mm, PID of 7.2.1",
-            DEPTH,
-            {"air": base, name: slow},
-            begin=0.8,
-            end=3.0,
-        ),
-        over_time(
-            "Figs 5-21, 5-22: ramp of 5 mm/s",
-            DEPTH,
-            ramps,
-            begin=0.8,
-            end=3.0,
-            remark="The gains of Fig. 5-22 are not printed; those of Fig. 5-16 are taken.",
-        ),
-    )
+    title = "Table 7-1: step of 1 mm, PID of 7.2.1"
+    curves = (over_time(title, DEPTH, {"air": base, name: slow}, begin=0.8, end=3.0),)
     return Answers(numbers, curves, {"rise_time": _of_rise(inputs, slow)})
 
 
@@ -67,11 +50,6 @@ def _of_rise(inputs: dict[str, Any], slow: Readings) -> str:
             f"{step.settling_time:.2f} s, overshoot {100 * step.overshoot:.0f} %"
         )
     return f"Tried: {'; '.join(parts)}."
-
-
-def _second_controller(inputs: dict[str, Any]) -> dict[str, float]:
-    keys = ("Kc", "Ti_s", "Td_s")
-    return {key: float(value) for key, value in zip(keys, inputs["second_controller"], strict=True)}
 
 
 def horizontal(inputs: dict[str, Any]) -> Answers:
@@ -109,6 +87,7 @@ ON_THE_AXIS = {
     "start.depth_mm": 10.0,
     "reference.0.by_mm": 0.1,
 }
+OF_Y = {"reference.0.axis": "y", "reference.1.axis": "x"}
 GAIN_1 = {
     f"control.{axis}.{key}": v for axis in "xy" for key, v in (("Kc", 1.0), ("Ti_s", 0.3), ("Td_s", 6e-5))
 }
@@ -130,16 +109,35 @@ def combined(inputs: dict[str, Any]) -> Answers:
         "y_when_x_goes_slowly": ours(_shift(slow, Y), slow),
         "aside_when_z_steps": ours([_aside(middle), _aside(aside)], middle, aside),
     }
+    y_steps = {
+        "y alone": run_of(inputs, "horizontal_pid", {"control.x": {"kind": "constant"}, **OF_Y}),
+        "both controlled": run_of(inputs, "horizontal_pid", OF_Y),
+        "both step": steps["both step"],
+    }
     curves = (
         over_time("Figs 7-1, 7-5: step of x by 0.1 mm", X, steps, begin=1.5, end=9.0),
+        over_time("Figs 7-2, 7-5: step of y by 0.1 mm", Y, y_steps, begin=1.5, end=9.0),
         over_time(
             "Figs 7-3, 7-4: y while x moves by 0.1 mm", Y, {"one step": one, "ten steps": slow}, begin=1.0
         ),
-        over_time("Fig. 7-18: steps of the height at (1, 1) mm", DEPTH, {"depth": aside}),
-        over_time("Fig. 7-19: x during the steps of the height", X, {"at (1, 1) mm": aside}),
+        *_steps_of_the_height(middle, aside),
     )
     stiff = run_of(inputs, "horizontal_pid", {**GAIN_1, "reference.1.by_mm": 0.1})
     return Answers(numbers, curves, {"": _of_two_axes(steps, stiff)})
+
+
+def _steps_of_the_height(middle: Readings, aside: Readings) -> list[Curves]:
+    """Figs 7-16 to 7-19."""
+    curves = []
+    for numbers, place, run in (((16, 17), "(0, 0)", middle), ((18, 19), "(1, 1) mm", aside)):
+        title = f"Fig. 7-{numbers[0]}: steps of the height at {place}"
+        curves.append(over_time(title, DEPTH, {"depth": run}))
+        away = run.true - run.wanted
+        series = tuple(Series(name, run.time, away[:, axis]) for name, axis in (("x", X), ("y", Y)))
+        title = f"Fig. 7-{numbers[1]}: x and y meanwhile, from {place}"
+        remark = "True positions: the sensors show them under a noise of 0.007 mm."
+        curves.append(Curves(title, "time (s)", "deviation (mm)", series, remark))
+    return curves
 
 
 def _of_two_axes(steps: dict[str, Readings], stiff: Readings) -> str:
@@ -184,8 +182,11 @@ def spikes(inputs: dict[str, Any]) -> Answers:
         "spike": ours(sizes["gain 1"], runs["gain 1"]),
         "with_compensator": ours(sizes["gain 1, push"], runs["gain 1, push"]),
     }
+    tuned = f"gain {float(inputs['small_gains'][0]):g}"
+    one = {name: runs[name] for name in ("gain 1", "gain 1, push", tuned)}
     curves = (
-        over_time("Figs 7-6, 7-12: steps of x", X, {k: runs[k] for k in runs if "push" not in k}, begin=1.0),
+        over_time("Figs 7-6, 7-8, 7-12: steps of x", X, runs, begin=1.0),
+        over_time("Figs 7-11, 7-15: one step of x", X, one, begin=9.8, end=11.8),
         over_time("Figs 7-7, 7-9, 7-13: the height meanwhile", DEPTH, runs, begin=1.0),
         over_time(
             "Fig. 7-10: one spike with and without the push",
@@ -194,6 +195,7 @@ def spikes(inputs: dict[str, Any]) -> Answers:
             begin=9.8,
             end=11.8,
         ),
+        over_time("Fig. 7-14: the height at rest", DEPTH, {"depth": runs[tuned]}, end=2.0),
     )
     plain = run_of(inputs, "spikes", {"field.iron": "linearised"}).departure(DEPTH, 1.0)
     return Answers(numbers, curves, {"": _of_spikes(inputs["small_gains"], sizes, still, plain)})

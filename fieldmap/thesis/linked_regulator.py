@@ -4,6 +4,7 @@ from typing import Any
 
 from fieldmap.thesis.linked_runs import DEPTH, VERTICAL_PID, Readings, X, ours, over_time, run_of
 from fieldmap.thesis.registry import Answers
+from fieldmap.thesis.regulator_states import step_and_states
 
 
 def regulator(inputs: dict[str, Any]) -> Answers:
@@ -26,13 +27,7 @@ def regulator(inputs: dict[str, Any]) -> Answers:
     numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
     numbers["rms_sideways"] = ours([run.rms(DEPTH, 1.0) for run in sides.values()], *sides.values())
     curves = (
-        over_time(
-            "Fig. 7-32: step from 13 to 12.9 mm, regulator",
-            DEPTH,
-            {"regulator": best, "without noise": quiet},
-            begin=0.9,
-            end=2.5,
-        ),
+        *step_and_states(best, quiet),
         over_time("Figs 7-36, 7-38: the height while x and y step", DEPTH, dict(reversed(sides.items()))),
         over_time("Figs 7-35, 7-37: x meanwhile", X, sides),
     )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.control import StepMetrics
+from fieldmap.control import PID, StepMetrics, TransferFunction, simulate_loop
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
 from fieldmap.thesis.curves import Curves, Series
@@ -95,12 +95,17 @@ def over_time(
     end: float = np.inf,
     remark: str = "",
     asked: bool = True,
+    models: Mapping[str, Array] | None = None,
 ) -> Curves:
-    """One axis of one or more runs as the sensors show it, and what they were asked for."""
+    """One axis of one or more runs as the sensors show it, and what they were asked for. models: what the thesis's
+    models say (r,), mm, at the times of the first run."""
     series: list[Series] = []
     for name, one in readings.items():
         rows = _thinned(one.during(begin, end))
         series.append(Series(name, one.time[rows], one.seen[rows, axis]))
+    first = next(iter(readings.values()))
+    rows = _thinned(first.during(begin, end))
+    series += [Series(name, first.time[rows], y[rows], "thesis") for name, y in (models or {}).items()]
     if asked:
         series += _asked(axis, readings, begin, end)
     return Curves(title, "time (s)", LABELS[axis], tuple(series), remark)
@@ -111,9 +116,15 @@ def _asked(axis: int, readings: Mapping[str, Readings], begin: float, end: float
     series: dict[bytes, Series] = {}
     for one in readings.values():
         rows = _thinned(one.during(begin, end))
-        line = Series("asked for", one.time[rows], one.wanted[rows, axis])
+        line = Series("asked for", one.time[rows], one.wanted[rows, axis], "asked")
         series.setdefault(line.y[:: max(1, len(line.y) // 20)].tobytes(), line)
     return list(series.values())
+
+
+def answer_of(plant: TransferFunction, controller: PID, run: Readings, axis: int) -> Array:
+    """What a model in closed loop makes of a run's reference (r,), mm."""
+    begin = run.wanted[0, axis]
+    return np.asarray(begin + simulate_loop(plant, controller, run.wanted[:, axis] - begin).y[0])
 
 
 def in_the_plane(title: str, readings: Mapping[str, Readings], begin: float, remark: str = "") -> Curves:
@@ -122,7 +133,7 @@ def in_the_plane(title: str, readings: Mapping[str, Readings], begin: float, rem
     for name, one in readings.items():
         rows = _thinned(one.during(begin))
         series.append(Series(name, one.seen[rows, X], one.seen[rows, Y]))
-        series.append(Series("asked for", one.wanted[rows, X], one.wanted[rows, Y]))
+        series.append(Series("asked for", one.wanted[rows, X], one.wanted[rows, Y], "asked"))
     return Curves(title, LABELS[X], LABELS[Y], tuple(series), remark, equal=True)
 
 

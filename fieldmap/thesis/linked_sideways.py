@@ -1,9 +1,11 @@
 """S18: sway and block of 6.1, PD and PID of 6.5 and 6.6, range of 7.2.3, on the linked machine."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, Readings, X, Y, ours, over_time, run_of
 from fieldmap.thesis.registry import Answers
 
@@ -75,11 +77,44 @@ def proportional(inputs: dict[str, Any]) -> Answers:
         "Ours comes back to the same places: iron without hysteresis, so what remains between the way out and "
         "back is noise. The share of a step that PD control leaves open is 1 / (1 + gain times shift per signal)."
     )
-    curves = (
-        over_time("Figs 6-11, 6-12: x under PD control", X, {"x": x}),
-        over_time("Figs 6-14 to 6-16: y under PD control", Y, {"y": y}),
-    )
+    negative = run_of(inputs, "horizontal_pd", {"reference.0.by_mm": -0.1, "reference.1.by_mm": 0.1})
+    curves = (*_under_pd(inputs, x, negative, y), *_under_pid(inputs, changes))
     return Answers(numbers, curves, {"": words})
+
+
+def _under_pd(inputs: dict[str, Any], x: Readings, negative: Readings, y: Readings) -> list[Curves]:
+    """Figs 6-12, 6-13, 6-15 and 6-16, with the means that 6.5 prints."""
+    begin, end = 14.2, 18.4
+    means = {
+        "6-12": ((15.15, 16.65, 18.15), inputs["x_means_mm"]),
+        "6-13": ((15.15, 16.65, 18.15), inputs["negative_x_means_mm"]),
+        "6-16": ((3.15, 30.15), inputs["y_means_mm"]),
+    }
+    curves = [
+        over_time("Fig. 6-12: x under PD control: 0.9, 1, 0.9 mm", X, {"x": x}, begin=begin, end=end),
+        over_time(
+            "Fig. 6-13: x under PD control: -0.9, -1, -0.9 mm", X, {"x": negative}, begin=begin, end=end
+        ),
+        over_time("Fig. 6-15: y under PD control: 0.9, 1, 0.9 mm", Y, {"y": y}, begin=begin, end=end),
+        over_time("Fig. 6-16: y under PD control, 0 to 1 mm and back", Y, {"y": y}),
+    ]
+    for k, one in enumerate(curves):
+        at = means.get(one.figures[0])
+        if at is not None:
+            rig = Series("mean of the rig", np.array(at[0]), np.asarray(at[1]), "measured", points=True)
+            curves[k] = replace(one, series=(*one.series, rig))
+    return curves
+
+
+def _under_pid(inputs: dict[str, Any], to_y: dict[str, Any]) -> list[Curves]:
+    """Figs 6-17 to 6-19: out to 0.5 mm and back by one step, Ti = 0.005."""
+    way = {"reference.0.times": 5, "reference.1.times": 1, "reference.1.at_s": 9.5, "duration_s": 12.0}
+    x = run_of(inputs, "horizontal_pd", {**way, "control.x.Ti_s": 0.3})
+    y = run_of(inputs, "horizontal_pd", {**to_y, **way, "control.y.Ti_s": 0.3})
+    return [
+        over_time("Figs 6-17, 6-18: x under PID control", X, {"x": x}, begin=1.0),
+        over_time("Fig. 6-19: y under PID control", Y, {"y": y}, begin=1.0),
+    ]
 
 
 def _held_at(run: Readings, axis: int, steps: int) -> float:

@@ -100,6 +100,6 @@ def _step_figure(runs: dict[str, Any]) -> Curves:
     for name, run in runs.items():
         shown = run.time <= 1.0
         series.append(Series(name, run.time[shown], run.y[0][shown]))
-    series.append(Series("asked for", series[0].x, np.ones_like(series[0].x)))
+    series.append(Series("asked for", series[0].x, np.ones_like(series[0].x), "asked"))
     title = "Table 7-3: step of the height, regulator on the identified model"
     return Curves(title, "time (s)", "height (mm)", tuple(series))

@@ -168,7 +168,32 @@ def superposition(inputs: dict[str, Any]) -> Answers:
         "equilibrium": ours,
         "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), words),
     }
-    return Answers(numbers, (_vertical_curves(),))
+    return Answers(numbers, (*_single_vertical_curves(), _vertical_curves()))
+
+
+def _single_vertical_curves() -> tuple[Curves, ...]:
+    """Figs 4-2 to 4-4: the left electromagnet's vertical force as a line in z, and what becomes of that line over x."""
+    z, formula = np.linspace(DEPTHS[0], DEPTHS[-1], 40), vertical_fit().formula
+    computed = force((1.0, 0.0), np.zeros_like(z), z)[:, 1]
+    lines = (
+        Series("computed", 1e3 * z, computed),
+        Series("a line through it", 1e3 * z, np.poly1d(np.polyfit(z, computed, 1))(z)),
+        Series("(4-3) with (4-4), our constants", 1e3 * z, formula(np.zeros_like(z), z, _CURRENT)),
+    )
+    title = "Fig. 4-2: left electromagnet alone, below the middle"
+    curves = [Curves(title, "depth below the pole piece (mm)", "$F_z$ (N)", lines)]
+    x, depths = np.linspace(-HALF_WIDTH, HALF_WIDTH, 31), np.array(DEPTHS)
+    heights = np.array([force((1.0, 0.0), np.full_like(depths, one), depths)[:, 1] for one in x])
+    for number, name, label, values, part in (
+        ("4-3", "slope", "slope m (N/m)", np.polyfit(depths, heights.T, 1)[0], formula.slope),
+        ("4-4", "intercept", "intercept b (N)", np.polyfit(depths, heights.T, 1)[1], formula.intercept),
+    ):
+        series = (
+            Series("lines through the computed force", 1e3 * x, values, points=True),
+            Series("(4-4), our constants", 1e3 * x, part(x)),
+        )
+        curves.append(Curves(f"Fig. {number}: {name} of the vertical force over x", "x (mm)", label, series))
+    return tuple(curves)
 
 
 def _vertical_curves() -> Curves:

@@ -42,7 +42,8 @@ class PrintedPart:
     """One data file: title, inputs by name, and names of the printed quantities -> their numbers in C order.
 
     explanations: name of a printed quantity, or "" for the part -> why ours differs. map: the recipe whose map it
-    needs, or "". seconds: of processor time that the part takes, about.
+    needs, or "". seconds: of processor time that the part takes, about. figures: of the thesis, by number, that
+    the part draws.
     """
 
     title: str
@@ -51,6 +52,7 @@ class PrintedPart:
     explanations: dict[str, str] = field(default_factory=dict)
     map: str = ""
     seconds: float = 1.0
+    figures: tuple[str, ...] = ()
 
 
 def data_file(part: str) -> Path:
@@ -66,7 +68,13 @@ def read_part(part: str) -> PrintedPart:
     entries = [{"name": ""} | content, *content["printed"]]
     explanations = {entry["name"]: entry["explanation"] for entry in entries if "explanation" in entry}
     return PrintedPart(
-        content["title"], inputs, numbers, explanations, content.get("map", ""), content.get("seconds", 1.0)
+        content["title"],
+        inputs,
+        numbers,
+        explanations,
+        content.get("map", ""),
+        content.get("seconds", 1.0),
+        tuple(content.get("figures", ())),
     )
 
 

@@ -110,12 +110,12 @@ def height_table(inputs: dict[str, Any]) -> Answers:
 
 def x_branches(inputs: dict[str, Any]) -> Answers:
     """Tables 6-4, 6-5 and Fig. 6-5."""
-    return _branches(inputs, "x", "Fig. 6-5, Tables 6-4 and 6-5")
+    return _branches(inputs, "x", "Fig. 6-5: Tables 6-4 and 6-5")
 
 
 def y_branches(inputs: dict[str, Any]) -> Answers:
     """Tables 6-6, 6-7 and Fig. 6-6."""
-    return _branches(inputs, "y", "Fig. 6-6, Tables 6-6 and 6-7")
+    return _branches(inputs, "y", "Fig. 6-6: Tables 6-6 and 6-7")
 
 
 def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:

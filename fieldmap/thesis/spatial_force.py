@@ -22,6 +22,7 @@ _SIDES = {ONE: 1, FOUR: -1}
 _A = 2.2e-2
 """What a is held at where constants of all six magnets are fitted, m; it does not change the curve at one depth."""
 _START = (0.2, 0.01, 0.05)
+_BESIDE = (10e-3, 20e-3, 30e-3, -10e-3)
 _ASSUMED = (
     f"iron of {_DEVICE} linear, mu_r = {_MU_R:g}, 1350 turns, mesh sizes of the device file over {_REFINEMENT:g}; "
     "the thesis's B-H curve would saturate, so that its forces would not superpose",
@@ -143,34 +144,60 @@ def constants(inputs: dict[str, Any]) -> Answers:
         "c": Ours([fit.formula.c for fit in fits], words),
         "d": Ours(plane.formula.d, words),
     }
-    return Answers(numbers, (_one_by_one(depth, half_width, fits), _added(depth, half_width)))
+    curves = (
+        _one_by_one(depth, half_width, fits),
+        _beside_the_axis(depth, half_width, plane),
+        *_added(depth, half_width),
+    )
+    return Answers(numbers, curves)
 
 
 def _one_by_one(depth: float, half_width: float, fits: list[Fit[HorizontalForce]]) -> Curves:
-    """Computed force of electromagnets 1 and 4 on two lines, and the formula fitted on the axis."""
+    """Figs 4-10, 4-11: electromagnets 1 and 4 on the axis, computed and by the formula."""
     x, series = places(half_width), []
     for name, coil, fit in (("1", ONE, fits[0]), ("4", FOUR, fits[1])):
-        for y in (0.0, 30e-3):
-            force = unit_forces(depth, half_width, y)[_index(coil)]
-            series.append(Series(f"electromagnet {name}, y = {1e3 * y:g} mm", 1e3 * x, 1e3 * force))
-        fitted = fit.formula(x, depth, 1.0)
-        series.append(Series(f"(4-9) fitted to {name}, y = 0", 1e3 * x, 1e3 * fitted))
-    title = f"Figs 4-9 to 4-16: one electromagnet, {1e3 * depth:g} mm deep"
+        force = unit_forces(depth, half_width, 0.0)[_index(coil)]
+        series.append(Series(f"electromagnet {name}", 1e3 * x, 1e3 * force))
+        series.append(Series(f"(4-9) fitted to {name}", 1e3 * x, 1e3 * fit.formula(x, depth, 1.0)))
+    title = f"Figs 4-10, 4-11: one electromagnet, y = 0, {1e3 * depth:g} mm deep"
     remark = "The printed constants of Table 4-3 have a pole inside the range and are not drawn."
     return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series), remark)
 
 
-def _added(depth: float, half_width: float) -> Curves:
-    """What adding fitted formulas makes of two electromagnets and of six."""
+def _beside_the_axis(depth: float, half_width: float, fit: Fit[HorizontalForce]) -> Curves:
+    """Figs 4-12 to 4-15: electromagnet 1 on lines of constant y."""
+    x, series = places(half_width), []
+    for y in _BESIDE:
+        force = unit_forces(depth, half_width, y)[_index(ONE)]
+        series.append(Series(f"y = {1e3 * y:g} mm", 1e3 * x, 1e3 * force))
+    fitted = fit.formula(x, depth, 1.0, y=_BESIDE[0])
+    series.append(Series("(4-9) fitted", 1e3 * x, 1e3 * fitted))
+    title = f"Figs 4-12 to 4-15: electromagnet 1 beside the axis, {1e3 * depth:g} mm deep"
+    remark = "(4-9) fitted to all lines at once: its term in |y| comes out of no use, so that it says the same of each."
+    return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series), remark)
+
+
+def _added(depth: float, half_width: float) -> list[Curves]:
+    """Figs 4-9 and 4-16, and the same of all six: what adding fitted formulas makes of several electromagnets."""
     x, force, names = places(half_width), unit_forces(depth, half_width, 0.0), unit().coil_names
-    formulas = np.array([best_line_fit(name, depth, half_width).formula(x, depth, 1.0) for name in names])
-    series = []
-    for words, chosen in (("1 and 4", (ONE, FOUR)), ("all six", names)):
+    formulas = {
+        "(4-9)": [best_line_fit(name, depth, half_width).formula(x, depth, 1.0) for name in names],
+        "quadratic (4-10)": [fit_quadratic_force(x, line).formula(x, 1.0) for line in force],
+    }
+    curves = []
+    for title, chosen in (
+        ("Figs 4-9, 4-16: electromagnets 1 and 4", (ONE, FOUR)),
+        ("All six electromagnets", names),
+    ):
         rows = [_index(name) for name in chosen]
-        series.append(Series(f"{words}: computed", 1e3 * x, 1e3 * force[rows].sum(axis=0)))
-        series.append(Series(f"{words}: fitted formulas added", 1e3 * x, 1e3 * formulas[rows].sum(axis=0)))
-    title = f"Force formulas added, 1 A each, {1e3 * depth:g} mm below the disk"
-    return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series))
+        series = [Series("computed", 1e3 * x, 1e3 * force[rows].sum(axis=0))]
+        series += [
+            Series(f"{name} fitted and added", 1e3 * x, 1e3 * np.array(lines)[rows].sum(axis=0))
+            for name, lines in formulas.items()
+        ]
+        whole = f"{title}, 1 A each, {1e3 * depth:g} mm deep"
+        curves.append(Curves(whole, "x (mm)", "$F_x$ (mN)", tuple(series)))
+    return curves
 
 
 def errors_in_words(depth: float, half_width: float) -> tuple[str, ...]:

@@ -73,7 +73,7 @@ def _step_figure(run: Any, step: float) -> Curves:
     time = run.time[shown]
     series = (
         Series("identified plant (5-17), PID", time, run.y[0][shown]),
-        Series("asked for", time, np.full_like(time, step)),
+        Series("asked for", time, np.full_like(time, step), "asked"),
     )
     return Curves("Table 7-1: step of the height on the identified plant", "time (s)", "height (mm)", series)
 

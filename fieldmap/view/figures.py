@@ -7,14 +7,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from fieldmap.thesis.curves import Curves, Series
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 # Okabe and Ito's colours, which the colour-blind tell apart; the pale yellow one is left out.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
-_LINES = {"ours": "-", "thesis": "--", "measured": "-."}
-_MARKS = {"ours": "o", "thesis": "s", "measured": "x"}
+_LINES = {"ours": "-", "thesis": "--", "measured": "-.", "asked": "-"}
+_MARKS = {"ours": "o", "thesis": "s", "measured": "x", "asked": "."}
+_ASKED = "#404040"
 _MANY = 5
 _APART, _MOSTLY = 0.01, 0.9
 """Lines that are closer than this share of the figure's height, over this share of their points, hide each other."""
@@ -31,16 +33,19 @@ def save_curves(curves: Curves, path: str | Path) -> Path:
 
 def draw_curves(axes: Axes, curves: Curves) -> None:
     """Draw into axes: colour by the name of a series, style by whose it is."""
-    names = list(dict.fromkeys(series.name for series in curves.series))
+    names = list(dict.fromkeys(series.name for series in curves.series if series.kind != "asked"))
     for k, series in enumerate(curves.series):
         style = _style(series)
         if not series.points and any(_covers(series, below, curves) for below in curves.series[:k]):
             # With gaps, through which the line below shows.
             style |= {"linestyle": (0, (4.0, 4.0)), "zorder": style["zorder"] + 0.5}
-        axes.plot(series.x, series.y, color=COLOURS[names.index(series.name) % len(COLOURS)], **style)
+        asked = series.kind == "asked"
+        colour = _ASKED if asked else COLOURS[names.index(series.name) % len(COLOURS)]
+        axes.plot(series.x, series.y, color=colour, **style)
     axes.set(xlabel=curves.x_label, ylabel=curves.y_label, yscale="log" if curves.log_y else "linear")
     if curves.equal:
-        axes.set_aspect("equal")
+        # By wider limits, not a smaller frame: a legend beside the frame keeps its place.
+        axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(curves.title, fontsize=10)
     axes.grid(color="0.9")
     axes.set_axisbelow(True)
@@ -60,6 +65,8 @@ def _covers(series: Series, below: Series, curves: Curves) -> bool:
 def _style(series: Series) -> dict[str, Any]:
     if series.points:
         return {"linestyle": "none", "marker": _MARKS[series.kind], "markersize": 6, "zorder": 4}
+    if series.kind == "asked":
+        return {"linestyle": _LINES["asked"], "linewidth": 0.9, "zorder": 1.5}
     # What is not ours lies on top, and through its gaps ours is seen.
     ours = series.kind == "ours"
     return {"linestyle": _LINES[series.kind], "linewidth": 1.6 if ours else 2.2, "zorder": 2 if ours else 3}
@@ -67,7 +74,7 @@ def _style(series: Series) -> dict[str, Any]:
 
 def _add_legend(axes: Axes, curves: Curves) -> None:
     """Each name and kind once; whose a series is, is said only where there are several kinds."""
-    several = len({series.kind for series in curves.series}) > 1
+    several = len({series.kind for series in curves.series} - {"asked"}) > 1
     entries: dict[str, Any] = {}
     for series, line in zip(curves.series, axes.lines, strict=True):
         words = (
@@ -77,13 +84,26 @@ def _add_legend(axes: Axes, curves: Curves) -> None:
     if len(entries) < 2:
         return
     if len(entries) <= _MANY:
-        axes.legend(entries.values(), entries.keys(), fontsize=8)
-    else:
-        axes.legend(
-            entries.values(),
-            entries.keys(),
-            fontsize=8,
-            loc="upper left",
-            bbox_to_anchor=(1.0, 1.0),
-            frameon=False,
-        )
+        legend = axes.legend(entries.values(), entries.keys(), fontsize=8)
+        if not _hides_a_line(axes, legend):
+            return
+    axes.legend(
+        entries.values(),
+        entries.keys(),
+        fontsize=8,
+        loc="upper left",
+        bbox_to_anchor=(1.0, 1.0),
+        frameon=False,
+    )
+
+
+def _hides_a_line(axes: Axes, legend: Legend) -> bool:
+    """Whether a line or a mark lies under a legend that took the best place it found."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    return any(
+        line.get_transform().transform_path(line.get_path()).intersects_bbox(box, filled=False)
+        for line in axes.lines
+    )

@@ -27,12 +27,14 @@ def answers(six):
     """The answers of a part of S18 or S19 on this map, with inputs of its data file or others."""
 
     def compute(part, **inputs):
-        given = read_part(part).inputs | {"map": six} | inputs
+        printed = read_part(part)
+        given = printed.inputs | {"map": six} | inputs
         module, name = PARTS[part].rpartition(".")[2].split(":")
         modules = (linked_circles, linked_loop, linked_regulator, linked_sideways)
         room = next(one for one in modules if one.__name__.endswith(module))
         found = getattr(room, name)(given)
         assert isinstance(found, Answers)
+        assert {number for figure in found.curves for number in figure.figures} == set(printed.figures)
         numbers = {key: np.asarray(getattr(value, "value", value)) for key, value in found.numbers.items()}
         assert all(np.isfinite(curve.y).all() for figure in found.curves for curve in figure.series)
         return SimpleNamespace(**numbers, words=" ".join(found.explanations.values()), numbers=numbers)

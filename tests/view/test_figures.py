@@ -51,6 +51,27 @@ def test_a_line_that_would_hide_another_has_gaps():
     assert third.get_linestyle() == "None"
 
 
+def test_what_is_asked_for_is_no_answer_and_takes_no_colour():
+    asked = Series("asked for", X, np.ones(3), "asked")
+    axes = drawn(Curves("t", "time (s)", "y (mm)", (Series("x", X, X), asked, Series("y", X, X**2))))
+    words = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert words == ["x", "asked for", "y"]
+    x, grey, y = axes.lines
+    assert x.get_color() != grey.get_color() != y.get_color() == drawn(PLAIN).lines[2].get_color()
+    assert grey.get_linewidth() < x.get_linewidth()
+
+
+def test_a_legend_hides_no_line():
+    time = np.linspace(0.0, 1.0, 2000)
+    everywhere = Series("noise", time, np.sin(1e3 * time))
+    axes = drawn(Curves("t", "time (s)", "y (mm)", (everywhere, Series("line", time, 0 * time))))
+    axes.figure.draw_without_rendering()
+    assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
+    inside = drawn(Curves("t", "x (mm)", "y (T)", (Series("low", X, X), Series("lower", X, 0.5 * X))))
+    inside.figure.draw_without_rendering()
+    assert inside.get_legend().get_window_extent().x1 <= inside.get_window_extent().x1
+
+
 def test_one_line_needs_no_legend_and_decades_are_a_choice():
     axes = drawn(Curves("t", "x (mm)", "y (T)", (Series("line", X, X + 1),), log_y=True))
     assert axes.get_legend() is None
