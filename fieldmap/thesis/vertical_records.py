@@ -78,7 +78,8 @@ def _by_two_estimators(inputs: dict[str, Any], run: Readings) -> Curves:
         except NotConverged:
             remark += f" The {name} do not settle."
         else:
-            series.append(Series(name, time[shown], found.simulate(wanted)[shown]))
+            answer = np.asarray(found.simulate(wanted), dtype=float)
+            series.append(Series(name, time[shown], answer[shown]))
             poles = ", ".join(f"{pole:.3f}" for pole in found.poles[:3])
             remark += f" Slowest poles by {name}: {poles}."
     series.append(Series("asked for", time[shown], wanted[shown], "asked"))
