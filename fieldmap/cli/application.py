@@ -1,10 +1,12 @@
 """Which commands there are."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
+import typer.main
 
 from fieldmap.cli import (
     app,
@@ -110,8 +112,9 @@ COMMANDS: dict[str, Entry] = {
 }
 
 
-def application() -> typer.Typer:
-    """A new application with every command; each help text ends with an example."""
+@cache
+def application() -> Any:
+    """The program with every command, built once in a process; each help text ends with an example."""
     commands = typer.Typer(
         name="fieldmap",
         cls=Group,
@@ -133,7 +136,7 @@ def application() -> typer.Typer:
             epilog=f"Example: {entry.example}",
             rich_help_panel=entry.part,
         )(entry.call)
-    return commands
+    return typer.main.get_command(commands)
 
 
 def _print_version(wanted: bool) -> None:

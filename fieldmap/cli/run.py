@@ -50,14 +50,11 @@ def common_first(words: list[str]) -> list[str]:
 
 
 def _run(words: list[str]) -> int:
-    import typer.main
-
     from fieldmap.cli.application import application
 
-    command = typer.main.get_command(application())
     code = 0
     try:
-        command.main(args=words, prog_name="fieldmap")
+        application().main(args=words, prog_name="fieldmap")
     except SystemExit as done:
         code = done.code if isinstance(done.code, int) else int(done.code is not None)
     except FieldmapError as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.cli.application import COMMANDS
+from fieldmap.cli.application import COMMANDS, application
 from fieldmap.cli.numbers import join_lists
 from fieldmap.cli.progress import Progress
 
@@ -109,13 +109,8 @@ EXAMPLES += re.findall(
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_example_is_understood(example):
     """The words of the examples in the help and in docs/commands.md fit what the command declares."""
-    import typer.main
-
-    from fieldmap.cli.application import application
-
     words = join_lists(example.split(">")[0].split()[1:])
-    group = typer.main.get_command(application())
-    inner = group.commands[words[0]]
+    inner = application().commands[words[0]]
     inner.make_context(words[0], words[1:]).close()
 
 

@@ -46,9 +46,9 @@ def errors(case, mu_r, **mesh):
     return np.abs(ours - exact).max(axis=0) / np.abs(exact).max(axis=0), solution.report.surface_faces
 
 
-@pytest.mark.parametrize(("case", "mu_r"), [("disk", 1000), ("diskcore", 1000), ("diskcore", 4000)])
+@pytest.mark.parametrize(("case", "mu_r"), [("disk", 1000), ("diskcore", 4000)])
 def test_disk_and_core(case, mu_r):
-    """Flux density within 0.1 %, gradient within 0.2 %."""
+    """Flux density within 0.1 %, gradient within 0.2 %; disk and core of 1000: `test_convergence_with_the_mesh`."""
     error, _ = errors(case, mu_r)
     assert (error[:2] < 1e-3).all()
     assert (error[2:] < 2e-3).all()
@@ -73,8 +73,9 @@ def test_convergence_with_the_mesh():
 
 def test_both_forms_agree_on_the_inductance():
     """Flux linkages come from the fields inside, thin elements at the edges included."""
+    disk = device("disk", edge=0.001)
     one, other = (
-        solve_linear(device("disk"), form=form, refinement=0.6).inductance() for form in ("potential", "flux")
+        solve_linear(disk, form=form, refinement=0.6).inductance() for form in ("potential", "flux")
     )
-    # They bracket the truth; on this coarse mesh they differ by 2e-3.
-    assert one == pytest.approx(other, rel=3e-3)
+    # They bracket the truth; on this coarse mesh they differ by 5e-4.
+    assert one == pytest.approx(other, rel=1e-3)

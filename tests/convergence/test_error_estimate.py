@@ -137,7 +137,7 @@ def test_estimate_is_honest_for_sphere_and_shell(parts, lower, upper, exact):
 def test_forms_bracket_the_inductance_and_close_in():
     """The potential form stores too much energy, the flux form too little; the gap falls with the mesh."""
     gaps = []
-    for size, edge in ((0.006, 0.003), (0.004, 0.0015)):
+    for size, edge in ((0.008, 0.004), (0.0055, 0.002)):
         device = axisymmetric.device("spool", core_size=size, edge=edge)
         high, low = (fm.solve_linear(device, form=form).inductance()[0, 0] for form in ("potential", "flux"))
         gaps.append(high / low - 1)

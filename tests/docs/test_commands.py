@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import typer
-import typer.main
 
 from fieldmap.cli.application import application
 from fieldmap.cli.numbers import join_lists
@@ -20,7 +19,7 @@ PAGES = sorted(
     path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
 )
 PAGES += sorted((ROOT / "docs").glob("*/*.md"))
-PROGRAM = typer.main.get_command(application())
+PROGRAM = application()
 IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
 IN_TEXT = re.compile(r"`(fieldmap (?!COMMAND)[^`\n]*)`")
 PLACEHOLDER = re.compile(r"[A-Z_]+")

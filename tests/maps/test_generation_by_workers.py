@@ -14,7 +14,7 @@ LINEAR = """
 format = 1
 title = "Two cores, linear"
 device = "two_cores.toml"
-spacing_mm = [0.4, 2.0, 2.0]
+spacing_mm = 2.0
 
 [iron]
 refinement = 0.7
@@ -24,7 +24,7 @@ SATURATING = """
 format = 1
 title = "Two cores, saturating"
 device = "two_cores.toml"
-spacing_mm = [0.4, 2.0, 2.0]
+spacing_mm = 2.0
 
 [iron]
 model = "saturating"
@@ -47,7 +47,10 @@ import os, signal, sys
 import psutil
 from distributed import LocalCluster
 from fieldmap.maps import generate
+from fieldmap.store import partial
 
+# Three parts of three planes of nodes.
+partial.NODES_PER_CHUNK = 180
 # Ignored where the tests themselves run in the background of a shell.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 folder = sys.argv[1]

@@ -14,7 +14,10 @@ from fieldmap.store import partial_path
 RUN = """
 import os, signal, sys
 from fieldmap.maps import generate, generation
+from fieldmap.store import partial
 
+# Parts of one plane of nodes each.
+partial.NODES_PER_CHUNK = 63
 recipe, target, moment, solves = sys.argv[1:]
 if solves == "no":
     generation.solve_linear = None
@@ -37,7 +40,7 @@ RECIPE = """
 format = 1
 title = "Thirteen parts"
 device = "loop_and_sphere"
-spacing_mm = [1.4, 0.7, 0.5]
+spacing_mm = [1.4, 2.0, 2.0]
 """
 
 

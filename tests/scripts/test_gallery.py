@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 import pytest
-import typer
 
 from fieldmap.cli.application import application
 from fieldmap.thesis import Curves, Series
@@ -64,7 +63,7 @@ def test_scenes_without_their_map_are_named(gallery, tmp_path, monkeypatch):
 
 
 def test_every_command_of_a_scene_is_one(gallery):
-    program = typer.main.get_command(application())
+    program = application()
     for _, _, command in gallery.SCENES:
         name, *words = command.split()
         with click.Context(program) as context:

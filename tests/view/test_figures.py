@@ -1,5 +1,7 @@
 """Figures of rows: what is drawn is what was given, and what is marked lies where the numbers say."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -82,23 +84,26 @@ def test_a_figure_becomes_a_picture(tmp_path):
     assert save_curves(PLAIN, tmp_path / "figure.png").read_bytes()[:4] == b"\x89PNG"
 
 
+computed = cache(compute_part)
+
+
 @pytest.mark.parametrize(
     "part", ["S4_levitation", "S5_current_ratio", "S9_constants", "S16_closed_loop", "S20_closed_loop"]
 )
 def test_every_axis_has_its_unit(part):
-    for curves in compute_part(part).curves:
+    for curves in computed(part).curves:
         assert curves.x_label.endswith(")")
         assert curves.y_label.endswith(")")
 
 
 def test_the_sphere_is_marked_where_force_and_weight_cross():
-    force, weight, mark, _ = compute_part("S4_levitation").curves[2].series
+    force, weight, mark, _ = computed("S4_levitation").curves[2].series
     assert np.interp(mark.x[0], force.x, force.y) == pytest.approx(mark.y[0], rel=1e-5)
     assert weight.y[0] == mark.y[0]
     assert 44 < mark.x[0] < 45
 
 
 def test_equilibria_are_marked_on_the_maxima():
-    box = compute_part("S5_current_ratio").curves[0].series
+    box = computed("S5_current_ratio").curves[0].series
     for curve, mark in list(zip(box[::2], box[1::2], strict=True))[1:]:
         assert abs(curve.x[np.argmax(curve.y)] - mark.x[0]) < 2 * np.diff(curve.x).max()
