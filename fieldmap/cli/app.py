@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from fieldmap.cli.options import Json
+
 
 def app(
     map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
@@ -27,6 +29,7 @@ def app(
         Path | None,
         typer.Option("--save", metavar="FILE", help="A picture (.png) of how it begins; no window."),
     ] = None,
+    json: Json = False,
 ) -> None:
     """Open a window with sliders for the currents of a map: field, force and equilibrium follow."""
     from fieldmap.cli.opening import check_map_path, open_device, recorded_driver, recorded_payload
@@ -50,4 +53,9 @@ def app(
         save.parent.mkdir(parents=True, exist_ok=True)
         window.scene.screenshot(str(save))
         window.scene.close()
+    if json:
+        from fieldmap.cli.printing import print_json
+
+        print_json({"source": map_file, "saved": save} | window.as_numbers())
+    elif save is not None:
         print(save)

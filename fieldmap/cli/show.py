@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fieldmap.cli.options import MuR, Nonlinear, Refinement
+from fieldmap.cli.options import Json, MuR, Nonlinear, Refinement
 
 if TYPE_CHECKING:
     from fieldmap.view.shown import Shown
@@ -44,7 +44,11 @@ def show(
         typer.Option("--minus", metavar="DEVICE_OR_MAP", help="Draw the difference to this one's field."),
     ] = None,
     height_mm: Annotated[
-        float | None, typer.Option("--height-mm", help="Of shift: z of the magnet's centre.")
+        float | None,
+        typer.Option(
+            "--height-mm",
+            help="Of shift: z of the magnet's centre; where it floats at these currents unless given.",
+        ),
     ] = None,
     save: Annotated[
         Path | None,
@@ -57,6 +61,7 @@ def show(
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
+    json: Json = False,
 ) -> None:
     """Draw a device, its iron, its field, or a simulated run; a window opens unless --save names a file."""
     from fieldmap.cli.iron import checked_choice
@@ -80,9 +85,16 @@ def show(
     else:
         shown = gather(Request(source, chosen, tuple(currents or ["1"]), choice, minus, height_mm))
     if save is not None and save.suffix in MOVIES:
-        _animate(shown, save)
+        ranges = _animate(shown, save)
     else:
-        _draw(shown, chosen, quantity, save)
+        ranges = _draw(shown, chosen, quantity, save)
+    if json:
+        from fieldmap.cli.printing import print_json
+        from fieldmap.cli.shown_json import as_json
+
+        print_json({"source": source, "what": chosen, "saved": save, "ranges": ranges} | as_json(shown))
+    elif save is not None:
+        print(save)
 
 
 def _usual(of_map: bool, recorded: bool, minus: str | None) -> str:
@@ -104,21 +116,27 @@ def _refuse_for_runs(what: str, given: dict[str, Any]) -> None:
         raise InputError(*problems)
 
 
-def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> None:
-    from fieldmap.view.scenes import axes_of, make_scene, save_scene
+def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> dict[str, list[float]]:
+    """Show or save; the ranges of what is coloured, by its title."""
+    from fieldmap.view.rendering import require_window
+    from fieldmap.view.scenes import axes_of, drawn_ranges, make_scene, save_scene
 
     scene = make_scene(shown, what, quantity, off_screen=save is not None)
+    ranges = drawn_ranges(scene)
     if save is None:
+        require_window(scene)
         scene.show()
     else:
-        print(save_scene(scene, save, shown.title, axes_of(what, quantity)))
+        save_scene(scene, save, shown.title, axes_of(what, quantity))
         scene.close()
+    return ranges
 
 
-def _animate(shown: "Shown", save: Path) -> None:
+def _animate(shown: "Shown", save: Path) -> dict[str, list[float]]:
     from fieldmap.cli.progress import Progress
-    from fieldmap.view.animation import save_animation
+    from fieldmap.view.animation import CURRENT, save_animation
 
     assert shown.run is not None
     with Progress("show") as progress:
-        print(save_animation(shown.run, save, progress))
+        save_animation(shown.run, save, progress)
+    return {CURRENT: [float(shown.run.currents.min()), float(shown.run.currents.max())]}

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldmap.cli.iron import IronChoice
 from fieldmap.cli.opening import Source, find_source, is_map, open_device
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.view.shown import Shown
 
 _SOLVED = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium", "difference", "shift")
@@ -50,7 +50,7 @@ def _with_field(request: Request, device: Any) -> Shown:
     if request.what not in _SOLVED:
         return Shown(title, **about)
     other = _second(request, found) if request.what == "difference" else None
-    about["field"] = _opened(found, amperes)
+    about["field"], about["assumptions"] = _opened(found, amperes)
     if device is not None:
         about |= _iron(about["field"], amperes)
     if request.what == "equilibrium":
@@ -60,12 +60,12 @@ def _with_field(request: Request, device: Any) -> Shown:
     return Shown(title, **about) if other is None else _difference(found, other, about)
 
 
-def _opened(found: Source, amperes: Any) -> Any:
+def _opened(found: Source, amperes: Any) -> tuple[Any, tuple[str, ...]]:
     field, assumptions = found.open(amperes)
     for text in assumptions:
         if text.startswith("warning"):
             print(text, file=sys.stderr)
-    return field
+    return field, tuple(assumptions)
 
 
 def _meshed(device: Any, refinement: float) -> Shown:
@@ -122,7 +122,7 @@ def _difference(found: Source, other: Source, about: dict[str, Any]) -> Shown:
     assert found.corners is not None
     assert other.corners is not None
     lower, upper = common_box(found.corners, other.corners, (found.name, other.name))
-    field = FieldDifference(about["field"], _opened(other, about["currents"]))
+    field = FieldDifference(about["field"], _opened(other, about["currents"])[0])
     title = f"{found.name} less {other.name}, {amperes_in_words(about['currents'], found.coil_names)}"
     same = {"currents": about["currents"], "payload": about["payload"]}
     return Shown(title, field=field, lower=lower, upper=upper, **same)
@@ -138,13 +138,26 @@ def _shift(request: Request, found: Source, about: dict[str, Any]) -> Shown:
         raise InputError(
             Problem("--currents", "must be the same in every coil for --what shift", f"{amperes}", remedy)
         )
-    middle = 0.5 * (field.lower[2] + field.upper[2])
-    height = middle if request.height_mm is None else 1e-3 * request.height_mm
+    height, why = _height(request, found, field, amperes)
     surface = equilibrium_surface(field, found.payload, _SIGNALS, _SIGNALS, float(amperes[0]), height)
     missing = int(np.isnan(surface.levels).sum())
     words = f", none for {missing} of {surface.levels.size} pairs" if missing else ""
-    title = f"{found.name}: where the magnet rests at z = {1e3 * height:g} mm, {amperes[0]:g} A at signals 0{words}"
-    return Shown(title, surface=surface)
+    place = f"at z = {1e3 * height:.4g} mm{why}"
+    title = f"{found.name}: where the magnet rests {place}, {amperes[0]:g} A at signals 0{words}"
+    return Shown(title, surface=surface, assumptions=about["assumptions"])
+
+
+def _height(request: Request, found: Source, field: Any, amperes: Any) -> tuple[float, str]:
+    """z of the magnet's centre, m: as given, or where it floats at these currents, or the middle of the box; and words
+    for a height that was not given."""
+    from fieldmap.levitation import find_equilibrium
+
+    if request.height_mm is not None:
+        return 1e-3 * request.height_mm, ""
+    try:
+        return float(find_equilibrium(field, amperes, found.payload).position[2]), ", where it floats"
+    except NoEquilibrium:
+        return 0.5 * float(field.lower[2] + field.upper[2]), ", middle of the box (floats nowhere)"
 
 
 def amperes_in_words(amperes: Any, names: tuple[str, ...]) -> str:

@@ -11,7 +11,7 @@ from fieldmap.lookup import FieldMap
 from fieldmap.view.colours import colour_bar
 from fieldmap.view.live_answers import LiveAnswer, LiveMap
 from fieldmap.view.picture import look_at
-from fieldmap.view.rendering import require_renderer
+from fieldmap.view.rendering import require_renderer, require_window
 from fieldmap.view.rulers import INK, add_rulers
 from fieldmap.view.scene import COLOUR_MAP, MAGNET, MM, magnet_surface
 from fieldmap.view.volumes import planes_of_box
@@ -59,7 +59,8 @@ class LiveWindow:
         self.move(self.values)
 
     def show(self) -> None:
-        """Open the window, until it is closed."""
+        """Open the window, until it is closed. Raises FieldmapError without a screen."""
+        require_window(self.scene)
         self.scene.show()
 
     def move(self, values: Any) -> LiveAnswer:
@@ -80,6 +81,23 @@ class LiveWindow:
         )
         self.scene.render()
         return answer
+
+    def as_numbers(self) -> dict[str, Any]:
+        """The sliders and the answer at their values, as they are now. SI units, sliders in theirs."""
+        answer = self.live.answer(self.values)
+        sliders = [
+            {"name": c.name, "unit": c.unit, "lower": c.lower, "upper": c.upper, "value": float(value)}
+            for c, value in zip(self.live.controls, self.values, strict=True)
+        ]
+        return {
+            "sliders": sliders,
+            "currents": answer.currents,
+            "place": answer.place,
+            "force": answer.force,
+            "lift": answer.lift,
+            "equilibrium": None if answer.equilibrium is None else answer.equilibrium.position,
+            "words": answer.words,
+        }
 
     def _build(self, title: str) -> None:
         """Everything that does not move."""

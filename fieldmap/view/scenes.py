@@ -89,6 +89,21 @@ def make_scene(
     return scene
 
 
+def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
+    """Smallest and largest of each quantity that colours something, by its title with its unit."""
+    ranges: dict[str, list[float]] = {}
+    for actor in scene.actors.values():
+        if not isinstance(actor, pv.Actor) or not actor.mapper.scalar_visibility:
+            continue
+        name, values = actor.mapper.array_name, actor.mapper.dataset.active_scalars
+        if values is None or np.ndim(values) != 1 or not len(values) or not name:
+            continue
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        known = ranges.setdefault(name, [low, high])
+        ranges[name] = [min(known[0], low), max(known[1], high)]
+    return ranges
+
+
 def check_scene(what: str, quantity: str = "") -> str:
     """The quantity that is drawn. Raises InputError for a scene or quantity that there is not."""
     _check_choice("what", what, tuple(SCENES))

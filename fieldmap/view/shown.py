@@ -33,7 +33,7 @@ class Shown:
     title: a line of text for the picture. currents (n_coils,), A. lower, upper (3,): corners of the box, m. everywhere:
     the field also holds outside the box and inside iron (a solution, not a map). flux_density (e, 3): of every element
     of the iron, T, and mesh: these elements. equilibrium: position of the magnet's centre (3,), m, or None.
-    surface: where it rests over the direction signals. run: a recorded run.
+    surface: where it rests over the direction signals. run: a recorded run. assumptions: what the field rests on.
     """
 
     title: str
@@ -49,6 +49,7 @@ class Shown:
     equilibrium: Any = None
     surface: EquilibriumSurface | None = None
     run: "ShownRun | None" = None
+    assumptions: tuple[str, ...] = ()
 
     def need(self, *names: str) -> None:
         """Raise InputError for what is None though a scene needs it."""

@@ -1,0 +1,107 @@
+"""`fieldmap show` and `fieldmap app` in numbers, and on a machine without a screen."""
+
+import json
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+
+from fieldmap.cli import main
+from fieldmap.cli.shown_sources import Request, _height
+from fieldmap.device.model import Payload
+from fieldmap.lookup import interpolate
+from fieldmap.store import Grid, MapData
+from fieldmap.view.rendering import can_render
+
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
+
+
+def on_axis(z, amperes):
+    """B_z of a loop of 1000 turns and 44 mm radius, T."""
+    return mu_0 * 1000 * amperes * 0.044**2 / (2 * (0.044**2 + z**2) ** 1.5)
+
+
+@needs_opengl
+def test_slices_in_numbers(machine, tmp_path, capsys):
+    picture = tmp_path / "slices.png"
+    words = ["show", machine.map, "--quantity", "Bz", "--currents", "2", "--save", str(picture), "--json"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["what"], told["saved"], told["currents"]) == ("slices", str(picture), [2.0])
+    # Lowest at the bottom, highest on the axis at the top, 60 mm below the loop.
+    low, high = told["ranges"]["Bz, mT"]
+    assert high == pytest.approx(1e3 * on_axis(-0.060, 2.0), rel=1e-3)
+    assert low == pytest.approx(1e3 * on_axis(-0.124, 2.0), rel=0.02)
+    assert told["upper"] == [0.006, 0.006, -0.06]
+    assert told["assumptions"]
+
+
+@needs_opengl
+def test_an_equilibrium_in_numbers(machine, tmp_path, capsys):
+    picture = str(tmp_path / "floating.png")
+    words = ["--currents", "4", "--json"]
+    assert main(["show", machine.map, "--what", "equilibrium", "--save", picture, *words]) == 0
+    shown = json.loads(capsys.readouterr().out)["equilibrium"]
+    assert main(["equilibrium", machine.map, *words]) == 0
+    np.testing.assert_allclose(shown, json.loads(capsys.readouterr().out)["position"], atol=1e-9)
+
+
+@needs_opengl
+def test_the_app_in_numbers(machine, tmp_path, capsys):
+    assert (
+        main(["app", machine.map, "--save", str(tmp_path / "app.png"), "--json", "--current-limit", "5"]) == 0
+    )
+    told = json.loads(capsys.readouterr().out)
+    assert [slider["name"] for slider in told["sliders"]] == ["coil loop", "magnet z"]
+    assert told["lift"] == pytest.approx(1.0)
+    np.testing.assert_allclose(told["equilibrium"], told["place"], atol=1e-5)
+
+
+def test_the_shift_is_shown_where_the_magnet_floats():
+    """dBz/dz = b + c z per ampere on the axis: the weight is carried at one height."""
+    grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
+    x, y, z = grid.points().T
+    b, c = 0.04, 1.0
+    radial = -0.5 * (b + c * z)
+    flux = np.column_stack([radial * x, radial * y, b * z + 0.5 * c * (z**2 - 0.5 * (x**2 + y**2))])
+    slope = np.zeros((125, 3, 3))
+    slope[:, 0, 0] = slope[:, 1, 1] = radial
+    slope[:, 2, 2] = b + c * z
+    slope[:, 0, 2] = slope[:, 2, 0] = -0.5 * c * x
+    slope[:, 1, 2] = slope[:, 2, 1] = -0.5 * c * y
+    arrays = {"flux_density": flux.reshape(1, 5, 5, 5, 3), "gradient": slope.reshape(1, 5, 5, 5, 3, 3)}
+    field = interpolate(MapData(grid, ("coil",), [1.0], **arrays), kind="global")
+    found = SimpleNamespace(payload=Payload(0.010, 0.8))
+    asked = Request("a.h5", "shift", ("3",), None)
+    height, why = _height(asked, found, field, np.array([3.0]))
+    assert height == pytest.approx((0.010 * 9.80665 / (0.8 * 3.0) - b) / c, abs=1e-8)
+    assert why == ", where it floats"
+    assert _height(asked, found, field, np.array([0.1]))[0] == pytest.approx(0.0, abs=1e-12)
+    given = Request("a.h5", "shift", ("3",), None, height_mm=-7.0)
+    assert _height(given, found, field, np.array([3.0])) == (-0.007, "")
+
+
+@needs_opengl
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux machines have no screen")
+def test_without_a_screen_a_picture_comes_without_a_word(machine, tmp_path):
+    """A process of its own: VTK chooses what it draws with once, and complained about an X server."""
+    environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    picture = tmp_path / "device.png"
+    program = [sys.executable, "-m", "fieldmap", "show", machine.device, "--save", str(picture)]
+    done = subprocess.run(program, capture_output=True, text=True, env=environment, check=False, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert picture.stat().st_size > 10_000
+
+
+@needs_opengl
+@pytest.mark.skipif(sys.platform != "linux" or "DISPLAY" in os.environ, reason="there is a screen")
+@pytest.mark.parametrize("words", [["show", "device"], ["app", "map"]])
+def test_without_a_screen_there_is_no_window_but_a_message(machine, capsys, words):
+    assert main([words[0], getattr(machine, words[1])]) == 1
+    told = capsys.readouterr().err
+    assert "needs a screen" in told
+    assert "--save" in told
