@@ -108,29 +108,15 @@ def move_adaptively(
     kept, numbers, load = _kept(field, body), body.numbers(drag, plate), np.empty(6)
 
     def slope(_: float, y: Array) -> Array:
-        out = np.full(STATE, np.nan)
-        if rates(kept, numbers, y, load, out) != INSIDE:
-            out[:] = np.nan
-        return out
+        out = np.empty(STATE)
+        return out if rates(kept, numbers, y, load, out) == INSIDE else np.full(STATE, np.nan)
 
-    scale = np.maximum(np.abs(start), 1e-3)
-    found = solve_ivp(
-        slope,
-        (moments[0], moments[-1]),
-        start,
-        method="DOP853",
-        t_eval=moments,
-        rtol=tolerance,
-        atol=tolerance * scale,
-    )
+    atol = tolerance * np.maximum(np.abs(start), 1e-3)
+    ends = (moments[0], moments[-1])
+    found = solve_ivp(slope, ends, start, method="DOP853", t_eval=moments, rtol=tolerance, atol=atol)
     if not found.success or not np.isfinite(found.y).all():
-        problem = Problem(
-            "move_adaptively",
-            "the integrator must reach the end",
-            found.message,
-            "keep the motion in the map",
-        )
-        raise NotConverged(problem)
+        must, remedy = "the integrator must reach the end", "keep the motion in the map"
+        raise NotConverged(Problem("move_adaptively", must, found.message, remedy))
     return np.ascontiguousarray(found.y.T)
 
 

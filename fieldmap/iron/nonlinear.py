@@ -106,6 +106,11 @@ class NonlinearSolver:
         report = self._report(
             state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
         )
+        coils, mesh, sections = self.device.coils, self._iron.mesh, self.device.sections
+        return NonlinearSolution(coils, values, mesh, state, report, *self._linked(state, field), sections)
+
+    def _linked(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
+        """What the iron adds to the flux linkages (c,), Wb, and to the co-energy, J."""
         elements, material = self._form.elements, self._material
         linkage, coenergy = linkage_and_coenergy(
             elements.volume,
@@ -114,16 +119,7 @@ class NonlinearSolver:
             elements.coil_field_at_points(field),
             elements.coil_field_at_points(self._unit),
         )
-        return NonlinearSolution(
-            self.device.coils,
-            values,
-            self._iron.mesh,
-            state,
-            report,
-            linkage[:, 0],
-            float(coenergy[0]),
-            self.device.sections,
-        )
+        return linkage[:, 0], float(coenergy[0])
 
     @property
     def surface(self) -> ChargedFaces:

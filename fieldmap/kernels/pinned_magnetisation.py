@@ -36,6 +36,14 @@ def _polarisation(s, law, offset, knots, coefficients):
 
 
 @njit(cache=True)
+def _chord(p, law, offset, knots, coefficients):
+    """Size of a reversible field, and dj/ds and j/s there."""
+    s = _norm(p[0], p[1], p[2])
+    j, slope = _polarisation(s, law, offset, knots, coefficients)
+    return s, slope, j / s if s > 1e-30 else slope
+
+
+@njit(cache=True)
 def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
     """s >= 0 with j(s) + mu s = wanted, by Newton's method between two bounds."""
     low, high, s = 0.0, math.inf, guess
@@ -58,6 +66,17 @@ def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
 
 
 @njit(cache=True)
+def _straight(h, p, kappa, share, law, offset, knots, coefficients, r):
+    """Fill r with the field straight towards h, as in one dimension; J(p), the size of r, and mu there."""
+    _, _, chord = _chord(p, law, offset, knots, coefficients)
+    jx, jy, jz = chord * p[0], chord * p[1], chord * p[2]
+    for i in range(3):
+        r[i] = h[i] - share * (h[i] - p[i])
+    s, _, chord = _chord(r, law, offset, knots, coefficients)
+    return jx, jy, jz, s, max(_norm(chord * r[0] - jx, chord * r[1] - jy, chord * r[2] - jz) / kappa, _LEAST)
+
+
+@njit(cache=True)
 def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     """Fill r (3,) with the new reversible field of a cell and return mu; 0 where it stays, infinity if kappa is 0.
 
@@ -70,21 +89,7 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     if away <= kappa:
         r[0], r[1], r[2] = p[0], p[1], p[2]
         return 0.0
-    size = _norm(p[0], p[1], p[2])
-    j, slope = _polarisation(size, law, offset, knots, coefficients)
-    chord = j / size if size > 1e-30 else slope
-    jx, jy, jz = chord * p[0], chord * p[1], chord * p[2]
-    # Straight towards the field, as in one dimension.
-    share = kappa / away
-    r[0], r[1], r[2] = (
-        h[0] - share * (h[0] - p[0]),
-        h[1] - share * (h[1] - p[1]),
-        h[2] - share * (h[2] - p[2]),
-    )
-    s = _norm(r[0], r[1], r[2])
-    j, slope = _polarisation(s, law, offset, knots, coefficients)
-    chord = j / s if s > 1e-30 else slope
-    mu = max(_norm(chord * r[0] - jx, chord * r[1] - jy, chord * r[2] - jz) / kappa, _LEAST)
+    jx, jy, jz, s, mu = _straight(h, p, kappa, kappa / away, law, offset, knots, coefficients, r)
     low, high = 0.0, math.inf
     for _ in range(_STEPS):
         qx, qy, qz = jx + mu * h[0], jy + mu * h[1], jz + mu * h[2]
@@ -124,9 +129,7 @@ def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, po
     e, n = np.empty(3), np.empty(3)
     for k in range(weights.size):
         mu = _moved(h, previous[k], pinning[k], law, offset, knots, coefficients, r)
-        s = _norm(r[0], r[1], r[2])
-        j, slope = _polarisation(s, law, offset, knots, coefficients)
-        chord = j / s if s > 1e-30 else slope
+        s, slope, chord = _chord(r, law, offset, knots, coefficients)
         for i in range(3):
             polarisation[i] += weights[k] * chord * r[i]
             e[i] = r[i] / s if s > 1e-30 else 0.0

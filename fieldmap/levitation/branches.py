@@ -134,16 +134,13 @@ def equilibrium_at(
         ):
             balance, place = along.at(q, 0.0)
             return describe(balance, place), along.level_of(q)
-    raise NoEquilibrium(
-        Problem(
-            f"equilibrium_at, from {1e3 * begin} mm at {level:.4g} A",
-            "the horizontal force"
-            + (" and the lift less weight" if hold_height else "")
-            + " must vanish near",
-            f"a last step of {1e3 * np.abs(step[:2]).max():.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps",
-            "look for all points with stationary_points, and start near one of them",
-        )
+    what = "the horizontal force and the lift less weight" if hold_height else "the horizontal force"
+    where = f"equilibrium_at, from {1e3 * begin} mm at {level:.4g} A"
+    received = (
+        f"a last step of {1e3 * np.abs(step[:2]).max():.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
     )
+    remedy = "look for all points with stationary_points, and start near one of them"
+    raise NoEquilibrium(Problem(where, f"{what} must vanish near", received, remedy))
 
 
 def _square(along: "_Along", q: Array) -> Array:

@@ -199,35 +199,38 @@ def calibrate(
         raise _too_few(len(measured), names)
     scale = np.array([_TYPICAL.get(name, 1.0) for name in names])
 
+    def values_at(x: Array) -> dict[str, float]:
+        return {**start, **dict(zip(names, (x * scale).tolist(), strict=True))}
+
     def residual(x: Array) -> Array:
-        values = {**start, **dict(zip(names, x * scale, strict=True))}
-        left = (rig.computed(values)[words.read] - measured) / deviation
+        left = (rig.computed(values_at(x))[words.read] - measured) / deviation
         # A place that does not exist counts as far off, so that the fit turns back.
         return np.where(np.isnan(left), _FAR * np.abs(measured / deviation) + 100.0, left)
 
-    begin = np.array([start[name] for name in names]) / scale
     before = rig.computed(start)[words.read]
     bounds = _bounds(names, field_map, lift, positions, limits or {}) / scale
+    begin = np.array([start[name] for name in names]) / scale
     begin = np.clip(begin, *(bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])))
     answer = least_squares(
         residual, begin, x_scale="jac", diff_step=1e-4, xtol=1e-10, ftol=1e-12, bounds=tuple(bounds)
     )
-    values = {**start, **dict(zip(names, (answer.x * scale).tolist(), strict=True))}
+    values = values_at(answer.x)
     after = rig.computed(values)[words.read]
-    table = tuple(
-        Reading(*row)
-        for row in zip(words.names, measured.tolist(), before.tolist(), after.tolist(), strict=True)
-    )
+    columns = (words.names, measured.tolist(), before.tolist(), after.tolist())
     return Calibration(
         values,
         start,
         names,
         _covariance(answer.jac, scale, names),
-        float(np.sqrt(np.mean(((after - measured) / deviation) ** 2))),
-        float(np.sqrt(np.mean(((before - measured) / deviation) ** 2))),
-        table,
+        _misfit((after - measured) / deviation),
+        _misfit((before - measured) / deviation),
+        tuple(Reading(*row) for row in zip(*columns, strict=True)),
         (*model_assumptions(moment, lever), *_fit_words(names, answer.active_mask)),
     )
+
+
+def _misfit(left: Array) -> float:
+    return float(np.sqrt(np.mean(left**2)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,14 +86,10 @@ def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
 
-def _result(
-    balance: Balance,
-    source: LevitationField,
-    found: list[Array],
-    begin: Array | None,
-    tried: int,
-    moment: str,
-) -> Equilibrium:
+def _ranked(
+    balance: Balance, source: LevitationField, found: list[Array], begin: Array | None
+) -> list[Array]:
+    """By distance from where the search began; else the stable ones first, then by distance from the axis."""
     axis = 0.5 * (np.asarray(source.lower) + np.asarray(source.upper))
 
     def order(x: Array) -> tuple[float, float]:
@@ -102,7 +98,18 @@ def _result(
         unstable = 3 - int(_eigen(balance.stiffness(x))[2].sum())
         return float(unstable), float(np.linalg.norm((x - axis)[:2]))
 
-    ranked = sorted(found, key=order)
+    return sorted(found, key=order)
+
+
+def _result(
+    balance: Balance,
+    source: LevitationField,
+    found: list[Array],
+    begin: Array | None,
+    tried: int,
+    moment: str,
+) -> Equilibrium:
+    ranked = _ranked(balance, source, found, begin)
     position = ranked[0]
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)

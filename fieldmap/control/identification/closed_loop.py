@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate
+from fieldmap.control.identification.estimate import Estimate, not_settled
 from fieldmap.control.identification.least_squares import (
     estimate_of,
     modified_least_squares,
@@ -27,7 +27,7 @@ from fieldmap.control.identification.regression import (
     stable_denominators,
 )
 from fieldmap.control.linear_models import transfer_function
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import InputError, Problem
 
 Array = NDArray[np.floating[Any]]
 
@@ -84,10 +84,7 @@ def identify_indirect(
     a, b, changes = start.denominators[:, : orders.poles + 1], start.numerators, []
     previous = np.concatenate([a[0, 1:], b[0]])
     for _ in range(iterations):
-        forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b[0]]))
-        loop = _sum(np.convolve(bottom, a[0]), forward)
-        stable = stable_denominators(loop[None, :])[0]
-        predicted = lfilter(forward, stable, r)
+        stable, predicted = _predicted(r, (above, bottom), (a[0], b[0]), orders)
         records = (outward, driven, lfilter(bottom, [1.0], predicted), lfilter(above, [1.0], r - predicted))
         step = _with_instruments([lfilter([1.0], stable, x) for x in records], orders, where)
         changes.append(float(np.abs(step.coefficients[0] - previous).max() / np.abs(step.coefficients).max()))
@@ -97,15 +94,18 @@ def identify_indirect(
             notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
             method = "closed loop, known controller, refined instruments"
             return estimate_of(step, orders, Ts, method, len(changes), notes)
-    raise NotConverged(
-        Problem(
-            where,
-            f"must settle to {tolerance:g} within {iterations} iterations",
-            f"a change of {changes[-1]:.2g}",
-            "check the controller's sign and sampling time; ask for fewer poles and zeros",
-        ),
-        residuals=tuple(changes),
-    )
+    remedy = "check the controller's sign and sampling time; ask for fewer poles and zeros"
+    raise not_settled(where, tolerance, iterations, changes, remedy)
+
+
+def _predicted(
+    r: Array, controller: tuple[Array, Array], plant: tuple[Array, Array], orders: Orders
+) -> tuple[Array, Array]:
+    """Denominator of the closed loop, its unstable roots reflected, and the position without noise."""
+    (above, bottom), (a, b) = controller, plant
+    forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
+    stable = stable_denominators(_sum(np.convolve(bottom, a), forward)[None, :])[0]
+    return stable, lfilter(forward, stable, r)
 
 
 def identify_two_stage(

@@ -1,5 +1,6 @@
 """What an identification returns: the model, how well it is known, and what it rests on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,18 @@ from scipy.signal import lfilter
 
 from fieldmap.arguments import check_signal
 from fieldmap.control.linear_models import TransferFunction, steady_gain
+from fieldmap.errors import NotConverged, Problem
 
 Array = NDArray[np.floating[Any]]
+
+
+def not_settled(
+    where: str, tolerance: float, iterations: int, changes: Sequence[float], remedy: str
+) -> NotConverged:
+    """What an iteration ends with whose coefficients go on changing; changes: as shares of the largest."""
+    must = f"must settle to {tolerance:g} within {iterations} iterations"
+    received = f"a change of {changes[-1]:.2g} of the largest coefficient"
+    return NotConverged(Problem(where, must, received, remedy), residuals=tuple(changes))
 
 
 @dataclass(frozen=True, eq=False)

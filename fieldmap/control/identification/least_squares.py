@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate, EstimatedRuns
+from fieldmap.control.identification.estimate import Estimate, EstimatedRuns, not_settled
 from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.regression import (
     Solution,
@@ -17,7 +17,6 @@ from fieldmap.control.identification.regression import (
     stable_denominators,
     to_model,
 )
-from fieldmap.errors import NotConverged, Problem
 
 Array = NDArray[np.floating[Any]]
 
@@ -69,15 +68,9 @@ def modified_least_squares(
     check_positive("modified_least_squares", Ts=Ts)
     solution, changes = _iterate(y, u, orders, tolerance, iterations)
     if not changes[-1][0] <= tolerance:
-        raise NotConverged(
-            Problem(
-                "modified_least_squares",
-                f"must settle to {tolerance:g} within {iterations} iterations",
-                f"changes of {changes[-1][0]:.2g} of the largest coefficient",
-                "ask for fewer poles and zeros, excite more, or record longer",
-            ),
-            residuals=tuple(float(c[0]) for c in changes),
-        )
+        remedy = "ask for fewer poles and zeros, excite more, or record longer"
+        past = [float(change[0]) for change in changes]
+        raise not_settled("modified_least_squares", tolerance, iterations, past, remedy)
     method = "modified least squares (Steiglitz-McBride)"
     return estimate_of(solution, orders, Ts, method, len(changes), (_WHITE_OUTPUT,))
 

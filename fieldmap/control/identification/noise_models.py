@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate
+from fieldmap.control.identification.estimate import Estimate, not_settled
 from fieldmap.control.identification.least_squares import estimate_of, modified_least_squares_runs
 from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.regression import (
@@ -59,15 +59,8 @@ def generalised_least_squares(
         if changes[-1] <= tolerance:
             note = f"errors of the equation are autoregressive of order {noise_order}"
             return estimate_of(solution, orders, Ts, "generalised least squares", len(changes), (note,))
-    raise NotConverged(
-        Problem(
-            where,
-            f"must settle to {tolerance:g} within {iterations} iterations",
-            f"a change of {changes[-1]:.2g}",
-            "try the modified least squares or ARMAX, or another noise order",
-        ),
-        residuals=tuple(changes),
-    )
+    remedy = "try the modified least squares or ARMAX, or another noise order"
+    raise not_settled(where, tolerance, iterations, changes, remedy)
 
 
 def armax(
@@ -89,19 +82,7 @@ def armax(
     starts = [_two_stage_start(y, u, orders, noise, where), _modified_start(y, u, orders, noise)]
     # C may have roots near the unit circle: a start in the middle of the noise would ring through 1/C.
     y, u = (np.concatenate([np.zeros(orders.first), x]) for x in (y, u))
-    start = min(starts, key=lambda theta: float(np.sum(_prediction_errors(theta, y, u, orders) ** 2)))
-    fit = scipy.optimize.least_squares(
-        _prediction_errors,
-        start,
-        jac=_prediction_slopes,
-        args=(y, u, orders),
-        x_scale="jac",
-        xtol=1e-10,
-        ftol=1e-13,
-        gtol=1e-13,
-    )
-    if not fit.success:
-        raise NotConverged(Problem(where, "must converge", fit.message, "ask for fewer coefficients"))
+    fit = _least_prediction_errors(starts, y, u, orders, where)
     solution = solve_columns(fit.jac, -fit.fun, where)  # only for covariance and condition
     inverse = np.linalg.inv(solution.triangle[0])
     variance = float(2 * fit.cost) / (fit.fun.size - fit.x.size)
@@ -118,6 +99,24 @@ def armax(
         iterations=int(fit.nfev),
         assumptions=(f"noise of the equation is a moving average of order {noise}",),
     )
+
+
+def _least_prediction_errors(starts: list[Array], y: Array, u: Array, orders: Orders, where: str) -> Any:
+    """scipy's answer, from the start that predicts best."""
+    start = min(starts, key=lambda theta: float(np.sum(_prediction_errors(theta, y, u, orders) ** 2)))
+    fit = scipy.optimize.least_squares(
+        _prediction_errors,
+        start,
+        jac=_prediction_slopes,
+        args=(y, u, orders),
+        x_scale="jac",
+        xtol=1e-10,
+        ftol=1e-13,
+        gtol=1e-13,
+    )
+    if not fit.success:
+        raise NotConverged(Problem(where, "must converge", fit.message, "ask for fewer coefficients"))
+    return fit
 
 
 def _equation_errors(a: Array, b: Array, y: Array, u: Array, orders: Orders) -> Array:

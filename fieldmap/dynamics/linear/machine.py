@@ -100,32 +100,32 @@ def linearise(machine: Machine, rest: Trim) -> LinearMachine:
         B = np.vstack([np.zeros((len(rows), commanded.shape[1])), commanded / tau])
     else:
         B = by_current @ commanded
-    C = _sensed_slopes(machine, rest, n)
-    inputs = (
-        ("lift_V", "x_signal", "y_signal")
-        if isinstance(machine.allocation, Division)
-        else machine.allocation.names or tuple(f"output_{k}" for k in range(B.shape[1]))
-    )
-    words = (
-        "small deviations from rest: no limits, no walls, no converters' steps",
-        "currents follow what is asked for"
-        + (
-            f" with a time constant of {1e3 * tau:g} ms"
-            if tau
-            else " at once; supply and inductance only bound large changes"
-        ),
-    )
     return LinearMachine(
         A,
         B,
-        C,
+        _sensed_slopes(machine, rest, n),
         np.zeros((3, B.shape[1])),
         _load_slopes(machine, rest, n),
         names,
-        inputs,
+        _inputs(machine, B.shape[1]),
         ("x", "y", "z"),
         rest,
-        (*machine.assumptions, *words),
+        (*machine.assumptions, *_assumptions(tau)),
+    )
+
+
+def _inputs(machine: Machine, count: int) -> tuple[str, ...]:
+    if isinstance(machine.allocation, Division):
+        return "lift_V", "x_signal", "y_signal"
+    return machine.allocation.names or tuple(f"output_{k}" for k in range(count))
+
+
+def _assumptions(time_constant: float) -> tuple[str, ...]:
+    late = f" with a time constant of {1e3 * time_constant:g} ms"
+    at_once = " at once; supply and inductance only bound large changes"
+    return (
+        "small deviations from rest: no limits, no walls, no converters' steps",
+        "currents follow what is asked for" + (late if time_constant else at_once),
     )
 
 

@@ -59,13 +59,7 @@ def train(
     snapshots, rounds = solve_training(solving, domain)
     require_states(states)
     modes = SolvedModes(solver, snapshots, plan.modes)
-    at_random, corners = domain.held_out(plan.held_out), domain.corners()
-    tried = {
-        "at random": solve_tried(solving, modes, at_random, plan.states, "at random", 0.5),
-        "in corners": solve_tried(solving, modes, corners, plan.states + len(at_random), "in corners", 0.7),
-    }
-    require_states(states)
-    require_some(tried, states)
+    tried = _tried(solving, modes, domain)
     before = snapshots.solved
     tried["in corners"] = add_missing(modes, snapshots, tried["in corners"], plan.accuracy)
     if snapshots.solved > before:
@@ -75,9 +69,7 @@ def train(
     chosen, factors = empirical_cubature(parts, plan.points)
     reduced = full.sampled(chosen, factors * full.weights[chosen])
     say("fields of the modes", 0.95)
-    flux, gradient = solver.surface.field_and_gradient(points, full.charge)
-    length = np.abs(flux).max() / np.abs(gradient).max()
-    probes = np.concatenate([flux.reshape(len(flux), -1), length * gradient.reshape(len(flux), -1)], axis=1)
+    probes = _probes(*solver.surface.field_and_gradient(points, full.charge))
     combination, output = output_fields(amplitudes, probes, plan.fields)
     model = _model(reduced, output, currents, amplitudes, domain, reference)
     say("error on states not trained on", 0.98)
@@ -87,8 +79,27 @@ def train(
         for name, found in tried.items()
         if found.solved
     }
-    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, corners]))
+    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, domain.corners()]))
     return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
+
+
+def _tried(solving: Solving, modes: SolvedModes, domain: CurrentDomain) -> dict[str, Snapshots]:
+    """States that the model is tried on, by their kind."""
+    plan, states = solving.plan, solving.states
+    at_random, corners = domain.held_out(plan.held_out), domain.corners()
+    tried = {
+        "at random": solve_tried(solving, modes, at_random, plan.states, "at random", 0.5),
+        "in corners": solve_tried(solving, modes, corners, plan.states + len(at_random), "in corners", 0.7),
+    }
+    require_states(states)
+    require_some(tried, states)
+    return tried
+
+
+def _probes(flux: Array, gradient: Array) -> Array:
+    """Fields (k, n, 3) and gradients (k, n, 3, 3) of the modes as one row each, both of the same size."""
+    length = np.abs(flux).max() / np.abs(gradient).max()
+    return np.concatenate([flux.reshape(len(flux), -1), length * gradient.reshape(len(flux), -1)], axis=1)
 
 
 def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Array, currents: Array) -> Array:
