@@ -3,13 +3,15 @@
     python scripts/gallery.py [FOLDER] [--maps maps/out] [--rows S4 S5 ...] [--only scenes | figures]
 
 Scenes and plots come from commands, which the page prints; figures of the thesis from the rows of `fieldmap thesis`,
-with the thesis's own numbers drawn over ours. Finished rows and scenes that are there already are kept, so a gallery
-that was stopped goes on. What cannot be drawn, for want of a map for example, is named at the end of the page.
+with the thesis's own numbers drawn over ours, and the page lists them by number. Finished rows and scenes that are
+there already are kept, so a gallery that was stopped goes on. What cannot be drawn, for want of a map for example, is
+named at the end of the page.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -18,7 +20,8 @@ import fieldmap
 from fieldmap.adapters.whole_files import write_whole
 from fieldmap.cli import main as run_command
 from fieldmap.cli.progress import Progress
-from fieldmap.thesis import attempt_rows
+from fieldmap.thesis import Curves, attempt_rows
+from fieldmap.thesis.figures import CAPTIONS
 from fieldmap.thesis.kept import keeping
 from fieldmap.thesis.registry import ROWS
 from fieldmap.view.figures import save_curves
@@ -26,52 +29,41 @@ from fieldmap.view.figures import save_curves
 
 @dataclass(frozen=True)
 class Picture:
-    """file: relative to the page."""
+    """A picture that can be made. file: in the folder. draw(path) makes it, and says why it could not, or "".
 
+    command: what makes it, for the page. figures: of the thesis, by number.
+    """
+
+    section: str
     file: str
     title: str
     command: str
+    draw: Callable[[Path], str]
     remark: str = ""
+    figures: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Section:
-    """Pictures under one heading."""
-
-    title: str
-    pictures: list[Picture]
-
-
-# MAPS/NAME is a map in the folder of maps, FOLDER the gallery. The last word but one is --save.
+# MAPS/NAME is a map in the folder of maps, FOLDER the gallery.
+_DIVISION = "show MAPS/division.h5 --currents 1.558 --what"
+_SHIFT = f"{_DIVISION} shift --height-mm -102 --quantity"
+_IRON = "show drive_unit --nonlinear --currents 1.5 --what"
 SCENES = (
     ("device.png", "The drive unit", "show drive_unit"),
     ("mesh.png", "The elements of its iron", "show drive_unit --what mesh --refinement 0.5"),
-    ("iron.png", "B in the iron", "show drive_unit --what iron --nonlinear --currents 1.5 --refinement 0.5"),
-    ("lines.png", "Field lines", "show drive_unit --what lines --nonlinear --currents 1.5 --refinement 0.4"),
-    ("slices.png", "B in the workspace", "show MAPS/division.h5 --what slices --currents 1.558"),
-    (
-        "vertical.png",
-        "Bz in the workspace",
-        "show MAPS/division.h5 --what slices --quantity Bz --currents 1.558",
-    ),
-    ("surfaces.png", "grad B", "show MAPS/division.h5 --what surfaces --quantity gradB --currents 1.558"),
-    ("forces.png", "Forces on the magnet", "show MAPS/division.h5 --what forces --currents 1.558"),
+    ("iron.png", "B in the iron", f"{_IRON} iron --refinement 0.5"),
+    ("lines.png", "Field lines", f"{_IRON} lines --refinement 0.4"),
+    ("slices.png", "B in the workspace", f"{_DIVISION} slices"),
+    ("vertical.png", "Bz in the workspace", f"{_DIVISION} slices --quantity Bz"),
+    ("surfaces.png", "grad B", f"{_DIVISION} surfaces --quantity gradB"),
+    ("forces.png", "Forces on the magnet", f"{_DIVISION} forces"),
     ("equilibrium.png", "Where it floats", "show MAPS/workspace.h5 --what equilibrium --currents 4.2"),
     (
         "difference.png",
         "Two maps of the same iron, trained on different currents",
         "show MAPS/division.h5 --minus MAPS/saturating.h5 --currents 1.558",
     ),
-    (
-        "shift_x.png",
-        "x of the magnet over both direction signals, height held",
-        "show MAPS/division.h5 --what shift --quantity x --currents 1.558 --height-mm -102",
-    ),
-    (
-        "shift_y.png",
-        "y of the magnet over both direction signals, height held",
-        "show MAPS/division.h5 --what shift --quantity y --currents 1.558 --height-mm -102",
-    ),
+    ("shift_x.png", "x of the magnet over both direction signals, height held", f"{_SHIFT} x"),
+    ("shift_y.png", "y of the magnet over both direction signals, height held", f"{_SHIFT} y"),
     ("app.png", "Sliders", "app MAPS/saturating.h5 --force-scale 2.1"),
     (
         "circle.png",
@@ -83,47 +75,69 @@ SCENES = (
 )
 
 
-def scenes(folder: Path, maps: Path, missing: list[str]) -> Iterator[Picture]:
-    """Make the scenes that are not there yet."""
+def scenes(folder: Path, maps: Path) -> Iterator[Picture]:
+    """What commands draw."""
     for file, title, command in SCENES:
-        words = (
-            f"{command} --save FOLDER/{file}".replace("MAPS", str(maps))
-            .replace("FOLDER", str(folder))
-            .split()
-        )
-        lacking = [word for word in words[:-2] if word.endswith(".h5") and maps in Path(word).parents]
-        lacking = [word for word in lacking if not Path(word).is_file()]
-        if lacking:
-            missing.append(f"{title}: fieldmap map {Path(lacking[0]).stem}")
-        elif (folder / file).is_file() or run_command(words) == 0:
-            yield Picture(file, title, f"fieldmap {' '.join(words)}")
-        else:
-            missing.append(f"{title}: failed: fieldmap {' '.join(words)}")
+        text = f"{command} --save FOLDER/{file}".replace("MAPS", str(maps)).replace("FOLDER", str(folder))
+        yield Picture("Scenes", file, title, f"fieldmap {text}", partial(_run, text.split(), maps))
 
 
-def figures(folder: Path, maps: Path, rows: Sequence[str], missing: list[str]) -> Iterator[Section]:
-    """Draw the figures of the thesis's rows, a section for each row."""
-    pictures: dict[str, list[Picture]] = {}
+def _run(words: Sequence[str], maps: Path, path: Path) -> str:
+    lacking = [Path(word) for word in words if word.endswith(".h5") and maps in Path(word).parents]
+    lacking = [one for one in lacking if not one.is_file()]
+    if lacking:
+        return f"fieldmap map {lacking[0].stem}"
+    if path.is_file() or run_command(list(words)) == 0:
+        return ""
+    return f"failed: fieldmap {' '.join(words)}"
+
+
+def figures(folder: Path, maps: Path, rows: Sequence[str]) -> Iterator[Picture]:
+    """What the thesis's rows draw; a row that cannot be computed is a picture that cannot be made."""
     with Progress("gallery") as progress:
         for result in attempt_rows(rows, progress, keeping(folder / "finished", maps)):
+            section, command = (
+                f"{result.row}: {ROWS[result.row]}",
+                f"fieldmap thesis {result.row} --report report",
+            )
             if result.problem:
-                missing.append(f"{result.part}: {result.problem}")
+                yield Picture(section, "", result.part, command, lambda _, why=result.problem: why)
             for number, curves in enumerate(result.curves, start=1):
-                file = f"{result.part}_{number}.png"
-                save_curves(curves, folder / file)
-                picture = Picture(
-                    file, curves.title, f"fieldmap thesis {result.row} --report report", curves.remark
-                )
-                pictures.setdefault(result.row, []).append(picture)
-    for row, drawn in pictures.items():
-        yield Section(f"{row}: {ROWS[row]}", drawn)
+                file, draw = f"{result.part}_{number}.png", partial(_save, curves)
+                yield Picture(section, file, curves.title, command, draw, curves.remark, curves.figures)
 
 
-def write_page(folder: Path, sections: Sequence[Section], missing: Sequence[str]) -> Path:
+def _save(curves: Curves, path: Path) -> str:
+    save_curves(curves, path)
+    return ""
+
+
+def draw_all(folder: Path, pictures: Iterable[Picture]) -> tuple[dict[str, list[Picture]], list[str]]:
+    """Make them; those that are made by section, and what is missing."""
+    sections: dict[str, list[Picture]] = {}
+    missing = []
+    for picture in pictures:
+        why = picture.draw(folder / picture.file)
+        if why:
+            missing.append(f"{picture.title}: {why}")
+        else:
+            sections.setdefault(picture.section, []).append(picture)
+    return sections, missing
+
+
+def write_page(folder: Path, sections: dict[str, list[Picture]], missing: Sequence[str]) -> Path:
     """index.html of the folder."""
     loader = FileSystemLoader(Path(__file__).parent)
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=StrictUndefined)
-    known = {"sections": sections, "missing": missing, "version": fieldmap.__version__}
+    drawn: dict[str, Picture] = {}
+    for picture in (one for pictures in sections.values() for one in pictures):
+        drawn |= {number: picture for number in picture.figures if number not in drawn}
+    known = {
+        "sections": sections,
+        "missing": missing,
+        "figures": [(number, CAPTIONS[number], drawn[number]) for number in CAPTIONS if number in drawn],
+        "version": fieldmap.__version__,
+    }
     text = environment.get_template("gallery.html.j2").render(known)
     write_whole(folder / "index.html", text.encode())
     return folder / "index.html"
@@ -142,13 +156,12 @@ def main() -> None:
     parser.add_argument("--only", choices=("scenes", "figures"), help="both unless given")
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
-    missing: list[str] = []
-    sections: list[Section] = []
+    pictures: list[Iterable[Picture]] = []
     if given.only != "figures":
-        sections.append(Section("Scenes", list(scenes(given.folder, given.maps, missing))))
+        pictures.append(scenes(given.folder, given.maps))
     if given.only != "scenes":
-        sections += figures(given.folder, given.maps, given.rows, missing)
-    print(write_page(given.folder, sections, missing))
+        pictures.append(figures(given.folder, given.maps, given.rows))
+    print(write_page(given.folder, *draw_all(given.folder, (one for some in pictures for one in some))))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """S5: the two-dimensional drive unit of section 2.4, in a box without flux and in open space."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -97,13 +97,16 @@ def current_ratio(inputs: dict[str, Any]) -> Answers:
         "equilibrium_in_open_space": free,
         "equilibrium_with_curve": Ours(moved, words),
     }
-    return Answers(numbers, _ratio_curves(z, nominal))
+    return Answers(numbers, _ratio_curves(inputs, z, nominal))
 
 
-def _ratio_curves(z: float, nominal: float) -> tuple[Curves, ...]:
-    ratios = ((1.0, "1:1"), (11 / 9, "1:1.22"), (1.5, "1:1.5"), (3.0, "1:3"))
-    lines = tuple((label, currents(ratio, nominal), -z) for ratio, label in ratios)
-    return _flux_density_along_x("Figs 2-9, 2-10: 100 mm below the pole piece", lines)
+def _ratio_curves(inputs: dict[str, Any], z: float, nominal: float) -> tuple[Curves, ...]:
+    labels, ratios, theirs = ("1:1", "1:1.22", "1:1.5", "1:3"), inputs["exact_ratios"], inputs["table_2_3_mm"]
+    lines = tuple(
+        _Line(label, currents(ratio, nominal), -z, float(mm))
+        for label, ratio, mm in zip(labels, ratios, theirs, strict=True)
+    )
+    return _flux_density_along_x("Figs 2-9, 2-10: 100 mm below the pole piece", lines, "Table 2-3")
 
 
 @cache
@@ -122,13 +125,14 @@ def depth(inputs: dict[str, Any]) -> Answers:
         return [1e3 * reached_from_the_middle(solved, amperes, -1e-3 * mm) for mm in inputs["depths_mm"]]
 
     box, free = _both(positions)
-    return Answers({"equilibrium": box, "equilibrium_in_open_space": free}, _depth_curves(amperes))
+    curves = _depth_curves(amperes, dict(zip(inputs["depths_mm"], inputs["table_2_4_mm"], strict=True)))
+    return Answers({"equilibrium": box, "equilibrium_in_open_space": free}, curves)
 
 
-def _depth_curves(amperes: Array) -> tuple[Curves, ...]:
-    depths = (0.07, 0.085, 0.1, 0.125, 0.15, 0.2)
-    lines = tuple((f"{1e3 * depth:g} mm deep", amperes, depth) for depth in depths)
-    return _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines)
+def _depth_curves(amperes: Array, theirs: dict[float, float]) -> tuple[Curves, ...]:
+    depths = (70.0, 85.0, 100.0, 125.0, 150.0, 200.0)
+    lines = tuple(_Line(f"{mm:g} mm deep", amperes, 1e-3 * mm, theirs.get(mm, np.nan)) for mm in depths)
+    return _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines, "Table 2-4")
 
 
 def gradients(inputs: dict[str, Any]) -> Answers:
@@ -223,25 +227,39 @@ def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) 
     return float(brentq(highest, near, far, xtol=1e-7))
 
 
-def _flux_density_along_x(title: str, lines: tuple[tuple[str, Array, float], ...]) -> tuple[Curves, ...]:
-    """B_z along x, with the box and in open space; label, currents and depth (m) of each line."""
-    remark = "Dots: equilibria reached from x = 0, at maxima of the field."
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """One line of constant depth, m; theirs: the equilibrium that the thesis prints for it, mm, or NaN."""
+
+    label: str
+    amperes: Array
+    depth: float
+    theirs: float
+
+    def flux_density(self, solved: PlanarSolution, x: Array) -> Array:
+        """B_z (n,), mT."""
+        points = np.column_stack([x, np.full_like(x, -self.depth)])
+        return np.asarray(1e3 * solved.field(points, self.amperes)[:, 1])
+
+
+def _flux_density_along_x(title: str, lines: tuple[_Line, ...], table: str) -> tuple[Curves, ...]:
+    """B_z along x, with the box and in open space."""
+    remark = "Dots: equilibria reached from x = 0, at maxima of the field. Squares: those of the table, on our lines."
+    theirs = [line for line in lines if not np.isnan(line.theirs)]
     figures = []
     for solved, words in ((unit(True), "box without flux"), (unit(False), "open space")):
-        series = tuple(piece for line in lines for piece in _line_and_equilibrium(solved, *line))
-        figures.append(Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", series, remark))
+        series = [piece for line in lines for piece in _line_and_equilibrium(solved, line)]
+        at = np.array([1e-3 * line.theirs for line in theirs])
+        heights = [line.flux_density(solved, x[None])[0] for line, x in zip(theirs, at, strict=True)]
+        series.append(Series(table, 1e3 * at, np.array(heights), "thesis", points=True))
+        figures.append(Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", tuple(series), remark))
     return tuple(figures)
 
 
-def _line_and_equilibrium(
-    solved: PlanarSolution, label: str, amperes: Array, depth: float
-) -> tuple[Series, ...]:
-    def flux_density(x: Array) -> Array:
-        return 1e3 * solved.field(np.column_stack([x, np.full_like(x, -depth)]), amperes)[:, 1]
-
+def _line_and_equilibrium(solved: PlanarSolution, line: _Line) -> tuple[Series, ...]:
     x = np.linspace(-WINDOW, WINDOW, 300)
-    line = Series(label, 1e3 * x, flux_density(x))
-    at = np.array([reached_from_the_middle(solved, amperes, -depth)])
+    drawn = Series(line.label, 1e3 * x, line.flux_density(solved, x))
+    at = np.array([reached_from_the_middle(solved, line.amperes, -line.depth)])
     if np.isnan(at[0]):
-        return (line,)
-    return line, Series(label, 1e3 * at, flux_density(at), points=True)
+        return (drawn,)
+    return drawn, Series(line.label, 1e3 * at, line.flux_density(solved, at), points=True)

@@ -64,7 +64,9 @@ def _covers(series: Series, below: Series, curves: Curves) -> bool:
 
 def _style(series: Series) -> dict[str, Any]:
     if series.points:
-        return {"linestyle": "none", "marker": _MARKS[series.kind], "markersize": 6, "zorder": 4}
+        style = {"linestyle": "none", "marker": _MARKS[series.kind], "markersize": 6, "zorder": 4}
+        # Hollow, so that ours shows through where both agree.
+        return style | ({"markersize": 9, "markerfacecolor": "none"} if series.kind == "thesis" else {})
     if series.kind == "asked":
         return {"linestyle": _LINES["asked"], "linewidth": 0.9, "zorder": 1.5}
     # What is not ours lies on top, and through its gaps ours is seen.

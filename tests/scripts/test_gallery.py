@@ -30,16 +30,19 @@ def test_the_figures_of_a_row_stand_on_the_page(gallery, tmp_path, monkeypatch):
         PartResult("S12", "lift", problem="no map"),
     ]
     monkeypatch.setattr(gallery, "attempt_rows", lambda *_: iter(parts))
-    missing = []
-    sections = list(gallery.figures(tmp_path, tmp_path, [], missing))
-    assert [(section.title[:3], len(section.pictures)) for section in sections] == [("S9:", 3)]
+    sections, missing = gallery.draw_all(tmp_path, gallery.figures(tmp_path, tmp_path, []))
+    assert {title[:3]: len(pictures) for title, pictures in sections.items()} == {"S9:": 3}
     page = gallery.write_page(tmp_path, sections, missing).read_text()
     files = re.findall(r'src="([^"]+)"', page)
     assert len(set(files)) == 3
     for file in files:
         assert (tmp_path / file).read_bytes()[:4] == b"\x89PNG"
-    assert "Fig. 4-7: &lt;Fx&gt; A remark." in page
+    assert "Fig. 4-7: &lt;Fx&gt;. A remark." in page
     assert "S12: no map" in page
+    assert "4-7</a> horizontal force of both" in page
+    places = re.findall(r' id="([^"]+)"', page)
+    assert len(places) == len(set(places))
+    assert set(re.findall(r'href="#([^"]+)"', page)) <= set(places)
 
 
 def test_scenes_without_their_map_are_named(gallery, tmp_path, monkeypatch):
@@ -51,14 +54,18 @@ def test_scenes_without_their_map_are_named(gallery, tmp_path, monkeypatch):
         return 0
 
     monkeypatch.setattr(gallery, "run_command", pretend)
-    missing = []
-    drawn = list(gallery.scenes(tmp_path, tmp_path / "maps", missing))
+
+    def drawn():
+        return gallery.draw_all(tmp_path, gallery.scenes(tmp_path, tmp_path / "maps"))
+
+    sections, missing = drawn()
     without_map = [command for _, _, command in gallery.SCENES if "MAPS" not in command]
-    assert len(drawn) == len(without_map)
-    assert len(missing) == len(gallery.SCENES) - len(drawn)
+    titles = [picture.title for picture in sections["Scenes"]]
+    assert len(titles) == len(without_map)
+    assert len(missing) == len(gallery.SCENES) - len(titles)
     assert all("fieldmap map" in text for text in missing)
     commands.clear()
-    assert list(gallery.scenes(tmp_path, tmp_path / "maps", [])) == drawn  # what is there is kept
+    assert [picture.title for picture in drawn()[0]["Scenes"]] == titles  # what is there is kept
     assert commands == []
 
 

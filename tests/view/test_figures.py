@@ -104,6 +104,6 @@ def test_the_sphere_is_marked_where_force_and_weight_cross():
 
 
 def test_equilibria_are_marked_on_the_maxima():
-    box = computed("S5_current_ratio").curves[0].series
+    box = [one for one in computed("S5_current_ratio").curves[0].series if one.kind == "ours"]
     for curve, mark in list(zip(box[::2], box[1::2], strict=True))[1:]:
         assert abs(curve.x[np.argmax(curve.y)] - mark.x[0]) < 2 * np.diff(curve.x).max()
