@@ -21,7 +21,7 @@ CAPTIONS = {
     "2-10": "the same, close up",
     "2-11": "Bz along x at several depths",
     "2-12": "Bz downwards at x = 0, ratio 1:1",
-    "2-13": "Bz in the plane, ratio 1:1.5",
+    "2-13": "Bz in the plane, ratio 1:1.5 (ours along five verticals)",
     "2-14": "free body",
     "2-15": "how the loop turns the plant's negative gain round",
     "3-1": "control loop of the microrobot",

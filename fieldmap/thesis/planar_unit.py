@@ -106,7 +106,9 @@ def _ratio_curves(inputs: dict[str, Any], z: float, nominal: float) -> tuple[Cur
         _Line(label, currents(ratio, nominal), -z, float(mm))
         for label, ratio, mm in zip(labels, ratios, theirs, strict=True)
     )
-    return _flux_density_along_x("Figs 2-9, 2-10: 100 mm below the pole piece", lines, "Table 2-3")
+    title, table = "100 mm below the pole piece", "Table 2-3"
+    near = _flux_density_along_x(f"Fig. 2-10: close up, {title}", lines, table, (0.02, 0.09))
+    return (*_flux_density_along_x(f"Fig. 2-9: {title}", lines, table), near[0])
 
 
 @cache
@@ -242,13 +244,15 @@ class _Line:
         return np.asarray(1e3 * solved.field(points, self.amperes)[:, 1])
 
 
-def _flux_density_along_x(title: str, lines: tuple[_Line, ...], table: str) -> tuple[Curves, ...]:
-    """B_z along x, with the box and in open space."""
+def _flux_density_along_x(
+    title: str, lines: tuple[_Line, ...], table: str, window: tuple[float, float] = (-WINDOW, WINDOW)
+) -> tuple[Curves, ...]:
+    """B_z along x in a window, m, with the box and in open space."""
     remark = "Dots: equilibria reached from x = 0, at maxima of the field. Squares: those of the table, on our lines."
-    theirs = [line for line in lines if not np.isnan(line.theirs)]
+    theirs = [line for line in lines if window[0] <= 1e-3 * line.theirs <= window[1]]
     figures = []
     for solved, words in ((unit(True), "box without flux"), (unit(False), "open space")):
-        series = [piece for line in lines for piece in _line_and_equilibrium(solved, line)]
+        series = [piece for line in lines for piece in _line_and_equilibrium(solved, line, window)]
         at = np.array([1e-3 * line.theirs for line in theirs])
         heights = [line.flux_density(solved, x[None])[0] for line, x in zip(theirs, at, strict=True)]
         series.append(Series(table, 1e3 * at, np.array(heights), "thesis", points=True))
@@ -256,10 +260,12 @@ def _flux_density_along_x(title: str, lines: tuple[_Line, ...], table: str) -> t
     return tuple(figures)
 
 
-def _line_and_equilibrium(solved: PlanarSolution, line: _Line) -> tuple[Series, ...]:
-    x = np.linspace(-WINDOW, WINDOW, 300)
+def _line_and_equilibrium(
+    solved: PlanarSolution, line: _Line, window: tuple[float, float]
+) -> tuple[Series, ...]:
+    x = np.linspace(*window, 300)
     drawn = Series(line.label, 1e3 * x, line.flux_density(solved, x))
     at = np.array([reached_from_the_middle(solved, line.amperes, -line.depth)])
-    if np.isnan(at[0]):
+    if not window[0] <= at[0] <= window[1]:
         return (drawn,)
     return drawn, Series(line.label, 1e3 * at, line.flux_density(solved, at), points=True)
