@@ -14,13 +14,16 @@ def app(
         float | None,
         typer.Option(
             "--current-limit",
+            metavar="A",
             help="Ends of the sliders of a linear map, A; the driver's limit unless given. A map of saturating iron "
             "has its own.",
         ),
     ] = None,
     force_scale: Annotated[
         float,
-        typer.Option("--force-scale", help="What every force is multiplied by, from a calibration."),
+        typer.Option(
+            "--force-scale", metavar="NUMBER", help="What every force is multiplied by, from a calibration."
+        ),
     ] = 1.0,
     payload_of: Annotated[
         str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")

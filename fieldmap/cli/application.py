@@ -95,13 +95,13 @@ COMMANDS: dict[str, Entry] = {
     ),
     "simulate": Entry(
         simulate.simulate,
-        "fieldmap simulate vertical_step --save vertical_step.png",
+        "fieldmap simulate hold --map square.h5 --save held.png",
         "Closed loop on a map, from a scenario file.",
         MAGNETS,
     ),
     "linearise": Entry(
         linearise.linearise,
-        "fieldmap linearise vertical_step --depths 5,10,15",
+        "fieldmap linearise hold --map square.h5 --depths 40,50,60",
         "Poles, coupling and margins by height.",
         MAGNETS,
     ),

@@ -5,13 +5,21 @@ from typing import Annotated
 
 import typer
 
+from fieldmap.cli.completion import scenarios
 from fieldmap.cli.options import Json
 
 
 def linearise(
-    scenario: Annotated[str, typer.Argument(help="Scenario file, or the name of a shipped scenario.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            help="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
+            autocompletion=scenarios,
+        ),
+    ],
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="Map file in the place of the scenario's.")
+        Path | None, typer.Option("--map", metavar="FILE", help="Map file in the place of the scenario's.")
     ] = None,
     depths: Annotated[
         str | None,
@@ -26,7 +34,7 @@ def linearise(
         ),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the models: .json or .npz.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the models: .json or .npz.")
     ] = None,
     json: Json = False,
 ) -> None:

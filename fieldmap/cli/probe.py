@@ -9,6 +9,7 @@ from fieldmap.cli.options import At, AtMm, Form, Json, MuR, Nonlinear, Refinemen
 
 if TYPE_CHECKING:
     from fieldmap.cli.opening import Source
+    from fieldmap.errors import OutsideMapError
 
 
 def probe(
@@ -39,7 +40,7 @@ def probe(
     from fieldmap.cli.iron import checked_choice
     from fieldmap.cli.numbers import parse_currents, parse_moment, parse_points
     from fieldmap.cli.opening import find_source
-    from fieldmap.errors import InputError, Problem
+    from fieldmap.errors import InputError, OutsideMapError, Problem
 
     points = parse_points(at or [], at_mm or [])
     if not len(points):
@@ -52,7 +53,10 @@ def probe(
     if payload and dipole is None:
         dipole = _payload_moment(found)
     field, assumptions = found.open(amperes)
-    rows = _rows(field, points, amperes, dipole)
+    try:
+        rows = _rows(field, points, amperes, dipole)
+    except OutsideMapError as error:
+        raise _in_metres(error, at or []) from None
     if json:
         from fieldmap.cli.printing import print_json
 
@@ -61,6 +65,18 @@ def probe(
         print_json(answers[0] if len(answers) == 1 else answers)
     else:
         _print(found, rows, amperes, assumptions)
+
+
+def _in_metres(error: "OutsideMapError", at: list[str]) -> "OutsideMapError":
+    """What to do on the command line about points outside a map."""
+    from dataclasses import replace
+
+    from fieldmap.errors import OutsideMapError
+
+    remedy = "--at is in m, --at-mm in mm" if at else "stay in the box, or make a larger map"
+    # The others are about currents.
+    problems = (replace(p, remedy=remedy) if p.where == "points" else p for p in error.problems)
+    return OutsideMapError(*problems)
 
 
 def _payload_moment(found: "Source") -> Any:

@@ -23,6 +23,7 @@ def show(
         str,
         typer.Option(
             "--what",
+            metavar="NAME",
             help="device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference or shift; "
             "path of a run.",
         ),
@@ -36,7 +37,9 @@ def show(
     quantity: Annotated[
         str,
         typer.Option(
-            "--quantity", help="Of slices, surfaces and difference: B, Bz or gradB; of shift: x or y."
+            "--quantity",
+            metavar="NAME",
+            help="Of slices, surfaces and difference: B, Bz or gradB; of shift: x or y.",
         ),
     ] = "",
     minus: Annotated[
@@ -47,6 +50,7 @@ def show(
         float | None,
         typer.Option(
             "--height-mm",
+            metavar="MM",
             help="Of shift: z of the magnet's centre; where it floats at these currents unless given.",
         ),
     ] = None,

@@ -14,7 +14,7 @@ def simulate(
         str,
         typer.Argument(
             metavar="SCENARIO",
-            help="Scenario file, or the name of a shipped scenario.",
+            help="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
             autocompletion=scenarios,
         ),
     ],

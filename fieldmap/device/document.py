@@ -15,6 +15,8 @@ from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import DeviceFileError, Problem
 from fieldmap.shipped import shipped_file, shipped_names
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
 
 @dataclass(frozen=True)
 class Document:
@@ -61,7 +63,12 @@ def find_device_file(path_or_name: str | Path) -> Path:
 def load_document(path: Path) -> Document:
     """Parse a TOML file; the first syntax error ends the reading, with line and column."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        content = path.read_bytes()
+        if content.startswith(_HDF5):
+            remedy = "name the text file (.toml) here"
+            received = "an HDF5 file, such as a map"
+            raise DeviceFileError(Problem(str(path), "must be a text file (TOML)", received, remedy))
+        text = content.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         remedy = "check the path and its permissions, and save the file as UTF-8 text"
         raise DeviceFileError(

@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.document import Document, find_device_file, load_document, schema_findings
 from fieldmap.device.explain import REQUIRED
+from fieldmap.device.file_kinds import wrong_kind
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.material_files import curves_that_cannot_saturate, material_files
 from fieldmap.device.model import Device, StepFile
@@ -45,6 +46,9 @@ def device_of(document: Document) -> Device:
     """
     if document.data.get("space") == "plane":
         raise DeviceFileError(_in_the_plane(document.path))
+    wrong = wrong_kind(document.path, document.data, "device")
+    if wrong is not None:
+        raise DeviceFileError(wrong)
     contents, curves, included = checked_contents(document, DeviceFile)
     return _build(contents, document, curves, included)
 

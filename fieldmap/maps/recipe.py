@@ -1,7 +1,5 @@
 """Read a map recipe and check all of it."""
 
-import re
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,11 +9,13 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from fieldmap.device import Device, read_device
+from fieldmap.device.document import load_document
 from fieldmap.device.explain import explain
+from fieldmap.device.file_kinds import wrong_kind
 from fieldmap.device.findings import Finding, closest, one_of, shown
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.toml_lines import line_numbers, nearest_line
-from fieldmap.errors import Problem, RecipeError
+from fieldmap.errors import DeviceFileError, Problem, RecipeError
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.schema import RecipeFile
@@ -154,24 +154,13 @@ def _find(path_or_name: str | Path) -> Path:
 
 def _load(path: Path) -> tuple[str, dict[str, Any]]:
     try:
-        text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-    except (OSError, UnicodeDecodeError) as error:
-        remedy = "check the path and its permissions, and save the file as UTF-8 text"
-        raise RecipeError(Problem(str(path), "must be readable UTF-8 text", str(error), remedy)) from error
-    try:
-        return text, tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise RecipeError(_syntax_problem(path, text, str(error))) from error
-
-
-def _syntax_problem(path: Path, text: str, message: str) -> Problem:
-    where, received = str(path), message
-    if found := re.search(r"at line (\d+), column (\d+)", message):
-        where = f"{path}:{found[1]}:{found[2]}"
-        line = text.splitlines()[int(found[1]) - 1].strip()
-        received = f"{message.split(' (at ')[0]}, in the line {shown(line)}"
-    remedy = "correct the line; texts stand in quotes, a table begins with [name]"
-    return Problem(where, "the file must be valid TOML", received, remedy)
+        document = load_document(path)
+    except DeviceFileError as error:
+        raise RecipeError(*error.problems) from None
+    wrong = wrong_kind(path, document.data, "recipe")
+    if wrong is not None:
+        raise RecipeError(wrong)
+    return document.text, document.data
 
 
 def _problems(path: Path, text: str, data: dict[str, Any], findings: list[Finding]) -> list[Problem]:

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from fieldmap.device.current_division import divide_currents
 from fieldmap.device.document import Document, find_device_file, load_document
 from fieldmap.device.explain import explain
+from fieldmap.device.file_kinds import wrong_kind
 from fieldmap.device.findings import Finding, closest, one_of
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
@@ -80,9 +81,13 @@ def _find(path_or_name: str | Path) -> Path:
 
 def _loaded(path: Path) -> Document:
     try:
-        return load_document(path)
+        document = load_document(path)
     except DeviceFileError as error:
         raise StudyError(*error.problems) from error
+    wrong = wrong_kind(path, document.data, "study")
+    if wrong is not None:
+        raise StudyError(wrong)
+    return document
 
 
 def _recipe(contents: StudyFile, study_file: Document) -> Recipe | None:

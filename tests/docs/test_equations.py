@@ -1,4 +1,4 @@
-"""Every equation of a theory page that code, tests or pages cite by its number is there, each number once, without a gap."""
+"""Every equation that code, tests or pages cite by its number is on its page, each number once, without a gap."""
 
 import re
 from pathlib import Path

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldmap.device.document import Document, load_document, schema_findings
+from fieldmap.device.file_kinds import wrong_kind
 from fieldmap.device.findings import closest, one_of
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.dynamics.scenario.schema import ScenarioFile
@@ -51,6 +52,9 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
         document = load_document(path)
     except DeviceFileError as error:
         raise ScenarioError(*error.problems) from None
+    wrong = wrong_kind(path, document.data, "scenario")
+    if wrong is not None:
+        raise ScenarioError(wrong)
     data = tomllib.loads(document.text)
     for key, value in (changes or {}).items():
         _change(data, path, key, value)
@@ -63,6 +67,11 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
 def find_scenario(path_or_name: str | Path) -> Path:
     """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
     path = Path(path_or_name)
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
+        raise ScenarioError(
+            Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
+        )
     if path.is_file():
         return path
     shipped = shipped_file("maps", f"{FOLDER}/{path_or_name}")
