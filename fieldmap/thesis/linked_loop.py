@@ -5,7 +5,17 @@ from typing import Any
 import numpy as np
 
 from fieldmap.thesis.curves import Curves, Series
-from fieldmap.thesis.linked_runs import DEPTH, VERTICAL_PID, Readings, X, Y, ours, over_time, run_of
+from fieldmap.thesis.linked_runs import (
+    DEPTH,
+    VERTICAL_PID,
+    Readings,
+    X,
+    Y,
+    ours,
+    over_time,
+    run_of,
+    with_measured,
+)
 from fieldmap.thesis.registry import Answers
 
 TIMES = ("peak_time", "rise_time", "settling_time")
@@ -188,17 +198,22 @@ def spikes(inputs: dict[str, Any]) -> Answers:
         over_time("Figs 7-6, 7-8, 7-12: steps of x", X, runs, begin=1.0),
         over_time("Figs 7-11, 7-15: one step of x", X, one, begin=9.8, end=11.8),
         over_time("Figs 7-7, 7-9, 7-13: the height meanwhile", DEPTH, runs, begin=1.0),
-        over_time(
-            "Fig. 7-10: one spike with and without the push",
-            DEPTH,
-            {k: runs[k] for k in ("gain 1", "gain 1, push")},
-            begin=9.8,
-            end=11.8,
-        ),
+        _one_spike(inputs, runs),
         over_time("Fig. 7-14: the height at rest", DEPTH, {"depth": runs[tuned]}, end=2.0),
     )
     plain = run_of(inputs, "spikes", {"field.iron": "linearised"}).departure(DEPTH, 1.0)
     return Answers(numbers, curves, {"": _of_spikes(inputs["small_gains"], sizes, still, plain)})
+
+
+def _one_spike(inputs: dict[str, Any], runs: dict[str, Readings]) -> Curves:
+    """Fig. 7-10, with how far the rig went on the same step."""
+    both = {name: runs[name] for name in ("gain 1", "gain 1, push")}
+    window = (9.8, 11.8)
+    title = "Fig. 7-10: one spike with and without the push"
+    drawn = over_time(title, DEPTH, both, begin=window[0], end=window[1])
+    for words, peak in zip(("", ", push"), inputs["rig_peaks_mm"], strict=True):
+        drawn = with_measured(drawn, f"peak of the rig{words}", window, [peak, peak], points=False)
+    return drawn
 
 
 def _of_spikes(gains: Any, sizes: dict[str, float], still: float, plain: float) -> str:

@@ -27,7 +27,7 @@ def regulator(inputs: dict[str, Any]) -> Answers:
     numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
     numbers["rms_sideways"] = ours([run.rms(DEPTH, 1.0) for run in sides.values()], *sides.values())
     curves = (
-        *step_and_states(best, quiet),
+        *step_and_states(best, quiet, inputs["rig_peak"]),
         over_time("Figs 7-36, 7-38: the height while x and y step", DEPTH, dict(reversed(sides.items()))),
         over_time("Figs 7-35, 7-37: x meanwhile", X, sides),
     )

@@ -1,11 +1,11 @@
 """Runs of the shipped scenarios for rows S18 and S19: made, read in mm, judged, drawn."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.control import PID, StepMetrics, TransferFunction, simulate_loop
 from fieldmap.dynamics import ScenarioRun, simulate
@@ -119,6 +119,12 @@ def _asked(axis: int, readings: Mapping[str, Readings], begin: float, end: float
         line = Series("asked for", one.time[rows], one.wanted[rows, axis], "asked")
         series.setdefault(line.y[:: max(1, len(line.y) // 20)].tobytes(), line)
     return list(series.values())
+
+
+def with_measured(curves: Curves, name: str, x: ArrayLike, y: ArrayLike, *, points: bool = True) -> Curves:
+    """The same figure with what the thesis measured on its rig: marks, or a level from x[0] to x[1]."""
+    rig = Series(name, np.asarray(x, dtype=float), np.asarray(y, dtype=float), "measured", points=points)
+    return replace(curves, series=(*curves.series, rig))
 
 
 def answer_of(plant: TransferFunction, controller: PID, run: Readings, axis: int) -> Array:

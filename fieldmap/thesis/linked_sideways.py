@@ -1,12 +1,11 @@
 """S18: sway and block of 6.1, PD and PID of 6.5 and 6.6, range of 7.2.3, on the linked machine."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from fieldmap.thesis.curves import Curves, Series
-from fieldmap.thesis.linked_runs import DEPTH, Readings, X, Y, ours, over_time, run_of
+from fieldmap.thesis.curves import Curves
+from fieldmap.thesis.linked_runs import DEPTH, Readings, X, Y, ours, over_time, run_of, with_measured
 from fieldmap.thesis.registry import Answers
 
 UPWARD = {"reference.0.by_mm": -10.0}
@@ -101,8 +100,7 @@ def _under_pd(inputs: dict[str, Any], x: Readings, negative: Readings, y: Readin
     for k, one in enumerate(curves):
         at = means.get(one.figures[0])
         if at is not None:
-            rig = Series("mean of the rig", np.array(at[0]), np.asarray(at[1]), "measured", points=True)
-            curves[k] = replace(one, series=(*one.series, rig))
+            curves[k] = with_measured(one, "mean of the rig", *at)
     return curves
 
 

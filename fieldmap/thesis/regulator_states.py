@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.control import (
     Estimator,
@@ -19,7 +19,7 @@ from fieldmap.control import (
 )
 from fieldmap.dynamics.scenario.controller_keys import RegulatorKeys
 from fieldmap.thesis.curves import Curves, Series
-from fieldmap.thesis.linked_runs import DEPTH, Readings, over_time
+from fieldmap.thesis.linked_runs import DEPTH, Readings, over_time, with_measured
 
 Array = NDArray[np.float64]
 _BEGIN, _END = 0.9, 2.0
@@ -33,8 +33,8 @@ class _Design(NamedTuple):
     regulator: Regulator
 
 
-def step_and_states(run: Readings, quiet: Readings) -> list[Curves]:
-    """Figs 7-32 to 7-34: run with the sensor's noise, quiet without."""
+def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list[Curves]:
+    """Figs 7-32 to 7-34: run with the sensor's noise, quiet without. rig_peak: s after the step, mm beyond it."""
     design = _design(run)
     reference = run.wanted[:, DEPTH] - run.wanted[0, DEPTH]
     plant = StateSpace(*zero_order_hold(design.model.A, design.model.B, 2e-3), design.model.C, design.model.D)
@@ -48,6 +48,9 @@ def step_and_states(run: Readings, quiet: Readings) -> list[Curves]:
             title, DEPTH, lines, begin=_BEGIN, end=_END, remark=remark, models={"design model": position}
         )
     ]
+    after, beyond = np.asarray(rig_peak, dtype=float)
+    end = float(run.wanted[-1, DEPTH])
+    curves = [with_measured(curves[0], "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
     weight = design.regulator.equilibrium[1]
     estimates = {
         "ours": _of_the_machine(design, quiet),

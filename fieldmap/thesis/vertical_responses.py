@@ -7,7 +7,7 @@ import numpy as np
 
 from fieldmap.control import PID, TransferFunction, from_roots
 from fieldmap.thesis.curves import Curves, Series
-from fieldmap.thesis.linked_runs import DEPTH, Readings, answer_of, over_time, run_of
+from fieldmap.thesis.linked_runs import DEPTH, Readings, answer_of, over_time, run_of, with_measured
 from fieldmap.thesis.vertical import identified_plant
 
 _MACHINE = "linked machine"
@@ -100,6 +100,8 @@ def _steps(inputs: dict[str, Any], controllers: list[Gains]) -> list[Curves]:
         models = _models(inputs, run, gains, *names)
         title = f"Fig. 5-{number}: step of 1 mm, {ordinal} controller"
         curves.append(over_time(title, DEPTH, {_MACHINE: run}, begin=0.9, end=2.5, models=models))
+    after, overshoot = inputs["rig_peak"]
+    curves[0] = with_measured(curves[0], "peak of the rig, Table 7-1", [1.0 + after], [11.0 + overshoot])
     return curves
 
 

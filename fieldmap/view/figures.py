@@ -16,6 +16,11 @@ WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
 _LINES = {"ours": "-", "thesis": "--", "measured": "-.", "asked": "-"}
 _MARKS = {"ours": "o", "thesis": "s", "measured": "x", "asked": "."}
+# Hollow, so that ours shows through where both agree; heavy, so that a single cross is seen upon lines.
+_MARK_STYLES: dict[str, dict[str, Any]] = {
+    "thesis": {"markersize": 9, "markerfacecolor": "none"},
+    "measured": {"markersize": 8, "markeredgewidth": 1.8},
+}
 _ASKED = "#404040"
 _MANY = 5
 _APART, _MOSTLY = 0.01, 0.9
@@ -64,9 +69,13 @@ def _covers(series: Series, below: Series, curves: Curves) -> bool:
 
 def _style(series: Series) -> dict[str, Any]:
     if series.points:
-        style = {"linestyle": "none", "marker": _MARKS[series.kind], "markersize": 6, "zorder": 4}
-        # Hollow, so that ours shows through where both agree.
-        return style | ({"markersize": 9, "markerfacecolor": "none"} if series.kind == "thesis" else {})
+        style: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": _MARKS[series.kind],
+            "markersize": 6,
+            "zorder": 4,
+        }
+        return style | _MARK_STYLES.get(series.kind, {})
     if series.kind == "asked":
         return {"linestyle": _LINES["asked"], "linewidth": 0.9, "zorder": 1.5}
     # What is not ours lies on top, and through its gaps ours is seen.
