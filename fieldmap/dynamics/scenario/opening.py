@@ -62,13 +62,14 @@ def magnet_at(scenario: Scenario, opened: FieldMap, body: RigidBody) -> Array:
 def with_depth(scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody) -> Scenario:
     """The scenario with the depth of its start: the given one, or that of the middle of the map, or of the place next
     to it at which half of what amplifiers and supply give carries the body, with its moment along the field if it may
-    turn; the middle where there is none."""
+    turn; where there is none, of the place that takes the least, and the middle where nothing lifts."""
     if scenario.contents.start.depth_mm is not None:
         return scenario
-    middle = 0.5 * (opened.lower[2] + opened.upper[2])
+    middle = 0.5 * float(opened.lower[2] + opened.upper[2])
     room = 0.05 * (opened.upper[2] - opened.lower[2])
     heights = np.linspace(opened.lower[2] + room, opened.upper[2] - room, _HEIGHTS)
     low, high = drive_of_device(device, scenario.contents.coils.lowest_voltage_V).steady
+    chosen, least = _begun(scenario, middle, body), np.inf
     for height in sorted(heights, key=lambda z: abs(z - middle)):
         there = _begun(scenario, float(height), body)
         point = magnet_at(there, opened, body)
@@ -77,9 +78,13 @@ def with_depth(scenario: Scenario, device: Device, opened: FieldMap, body: Rigid
         except Infeasible:
             continue
         along = float(opened.field(point, currents) @ body.magnet.moments.sum(axis=0)) > 0.0
-        if (currents <= _EASY * high).all() and (currents >= _EASY * low).all() and (along or body.upright):
-            return there
-    return _begun(scenario, float(middle), body)
+        limit = np.where(currents > 0.0, high, -low)
+        share = float(np.max(np.abs(currents) / np.maximum(limit, 1e-12)))
+        if share < least and (along or body.upright):
+            chosen, least = there, share
+        if least <= _EASY:
+            break
+    return chosen
 
 
 def _begun(scenario: Scenario, height: float, body: RigidBody) -> Scenario:
