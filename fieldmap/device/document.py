@@ -9,11 +9,11 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from fieldmap.device.explain import explain
-from fieldmap.device.findings import Finding, closest, one_of, shown
+from fieldmap.device.findings import Finding, shown
+from fieldmap.device.input_files import find_input_file
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import DeviceFileError, Problem
-from fieldmap.shipped import shipped_file, shipped_names
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -44,20 +44,7 @@ class Document:
 
 def find_device_file(path_or_name: str | Path) -> Path:
     """The file at a path, or the shipped one of that name; DeviceFileError if there is neither."""
-    path = Path(path_or_name)
-    if path.is_file():
-        return path
-    shipped = shipped_file("geometry", str(path_or_name))
-    if shipped is not None:
-        return shipped
-    names = shipped_names("geometry")
-    guess = closest(path.stem, names)
-    remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
-    raise DeviceFileError(
-        Problem(
-            str(path_or_name), "must be a device file or the name of a shipped device", "no such file", remedy
-        )
-    )
+    return find_input_file(path_or_name, "device", DeviceFileError, "geometry")
 
 
 def load_document(path: Path) -> Document:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -291,8 +291,3 @@ def simulate_many(
         return done(map(job, range(len(jobs))))
     with ThreadPoolExecutor(threads, "fieldmap dynamics") as pool:
         return done(pool.map(job, range(len(jobs))))
-
-
-def with_plate(machine: Machine, plate: Plate | None) -> Machine:
-    """The same machine with another plate, or none."""
-    return replace(machine, plate=plate)

@@ -13,6 +13,7 @@ from fieldmap.device.document import load_document
 from fieldmap.device.explain import explain
 from fieldmap.device.file_kinds import wrong_kind
 from fieldmap.device.findings import Finding, closest, one_of, shown
+from fieldmap.device.input_files import find_input_file
 from fieldmap.device.key_paths import dotted
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import DeviceFileError, Problem, RecipeError
@@ -76,7 +77,7 @@ def read_recipe(path_or_name: str | Path) -> Recipe:
     >>> read_recipe("quick").device
     'disk_six_cores'
     """
-    path = _find(path_or_name)
+    path = find_input_file(path_or_name, "recipe", RecipeError, "maps")
     text, data = _load(path)
     try:
         contents = RecipeFile.model_validate(data)
@@ -136,20 +137,6 @@ def read_recipe_device(recipe: Recipe) -> Device:
     )
     must_hold = "a device file relative to the recipe, or the name of a shipped device"
     raise recipe.error("device", must_hold, shown(recipe.device), remedy)
-
-
-def _find(path_or_name: str | Path) -> Path:
-    path = Path(path_or_name)
-    if path.is_file():
-        return path
-    shipped = shipped_file("maps", str(path_or_name))
-    if shipped is not None:
-        return shipped
-    names = shipped_names("maps")
-    guess = closest(path.stem, names)
-    remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
-    must_hold = "must be a recipe file or the name of a shipped recipe"
-    raise RecipeError(Problem(str(path_or_name), must_hold, "no such file", remedy))
 
 
 def _load(path: Path) -> tuple[str, dict[str, Any]]:

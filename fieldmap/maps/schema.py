@@ -4,10 +4,11 @@ import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from fieldmap.device.findings import shown
 from fieldmap.device.schema.base import LARGEST_LENGTH_MM, Point, Positive, Table, Text, broken
+from fieldmap.device.schema.workspace import above_lower
 
 FORMAT = 1
 LARGEST_CURRENT_A = 1e6
@@ -68,18 +69,7 @@ class BoxKeys(Table):
     lower_mm: Point = Field(description="[x, y, z] of the corner with the smallest coordinates")
     upper_mm: Point = Field(description="[x, y, z] of the opposite corner")
 
-    @field_validator("upper_mm")
-    @classmethod
-    def _not_empty(cls, value: list[float], info: ValidationInfo) -> list[float]:
-        lower = info.data.get("lower_mm", [])
-        empty = [axis for axis, low, high in zip("xyz", lower, value, strict=False) if high <= low]
-        if empty:
-            raise broken(
-                "the box must not be empty: every entry of upper_mm above that of lower_mm",
-                f"upper_mm = {value} with lower_mm = {lower} (along {', '.join(empty)})",
-                "swap the two corners, or correct them; z is up, so -140 lies below -76",
-            )
-        return value
+    _not_empty = field_validator("upper_mm")(above_lower)
 
 
 class IronKeys(Table):

@@ -10,12 +10,12 @@ from fieldmap.device.current_division import divide_currents
 from fieldmap.device.document import Document, find_device_file, load_document
 from fieldmap.device.explain import explain
 from fieldmap.device.file_kinds import wrong_kind
-from fieldmap.device.findings import Finding, closest, one_of
+from fieldmap.device.findings import Finding
+from fieldmap.device.input_files import find_input_file
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
-from fieldmap.shipped import shipped_file, shipped_names
 from fieldmap.studies.device_checks import device_findings
 from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
 from fieldmap.studies.schema import CurrentKeys, StudyFile
@@ -36,7 +36,7 @@ def read_study(path_or_name: str | Path) -> Study:
     >>> study.shape, len(study.variants)
     ((4, 3), 12)
     """
-    path = _find(path_or_name)
+    path = find_input_file(path_or_name, "study", StudyError, "maps", "studies")
     study_file = _loaded(path)
     try:
         contents = StudyFile.model_validate(study_file.data)
@@ -63,20 +63,6 @@ def read_study(path_or_name: str | Path) -> Study:
         device_document=document,
         coil_names=device.coil_names,
     )
-
-
-def _find(path_or_name: str | Path) -> Path:
-    path = Path(path_or_name)
-    if path.is_file():
-        return path
-    shipped = shipped_file("maps", f"studies/{path_or_name}")
-    if shipped is not None:
-        return shipped
-    names = [Path(name).name for name in shipped_names("maps", "studies")]
-    guess = closest(path.stem, names)
-    remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
-    must_hold = "must be a study file or the name of a shipped study"
-    raise StudyError(Problem(str(path_or_name), must_hold, "no such file", remedy))
 
 
 def _loaded(path: Path) -> Document:

@@ -19,6 +19,19 @@ from fieldmap.device.schema.base import (
 )
 
 
+def above_lower(value: list[float], info: ValidationInfo) -> list[float]:
+    """upper_mm, if every entry of it lies above that of lower_mm."""
+    lower = info.data.get("lower_mm", [])
+    empty = [axis for axis, low, high in zip("xyz", lower, value, strict=False) if high <= low]
+    if empty:
+        raise broken(
+            "the box must not be empty: every entry of upper_mm above that of lower_mm",
+            f"upper_mm = {value} with lower_mm = {lower} (along {', '.join(empty)})",
+            "swap the two corners, or correct them; z is up, so -140 lies below -76",
+        )
+    return value
+
+
 class WorkspaceBoxKeys(Table):
     """Axis-parallel box."""
 
@@ -26,18 +39,7 @@ class WorkspaceBoxKeys(Table):
     lower_mm: Point = Field(description="[x, y, z] of the corner with the smallest coordinates")
     upper_mm: Point = Field(description="[x, y, z] of the opposite corner")
 
-    @field_validator("upper_mm")
-    @classmethod
-    def _not_empty(cls, value: list[float], info: ValidationInfo) -> list[float]:
-        lower = info.data.get("lower_mm", [])
-        empty = [axis for axis, low, high in zip("xyz", lower, value, strict=False) if high <= low]
-        if empty:
-            raise broken(
-                "the workspace must not be empty: every entry of upper_mm above that of lower_mm",
-                f"upper_mm = {value} with lower_mm = {lower} (along {', '.join(empty)})",
-                "swap the two corners, or correct them; z is up, so -140 lies below -76",
-            )
-        return value
+    _not_empty = field_validator("upper_mm")(above_lower)
 
     def to_model(self) -> model.WorkspaceBox:
         """In SI."""

@@ -9,11 +9,10 @@ from typing import Any
 
 from fieldmap.device.document import Document, load_document, schema_findings
 from fieldmap.device.file_kinds import wrong_kind
-from fieldmap.device.findings import closest, one_of
+from fieldmap.device.input_files import find_input_file
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.dynamics.scenario.schema import ScenarioFile
 from fieldmap.errors import DeviceFileError, Problem, ScenarioError
-from fieldmap.shipped import shipped_file, shipped_names
 
 FOLDER = "scenarios"
 
@@ -66,22 +65,12 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
 
 def find_scenario(path_or_name: str | Path) -> Path:
     """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
-    path = Path(path_or_name)
-    if path.suffix.lower() in (".h5", ".hdf5"):
+    if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
         remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
         raise ScenarioError(
             Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
         )
-    if path.is_file():
-        return path
-    shipped = shipped_file("maps", f"{FOLDER}/{path_or_name}")
-    if shipped is not None:
-        return shipped
-    names = [name.removeprefix(f"{FOLDER}/") for name in shipped_names("maps", FOLDER)]
-    guess = closest(path.stem, names)
-    remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
-    must_hold = "must be a scenario file or the name of a shipped scenario"
-    raise ScenarioError(Problem(str(path_or_name), must_hold, "no such file", remedy))
+    return find_input_file(path_or_name, "scenario", ScenarioError, "maps", FOLDER)
 
 
 def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:

@@ -39,42 +39,30 @@ def cannot_build(label: str, kind: str, name: str, error: Exception) -> Problem:
 
 def workspace_occupied(label: str, overlap: Overlap) -> Problem:
     """A workspace that reaches into a body or a winding."""
-    return Problem(
-        f"{label}: {overlap.first} and {overlap.second}",
-        "the workspace must be free of bodies and windings",
-        str(overlap),
-        "make the workspace smaller or move it",
-    )
+    must_hold = "the workspace must be free of bodies and windings"
+    return _overlapping(label, overlap, must_hold, "make the workspace smaller or move it")
 
 
 def bodies_overlap(label: str, overlap: Overlap) -> Problem:
     """Two bodies in one place."""
-    return Problem(
-        f"{label}: {overlap.first} and {overlap.second}",
-        "bodies may touch but not overlap",
-        str(overlap),
-        "move or shorten one, or cut the overlap from it",
-    )
+    remedy = "move or shorten one, or cut the overlap from it"
+    return _overlapping(label, overlap, "bodies may touch but not overlap", remedy)
 
 
 def winding_cuts_body(label: str, overlap: Overlap) -> Problem:
     """A winding in the place of iron."""
-    return Problem(
-        f"{label}: {overlap.first} and {overlap.second}",
-        "a winding must not cut a body",
-        str(overlap),
-        "correct the winding's widths or place, or cut the body",
-    )
+    remedy = "correct the winding's widths or place, or cut the body"
+    return _overlapping(label, overlap, "a winding must not cut a body", remedy)
 
 
 def windings_overlap(label: str, overlap: Overlap) -> Problem:
     """Two windings that share a part of their space."""
-    return Problem(
-        f"{label}: {overlap.first} and {overlap.second}",
-        "windings must not overlap, unless both fill the very same space",
-        str(overlap),
-        "correct the widths or places of the windings",
-    )
+    must_hold = "windings must not overlap, unless both fill the very same space"
+    return _overlapping(label, overlap, must_hold, "correct the widths or places of the windings")
+
+
+def _overlapping(label: str, overlap: Overlap, must_hold: str, remedy: str) -> Problem:
+    return Problem(f"{label}: {overlap.first} and {overlap.second}", must_hold, str(overlap), remedy)
 
 
 def pinched(label: str, pinch: Pinch) -> Problem:

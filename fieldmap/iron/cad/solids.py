@@ -88,13 +88,6 @@ def glue_bodies(device: Device) -> occ.TopoDS_Shape:
     return glue_solids(body_solid(body, source) for body in device.bodies)
 
 
-def touching_bodies(device: Device) -> tuple[tuple[str, ...], ...]:
-    """Names of the bodies, one tuple for each group connected through shared faces, in device order."""
-    if not device.bodies:
-        return ()
-    return connected_names(glue_bodies(device), tuple(body.name for body in device.bodies))
-
-
 def connected_names(glued: occ.TopoDS_Shape, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Groups of `names` whose solids in `glued` share faces, directly or through others, in given order."""
     group = {name: {name} for name in names}

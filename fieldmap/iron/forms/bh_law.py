@@ -6,8 +6,9 @@ is convex. Below the first point of a table and above its last the stated laws h
 densely that the cubics differ from them by less than 1e-6 of J.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,15 +183,21 @@ def _tail_value(h: Array, tail: _Tail) -> Array:
     return tail.saturation - tail.rest / (1 + tail.slope * (h - tail.start) / tail.rest)
 
 
-def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
-    """Flux density b (e,) in T and int_0^h b dh (e,) in T^2 at mu0 H = h (e,) for laws with these numbers (e,)."""
-    b, stored = np.empty_like(h), np.empty_like(h)
+def _by_law(tables: LawTables, law: NDArray[np.int64], h: Array) -> Iterator[tuple[Any, ...]]:
+    """For each law: which h are its own, its knots and coefficients, and in which piece these h lie."""
     for number in np.unique(law):
         mine = law == number
         piece = slice(tables.offset[number], tables.offset[number + 1])
-        knots, c = tables.knots[piece], tables.coefficients[piece]
-        at_knots = np.concatenate([[0.0], np.cumsum(_integral(c[:-1], np.diff(knots)))])
+        knots = tables.knots[piece]
         j = np.clip(np.searchsorted(knots, h[mine], side="right") - 1, 0, len(knots) - 1)
+        yield mine, knots, tables.coefficients[piece], j
+
+
+def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
+    """Flux density b (e,) in T and int_0^h b dh (e,) in T^2 at mu0 H = h (e,) for laws with these numbers (e,)."""
+    b, stored = np.empty_like(h), np.empty_like(h)
+    for mine, knots, c, j in _by_law(tables, law, h):
+        at_knots = np.concatenate([[0.0], np.cumsum(_integral(c[:-1], np.diff(knots)))])
         t = h[mine] - knots[j]
         b[mine] = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
         stored[mine] = at_knots[j] + _integral(c[j], t)
@@ -200,11 +207,7 @@ def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Arr
 def law_slopes(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
     """Chord b/h and slope db/dh (e,) at mu0 H = h (e,); at h = 0 both are the initial slope."""
     chord, slope = np.empty_like(h), np.empty_like(h)
-    for number in np.unique(law):
-        mine = law == number
-        piece = slice(tables.offset[number], tables.offset[number + 1])
-        knots, c = tables.knots[piece], tables.coefficients[piece]
-        j = np.clip(np.searchsorted(knots, h[mine], side="right") - 1, 0, len(knots) - 1)
+    for mine, knots, c, j in _by_law(tables, law, h):
         t = h[mine] - knots[j]
         slope[mine] = (3 * c[j, 0] * t + 2 * c[j, 1]) * t + c[j, 2]
         b = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
