@@ -78,9 +78,14 @@ def test_json_has_the_fields_that_others_read(capsys):
 COSTLY = {"S4_levitation", "S5_current_ratio", "S10", "S16_map_plant", "S17_map_plant"}
 
 
+def stand_in(printed):
+    title = f"Figs {', '.join(printed.figures)}: nothing"
+    return Answers(ones(printed), (Curves(title, "x (mm)", "y (T)", ()),) if printed.figures else ())
+
+
 def test_table_names_every_row(capsys, monkeypatch, tmp_path):
     def function(part):
-        return (lambda inputs: ones(read_part(part))) if part in COSTLY else function_of(part)
+        return (lambda inputs: stand_in(read_part(part))) if part in COSTLY else function_of(part)
 
     assert COSTLY.isdisjoint(SHARP)
     monkeypatch.setattr("fieldmap.thesis.computation.function_of", function)
