@@ -27,11 +27,13 @@ def print_runs(outcome: Outcome) -> None:
 def _facts(batch: Batch) -> Any:
     rest, contents = batch.experiment.rest, batch.experiment.scenario.contents
     amperes = ", ".join(f"{value:.4g}" for value in rest.currents)
+    # A force that steps between cells of a coarse map has no zero.
+    left = f"; {rest.residual:.0e} of the weight left" if rest.residual > 1e-6 else ""
     x, y, depth = _reading(batch)
     simulated = sum(result.metrics.end_s for result in batch.results)
     rows = [("value", batch.label)] if batch.label else []
     rows += [
-        ("at rest", f"x {x:.3f}, y {y:.3f}, depth {depth:.3f} mm; currents {amperes} A"),
+        ("at rest", f"x {x:.3f}, y {y:.3f}, depth {depth:.3f} mm; currents {amperes} A{left}"),
         (
             "simulated",
             f"{count_of(len(batch.results), 'run', 'runs')} of {contents.duration_s:g} s in {batch.seconds:.2f} s of "

@@ -53,10 +53,10 @@ def least_power_mixing(force_per_ampere: ArrayLike, shares: ArrayLike, volts: fl
         except Infeasible:
             columns.append(np.zeros_like(lift))
             idle.append("xy"[axis])
-    words = [
-        f"coils by least power: lift in the shares {', '.join(f'{share:.3g}' for share in lift)}; "
-        f"signals x and y of 1 add {volts:.3g} V to a coil"
-    ]
+    shown = ", ".join(f"{share:.3g}" for share in lift)
+    held = " or ".join(axis for axis in "xy" if axis not in idle)
+    signals = f"; a signal {held} of 1 adds {volts:.3g} V to a coil" if held else ""
+    words = [f"coils by least power: lift in the shares {shown}{signals}"]
     words += [f"the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle]
     return Mixing(np.column_stack(columns), np.zeros(len(lift)), SIGNALS, tuple(idle), tuple(words))
 

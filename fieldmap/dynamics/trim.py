@@ -51,8 +51,8 @@ def trim(machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLi
     numbers as there are NaN, which must be three: for a division the lift is free where the height is given, and x or
     the x signal, y or the y signal. guess (m,): outputs where the search begins, for those that are free. Currents are
     those that the amplifiers make of the outputs, without limits and steps. Raises InputError for another number of
-    NaN, NoEquilibrium where the
-    search ends with forces left.
+    NaN, NoEquilibrium where the search ends with more than 2e-4 of the weight left, by which a force may step between
+    the cells of a coarse map.
     """
     place, given = np.array(sensed, float), np.array(outputs, float)
     check_signal("trim(guess)", guess)

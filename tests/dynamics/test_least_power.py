@@ -190,3 +190,14 @@ def test_a_map_without_a_device_needs_one(some):
     path = some(RING, records=False).parent / "some.h5"
     with pytest.raises(ScenarioError, match="must be named"):
         prepare(read_scenario("hold", {"map": str(path)}))
+
+
+@pytest.mark.parametrize("table", ["payload", "driver"])
+def test_a_device_without_magnet_or_amplifiers_is_told(some, table):
+    path = some(RING)
+    bare = DEVICE.format(coils="".join(COIL.format(name=k, x=100 * k) for k in range(4)))
+    begin = bare.index(f"[{table}]")
+    end = bare.index("[driver]") if table == "payload" else len(bare)
+    (path.parent / "some.toml").write_text(bare[:begin] + bare[end:])
+    with pytest.raises(ScenarioError, match=rf"must have a \[{table}\]"):
+        prepare(read_scenario(path))

@@ -37,6 +37,12 @@ def device_and_map(scenario: Scenario, field_map: FieldMap | None) -> tuple[Devi
             must = "must be named where the map does not record one"
             raise scenario.error("device", must, "none", 'add device = "FILE.toml"')
         device = recorded_device(text)
+    for table, there in (("payload", device.payload), ("driver", device.driver)):
+        if there is None:
+            remedy = f"add [{table}] to the device file"
+            if named is None:
+                remedy += ", which the map recorded as it was, and name the file: --set device=FILE.toml"
+            raise scenario.error("device", f"must have a [{table}]", "none", remedy)
     if len(opened.coil_names) != len(device.coils):
         must = f"must be a map of the device's {len(device.coils)} coils"
         received = f"{len(opened.coil_names)} coils"

@@ -21,8 +21,7 @@ MILLI = 1e-3
 def body_of(scenario: Scenario, device: Device, opened: FieldMap) -> RigidBody:
     """The body of [body] around the device's magnet."""
     keys, payload = scenario.contents.body, device.payload
-    if payload is None:
-        raise scenario.error("device", "must have a payload", "none", "add [payload] to the device file")
+    assert payload is not None
     if keys.magnet_offset_mm is not None:
         payload = replace(payload, magnet_offset=MILLI * keys.magnet_offset_mm)
     magnet = None
