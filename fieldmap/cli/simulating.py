@@ -201,5 +201,6 @@ def _picture(batch: Batch, result: Result) -> dict[str, Any]:
         "true": reading_mm(scenario, run.sensed) if some else empty,
         "seen": reading_mm(scenario, run.seen) if some else empty,
         "currents": run.currents if some else np.zeros((1, run.coils)),
+        "coil_names": batch.experiment.device.coil_names,
         "event": result.metrics.event,
     }

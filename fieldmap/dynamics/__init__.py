@@ -22,6 +22,7 @@ from fieldmap.dynamics.closed_loop import (
 )
 from fieldmap.dynamics.drives import CoilDrive, drive_of_device
 from fieldmap.dynamics.iron import FieldOfCurrents, linearised, superposed, tabled
+from fieldmap.dynamics.least_power import least_power_mixing, lift_shares
 from fieldmap.dynamics.linear import (
     LinearMachine,
     close_loop,
@@ -81,6 +82,8 @@ __all__ = [
     "coupling",
     "drive_of_device",
     "energy",
+    "least_power_mixing",
+    "lift_shares",
     "linear_points",
     "linearise",
     "linearised",

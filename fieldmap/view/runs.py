@@ -25,8 +25,8 @@ _ABOVE: dict[str, Any] = {
 def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
     """References, true and seen positions of each axis, and the currents, over time.
 
-    runs: of each run `time` (r,), s, `wanted`, `true` and `seen` (r, 3), mm, `currents` (r, n), A, and `event`, what
-    ended it or "". More than one run: true positions only, one line each.
+    runs: of each run `time` (r,), s, `wanted`, `true` and `seen` (r, 3), mm, `currents` (r, n), A, `event`, what ended
+    it or "", and where there are any `coil_names`. More than one run: true positions only, one line each.
     """
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = figure.subplots(4, 1, sharex=True)
@@ -43,6 +43,7 @@ def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
                 alpha=0.6 if many else 1.0,
                 label="true",
             )
+        names = run.get("coil_names", range(1, run["currents"].shape[1] + 1))
         for coil, current in enumerate(run["currents"].T):
             colour = COLOURS[coil % len(COLOURS)]
             axes[3].plot(
@@ -51,7 +52,7 @@ def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
                 color=colour,
                 linewidth=0.7,
                 alpha=0.3 if many else 1.0,
-                label=f"coil {coil + 1}" if run is runs[0] else None,
+                label=f"coil {names[coil]}" if run is runs[0] else None,
             )
         if run["event"]:
             axes[2].annotate(run["event"], (time[-1], run["true"][-1, 2]), fontsize=8, ha="right")

@@ -201,3 +201,10 @@ def test_a_device_without_magnet_or_amplifiers_is_told(some, table):
     (path.parent / "some.toml").write_text(bare[:begin] + bare[end:])
     with pytest.raises(ScenarioError, match=rf"must have a \[{table}\]"):
         prepare(read_scenario(path))
+
+
+def test_saturating_iron_that_pushes_down_is_told(saturating):
+    """Its field at equal currents of its division rises downward: dBz/dz < 0 on the axis."""
+    given = {"device": "drive_unit", "start.depth_mm": -15.0}
+    with pytest.raises(Infeasible, match=r"equal currents of 1 to 2\.2 A must carry"):
+        prepare(read_scenario("hold", given), saturating())

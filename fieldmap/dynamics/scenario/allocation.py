@@ -68,10 +68,11 @@ def _equal(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) 
     domain = division_domain(opened)
     levels = np.linspace(domain[0][0], domain[1][0], 9) if domain else np.linspace(0.3, 3.0, 10)
     moment, weight = body.magnet.moment * scale, body.mass * body.gravity
-    lift = np.array([moment * abs(opened.gradient(point, np.full(coils, i))[2, 2]) for i in levels])
+    lift = np.array([moment * opened.gradient(point, np.full(coils, i))[2, 2] for i in levels])
     if lift.max() < weight:
         share = f"{lift.max() / weight:.2g} of the weight at most"
-        where = scenario.error("field.scale", "the field must carry the body", share, "raise the scale")
+        must = f"equal currents of {levels[0]:.3g} to {levels[-1]:.3g} A must carry the body at the start"
+        where = scenario.error("field.scale", must, share, "raise the scale, or begin higher")
         raise Infeasible(where.problems[0])
     return np.full(coils, float(np.interp(weight, lift, levels)))
 
