@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 _MACHINE = "linked machine"
 _FREE = {"kind": "constant"}
 _TRIES = 4
-_FITTED = "integral time of the model that leaves the least squares against ours"
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def records(inputs: dict[str, Any]) -> Answers:
         *_ratio(inputs, controls, runs, times),
         *_deeper(inputs, controls[0]),
     )
-    return Answers(numbers, curves, {"model_Ti": f"Found as {_FITTED}."})
+    return Answers(numbers, curves, {"model_Ti": "Found by least squares over the 10 s after the step."})
 
 
 def _models(inputs: Mapping[str, Any], axis: str) -> dict[str, TransferFunction]:

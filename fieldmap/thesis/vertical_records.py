@@ -55,8 +55,8 @@ def records(inputs: dict[str, Any]) -> Answers:
 
 
 def _slowest_pair(poles: NDArray[np.complex128]) -> complex:
-    """The complex pair, or the middle of the two slowest poles where all are real."""
-    slowest = poles[np.argsort(-np.abs(poles))][:2]
+    """The pair nearest to q = 1, or the middle of the two poles nearest to it where all are real."""
+    slowest = poles[np.argsort(np.abs(poles - 1.0))][:2]
     return complex(slowest.real.mean(), np.abs(slowest.imag).max())
 
 
