@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fieldmap.control.identification import (
     Estimate,
+    EstimatedRuns,
     Orders,
     generalised_least_squares,
     modified_least_squares,
@@ -34,8 +35,7 @@ def records(inputs: dict[str, Any]) -> Answers:
     """Table 5-2 from steps of the linked machine, and the figures of chapter 5."""
     Ti, Td = inputs["Ti"], inputs["Td"]
     steps = {float(Kc): step_of(inputs, (float(Kc), Ti, Td), 8.0, 1.0) for Kc in inputs["gains"]}
-    seen, wanted = (np.array(signals) for signals in zip(*map(_around, steps.values()), strict=True))
-    found = modified_least_squares_runs(seen, wanted, _REDUCED)
+    found = _identified(steps)
     pairs = np.array([_slowest_pair(poles) for poles in found.poles])
     every = tuple(steps.values())
     numbers = {
@@ -51,7 +51,21 @@ def records(inputs: dict[str, Any]) -> Answers:
         _poles(inputs, pairs),
         *responses(inputs, steps),
     )
-    return Answers(numbers, curves)
+    return Answers(numbers, curves, {"pair_imaginary": _of_less_gain(inputs)})
+
+
+def _identified(steps: Mapping[float, Readings]) -> EstimatedRuns:
+    """(5-15) of each record."""
+    seen, wanted = (np.array(signals) for signals in zip(*map(_around, steps.values()), strict=True))
+    return modified_least_squares_runs(seen, wanted, _REDUCED)
+
+
+def _of_less_gain(inputs: dict[str, Any]) -> str:
+    """What the calibration at one depth leaves open would do to the poles."""
+    share, Ti, Td = inputs["less_gain"], inputs["Ti"], inputs["Td"]
+    steps = {float(Kc): step_of(inputs, (float(share * Kc), Ti, Td), 8.0, 1.0) for Kc in inputs["gains"]}
+    parts = [f"{_slowest_pair(poles).imag:.3f}" for poles in _identified(steps).poles]
+    return f"A gain of {share:g} times ours, which would bring the overshoot of Table 7-1, gives {', '.join(parts)}."
 
 
 def _slowest_pair(poles: NDArray[np.complex128]) -> complex:
