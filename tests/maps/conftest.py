@@ -2,6 +2,8 @@
 
 import pytest
 
+from fieldmap.maps import generate
+
 DEVICE = """
 format = 1
 name = "pair"
@@ -124,6 +126,15 @@ def rig(tmp_path):
     (tmp_path / "pair.toml").write_text(DEVICE)
     (tmp_path / "recipe.toml").write_text(RECIPE)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def rig_map(tmp_path_factory):
+    """The map of that recipe, to be read only; the device lies beside it."""
+    folder = tmp_path_factory.mktemp("rig")
+    (folder / "pair.toml").write_text(DEVICE)
+    (folder / "recipe.toml").write_text(RECIPE)
+    return generate(folder / "recipe.toml", folder / "map.h5")
 
 
 @pytest.fixture

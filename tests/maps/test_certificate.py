@@ -29,11 +29,11 @@ def dense_points(opened, count=20_000):
 
 
 @pytest.mark.parametrize("kind", ["harmonic", "global"])
-def test_nothing_is_further_off_than_the_bound(rig, kind):
-    opened = open_map(generate(rig / "recipe.toml", rig / "map.h5"), kind)
+def test_nothing_is_further_off_than_the_bound(rig_map, kind):
+    opened = open_map(rig_map, kind)
     points = dense_points(opened)
     # The coils of this device have no iron: their exact field is that of the sources alone.
-    exact = unit_flux_densities(read_device(rig / "pair.toml").coils, points)
+    exact = unit_flux_densities(read_device(rig_map.with_name("pair.toml")).coils, points)
     error = np.linalg.norm(opened.unit_field(points).swapaxes(0, 1) - exact, axis=2).sum(axis=0).max()
     bound = opened.error_bound.flux_density
     assert error <= bound
@@ -41,9 +41,9 @@ def test_nothing_is_further_off_than_the_bound(rig, kind):
     assert bound < 12 * error
 
 
-def test_gradient_is_bounded_by_differences_of_the_exact_field(rig):
-    opened = open_map(generate(rig / "recipe.toml", rig / "map.h5"))
-    coils, step = read_device(rig / "pair.toml").coils, 1e-5
+def test_gradient_is_bounded_by_differences_of_the_exact_field(rig_map):
+    opened = open_map(rig_map)
+    coils, step = read_device(rig_map.with_name("pair.toml")).coils, 1e-5
     points = np.clip(dense_points(opened, 300), opened.lower + step, opened.upper - step)
     ours = opened.unit_gradient(points).swapaxes(0, 1)
     slopes = [
@@ -54,10 +54,10 @@ def test_gradient_is_bounded_by_differences_of_the_exact_field(rig):
     assert error <= opened.error_bound.gradient < 30 * error
 
 
-def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig):
+def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig_map):
     """The certificate compares with the solver, not with the nodes."""
-    data = read_map(generate(rig / "recipe.toml", rig / "map.h5"))
-    coils = read_device(rig / "pair.toml").coils
+    data = read_map(rig_map)
+    coils = read_device(rig_map.with_name("pair.toml")).coils
 
     def louder(points):
         flux = 1.01 * unit_flux_densities(coils, points)
@@ -99,8 +99,8 @@ def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states, 
         assert largest[1] <= bound.gradient < 30 * largest[1]
 
 
-def test_forms_without_a_certificate_say_so(rig):
-    assert open_map(generate(rig / "recipe.toml", rig / "map.h5"), "hermite").error_bound is None
+def test_forms_without_a_certificate_say_so(rig_map):
+    assert open_map(rig_map, "hermite").error_bound is None
 
 
 @pytest.mark.parametrize(("count", "degree"), [(24, 18), (12, 8), (5, 4)])

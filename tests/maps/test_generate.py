@@ -1,5 +1,8 @@
 """From recipe to map: against closed forms and the solver, finished maps left alone, bad input leaving nothing."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -28,8 +31,10 @@ def on_axis(z, centre, turns):
 
 
 @pytest.fixture
-def path(rig):
-    return generate(rig / "recipe.toml", rig / "out" / "map.h5")
+def path(rig, rig_map):
+    """A copy of the finished map, beside its recipe."""
+    (rig / "out").mkdir()
+    return Path(shutil.copy(rig_map, rig / "out" / "map.h5"))
 
 
 def test_field_on_the_axis_is_the_closed_form(path):
@@ -93,7 +98,8 @@ def test_recorded_interpolation_error_is_what_other_points_show(path, rig):
     assert opened.error_bound is None  # of this form
 
 
-def test_half_the_spacing_gives_a_sixteenth_of_the_error(rig, recipe_text):
+def test_half_the_spacing_gives_a_sixteenth_of_the_error(rig, recipe_text, monkeypatch):
+    monkeypatch.setattr(generation, "certified_bounds", lambda *_: {})  # another error, and most of the time
     errors = []
     for spacing in ("4.0", "2.0", "1.0"):
         (rig / "recipe.toml").write_text(recipe_text.replace("2.0", spacing))
