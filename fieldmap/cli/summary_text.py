@@ -102,7 +102,8 @@ def _solver_words(solver: dict[str, Any]) -> list[str]:
     for key, text in (("tetrahedra", "tetrahedra"), ("surface_faces", "surface faces")):
         if key in solver:
             words.append(f"{solver[key]:,} {text}".replace(",", " "))
-    if isinstance(solver.get("seconds"), Mapping):
+    # Of a reduced model these are of its mesh alone; the line of the cost says all.
+    if isinstance(solver.get("seconds"), Mapping) and "generation_seconds" not in solver:
         words.append(f"{sum(solver['seconds'].values()):.0f} s")
     return words
 

@@ -85,7 +85,7 @@ def _by_two_estimators(inputs: dict[str, Any], run: Readings) -> Curves:
     """Fig. 5-2: what they make of one step in the structure (5-13)."""
     seen, wanted = _around(run)
     time, shown = run.time[run.during(_BEGIN)], slice(0, int(_SHOWN / inputs["Ts_s"]))
-    series, remark = [Series("measured depth", time[shown], seen[shown])], "Structure (5-13)."
+    series, remark = [Series("linked machine (ours)", time[shown], seen[shown])], "Structure (5-13)."
     for name, estimator in _ESTIMATORS.items():
         try:
             found = estimator(seen, wanted, _FULL, inputs["Ts_s"], tolerance=_SETTLED)
@@ -123,7 +123,7 @@ def _of_the_step(steps: Mapping[float, Readings]) -> tuple[Curves, ...]:
     signal = Series("output", run.time[rows], run.run.outputs[rows, 0])
     title = f"Fig. 5-4: step from 8 to 9 mm, $K_c$ = {Kc:g} V/mm"
     return (
-        over_time(title, DEPTH, {"measured depth": run}, begin=_BEGIN, end=_BEGIN + _SHOWN),
+        over_time(title, DEPTH, {"linked machine (ours)": run}, begin=_BEGIN, end=_BEGIN + _SHOWN),
         Curves("Fig. 5-5: output of the controller meanwhile", "time (s)", "output (V)", (signal,)),
     )
 
