@@ -135,7 +135,8 @@ def _strictly_proper(plant: tuple) -> tuple[Array, Array, Array]:
 def _filled(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     signal = check_signal(f"simulate_loop({name})", values)
     try:
-        return np.ascontiguousarray(np.broadcast_to(signal, shape))
+        # Of its own and so writable: the loop would be compiled anew for every other mixture.
+        return np.array(np.broadcast_to(signal, shape), float)
     except ValueError:
         raise InputError(
             Problem(
