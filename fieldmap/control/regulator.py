@@ -139,9 +139,7 @@ def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLik
     measured: (n,); reference: (n,) or one number. Raises InputError for signals that are not finite or do not fit.
     """
     seen = np.atleast_1d(check_signal("run_regulator(measured)", measured))
-    target = np.ascontiguousarray(
-        np.broadcast_to(check_signal("run_regulator(reference)", reference), seen.shape)
-    )
+    target = np.array(np.broadcast_to(check_signal("run_regulator(reference)", reference), seen.shape))
     matrices = regulator.matrices
     order = matrices[0].shape[0]
     outputs, states = np.empty(seen.size), np.empty((seen.size, order))

@@ -146,4 +146,5 @@ def check_records(
                 "record longer, or ask for fewer poles and zeros",
             )
         )
-    return [np.broadcast_to(x, (runs, samples)) for x in arrays]
+    # Of their own and so writable: the kernels would be compiled anew for every other mixture.
+    return [np.array(np.broadcast_to(x, (runs, samples))) for x in arrays]
