@@ -38,7 +38,7 @@ $ python scripts/validation_page.py report/numbers.csv validate.json
 
 Made on {date} with fieldmap {version}, Python {python}, {libraries}, on {machine}. Errors are the largest over the
 points, relative to the largest value of the same quantity there, unless a line says otherwise. Bounds are those that
-the program fails on.
+the program fails on; those of seconds are for two quiet cores, and this edition was made beside other work.
 """
 THESIS = """## The thesis
 
