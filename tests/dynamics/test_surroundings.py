@@ -93,7 +93,9 @@ def test_a_tube_keeps_a_body_and_a_ceiling_too(axial):
 def rayleigh(plate, place, m, v, spin):
     """Force and torque of a plate on a dipole, from the kernel."""
     rate = np.cross(spin, m)
-    force, turning = plate_force(plate.numbers, 0, *map(float, place), *(tuple(map(float, a)) for a in (m, v, rate)))
+    force, turning = plate_force(
+        plate.numbers, 0, *map(float, place), *(tuple(map(float, a)) for a in (m, v, rate))
+    )
     return np.concatenate([force, np.cross(m, turning)])
 
 

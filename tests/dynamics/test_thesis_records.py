@@ -17,16 +17,21 @@ def six(six_coils):
     return open_map(six_coils)
 
 
-def records(module, part, six):
-    printed = read_part(part)
-    found = module.records(printed.inputs | {"map": six})
-    assert {number for curves in found.curves for number in curves.figures} == set(printed.figures)
-    assert all(np.isfinite(line.y).all() for curves in found.curves for line in curves.series)
-    return printed.inputs, {name: np.asarray(one.value) for name, one in found.numbers.items()}
+@pytest.fixture
+def records(six, legible):
+    def compute(module, part):
+        printed = read_part(part)
+        found = module.records(printed.inputs | {"map": six})
+        legible(found.curves)
+        assert {number for curves in found.curves for number in curves.figures} == set(printed.figures)
+        assert all(np.isfinite(line.y).all() for curves in found.curves for line in curves.series)
+        return printed.inputs, {name: np.asarray(one.value) for name, one in found.numbers.items()}
+
+    return compute
 
 
-def test_identified_poles_are_those_of_the_linear_machine(six):
-    inputs, numbers = records(vertical_records, "S16_records", six)
+def test_identified_poles_are_those_of_the_linear_machine(six, records):
+    inputs, numbers = records(vertical_records, "S16_records")
     pairs = numbers["pair_real"] + 1j * numbers["pair_imaginary"]
     complex_ones = numbers["pair_imaginary"] > 0
     assert complex_ones.any()
@@ -38,9 +43,9 @@ def test_identified_poles_are_those_of_the_linear_machine(six):
     np.testing.assert_allclose(numbers["zero"], 1 - 2e-3 / 0.42, atol=2e-3)
 
 
-def test_integral_times_scale_as_the_gains_at_rest(six):
+def test_integral_times_scale_as_the_gains_at_rest(six, records):
     """Slow loops: what counts is Kc/Ti times the gain at rest, 15.6 mm per unit for (6-8)."""
-    inputs, numbers = records(horizontal_records, "S17_records", six)
+    inputs, numbers = records(horizontal_records, "S17_records")
     changes = {"start.depth_mm": 10.0, "control.y.output": 0.0}
     places = [
         prepare(read_scenario("horizontal_open_loop", {**changes, "control.x.output": u}), six).rest.sensed[0]

@@ -23,7 +23,7 @@ def six(six_coils):
 
 
 @pytest.fixture
-def answers(six):
+def answers(six, legible):
     """The answers of a part of S18 or S19 on this map, with inputs of its data file or others."""
 
     def compute(part, **inputs):
@@ -35,6 +35,7 @@ def answers(six):
         found = getattr(room, name)(given)
         assert isinstance(found, Answers)
         assert {number for figure in found.curves for number in figure.figures} == set(printed.figures)
+        legible(found.curves)
         numbers = {key: np.asarray(getattr(value, "value", value)) for key, value in found.numbers.items()}
         assert all(np.isfinite(curve.y).all() for figure in found.curves for curve in figure.series)
         return SimpleNamespace(**numbers, words=" ".join(found.explanations.values()), numbers=numbers)

@@ -105,7 +105,7 @@ def on_coarse_mesh(coarse, monkeypatch):
     shift_tables._curve.cache_clear()
 
 
-def test_a_table_and_its_figure(on_coarse_mesh):
+def test_a_table_and_its_figure(on_coarse_mesh, legible):
     """Both branches beside one static curve, that begins where the branch does."""
     inputs = dict(read_part("S14_x_branches").inputs, map=on_coarse_mesh)
     keep = [0, 2, 4, 8]
@@ -115,6 +115,7 @@ def test_a_table_and_its_figure(on_coarse_mesh):
         inputs[name] = -inputs[name.replace("negative", "positive")]
     inputs["negative_signals"] = inputs["positive_signals"]
     answers = shift_tables.x_branches(inputs)
+    legible(answers.curves)
     assert set(answers.numbers) == set(read_part("S14_x_branches").numbers)
     outward, back = (answers.numbers[f"positive_{way}_held"].value for way in ("outward", "back"))
     np.testing.assert_array_equal(outward, back)

@@ -1,13 +1,15 @@
 """Figures of rows: what is drawn is what was given, and what is marked lies where the numbers say."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from fieldmap.thesis import Curves, Series
+from fieldmap.thesis import PARTS, Curves, Series
 from fieldmap.thesis.computation import compute_part
+from fieldmap.thesis.printed import read_part
 from fieldmap.view.figures import draw_curves, save_curves
 
 X = np.array([0.0, 1.0, 2.0])
@@ -87,13 +89,13 @@ def test_a_figure_becomes_a_picture(tmp_path):
 computed = cache(compute_part)
 
 
-@pytest.mark.parametrize(
-    "part", ["S4_levitation", "S5_current_ratio", "S9_constants", "S16_closed_loop", "S20_closed_loop"]
-)
-def test_every_axis_has_its_unit(part):
-    for curves in computed(part).curves:
-        assert curves.x_label.endswith(")")
-        assert curves.y_label.endswith(")")
+WITHOUT_A_MAP = [part for part in PARTS if read_part(part).figures and not read_part(part).map]
+
+
+@pytest.mark.parametrize("part", [*WITHOUT_A_MAP, "S16_closed_loop", "S20_closed_loop"])
+def test_figures_of_rows_without_a_map_are_legible(part, legible):
+    """Those of the linked machine: where their rows are tested."""
+    legible(computed(part).curves)
 
 
 def test_the_sphere_is_marked_where_force_and_weight_cross():
@@ -107,3 +109,16 @@ def test_equilibria_are_marked_on_the_maxima():
     box = [one for one in computed("S5_current_ratio").curves[0].series if one.kind == "ours"]
     for curve, mark in list(zip(box[::2], box[1::2], strict=True))[1:]:
         assert abs(curve.x[np.argmax(curve.y)] - mark.x[0]) < 2 * np.diff(curve.x).max()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"title": "too long a title " * 9},
+        {"x_label": "no unit"},
+        {"y_label": "far too long a label (mT)" * 5},
+    ],
+)
+def test_what_is_not_legible_is_found(wrong, legible):
+    with pytest.raises(AssertionError):
+        legible([replace(PLAIN, **{"title": f"wrong {sorted(wrong)}"} | wrong)])
