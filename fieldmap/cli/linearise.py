@@ -5,22 +5,12 @@ from typing import Annotated
 
 import typer
 
-from fieldmap.cli.completion import scenarios
-from fieldmap.cli.options import Json
+from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap
 
 
 def linearise(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO",
-            help="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
-            autocompletion=scenarios,
-        ),
-    ],
-    map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Map file in the place of the scenario's.")
-    ] = None,
+    scenario: ScenarioArgument,
+    map_file: ScenarioMap = None,
     depths: Annotated[
         str | None,
         typer.Option(

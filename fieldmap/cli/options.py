@@ -1,16 +1,28 @@
 """The options that several commands share, with one wording each."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fieldmap.cli.completion import devices
+from fieldmap.cli.completion import devices, scenarios
 
 DeviceArgument = Annotated[
     str,
     typer.Argument(
         metavar="DEVICE", help="Device file, or the name of a shipped device.", autocompletion=devices
     ),
+]
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
+        autocompletion=scenarios,
+    ),
+]
+ScenarioMap = Annotated[
+    Path | None, typer.Option("--map", metavar="FILE", help="Map file in the place of the scenario's.")
 ]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
 AtMm = Annotated[

@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from fieldmap.errors import Problem
+from fieldmap.device.document import Document, load_document
+from fieldmap.errors import DeviceFileError, FieldmapError, Problem
 
 # Keys that only this kind of file has, and the command that takes it.
 _KINDS = {
@@ -35,3 +36,15 @@ def wrong_kind(path: Path, data: dict[str, Any], wanted: str) -> Problem | None:
     if wanted == "recipe" and found == "device":
         remedy += f'; a recipe names it (device = "{path.name}") and how fine the map shall be (spacing_mm)'
     return Problem(str(path), f"must be a {wanted} file", f'a {found} file, by its key "{key}"', remedy)
+
+
+def load_input_file(path: Path, what: str, error: type[FieldmapError]) -> Document:
+    """The file, parsed; `error` if it cannot be read, or is clearly of another kind than `what`."""
+    try:
+        document = load_document(path)
+    except DeviceFileError as unreadable:
+        raise error(*unreadable.problems) from None
+    wrong = wrong_kind(path, document.data, what)
+    if wrong is not None:
+        raise error(wrong)
+    return document

@@ -1,6 +1,6 @@
 """Where a machine is at rest: the state and the outputs at which forces and torques balance."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 _ACCURACY = 1e-6
 # Between the cells of a coarse map the force can step over zero: what is left there at most, of the weight.
 _STEP = 2e-4
+# How far from there the slopes must put the balance at most, and over how much they are taken, in the units below.
+_NEXT, _AROUND = 1e-2, 1e-3
 # Units of what is searched for: 1 mm, 0.1 rad, 1 V; of the balance: the weight, and the weight times 10 mm.
 _MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
 # What is tried beside the guess of every output but the first, the lift.
@@ -51,8 +53,8 @@ def trim(machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLi
     numbers as there are NaN, which must be three: for a division the lift is free where the height is given, and x or
     the x signal, y or the y signal. guess (m,): outputs where the search begins, for those that are free. Currents are
     those that the amplifiers make of the outputs, without limits and steps. Raises InputError for another number of
-    NaN, NoEquilibrium where the search ends with more than 2e-4 of the weight left, by which a force may step between
-    the cells of a coarse map.
+    NaN, NoEquilibrium where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over
+    zero there, as between the cells of a coarse map: see `is_step`.
     """
     place, given = np.array(sensed, float), np.array(outputs, float)
     check_signal("trim(guess)", guess)
@@ -73,7 +75,7 @@ def trim(machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLi
             break
     assert best is not None
     worst = float(np.abs(best.fun).max())
-    if not worst < _STEP:
+    if not (worst < _ACCURACY or (worst < _STEP and is_step(balance.residual, best.x))):
         problem = Problem(
             "trim",
             "forces and torques must balance",
@@ -82,6 +84,21 @@ def trim(machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLi
         )
         raise NoEquilibrium(problem)
     return balance.result(best.x, worst)
+
+
+def is_step(residual: Callable[[Array], Array], x: Array) -> bool:
+    """Whether a residual that does not vanish at x (n,) steps over zero there: by its slopes about x it would within
+    0.01. Where it only comes near to zero, as beside a fold, the slopes vanish and zero is far.
+
+    >>> is_step(lambda x: x + 1e-4 * np.sign(x), np.array([1e-9])), is_step(lambda x: x**2 + 1e-4, np.array([1e-9]))
+    (True, False)
+    """
+    steps = _AROUND * np.eye(len(x))
+    slopes = np.column_stack([(residual(x + h) - residual(x - h)) / (2.0 * _AROUND) for h in steps])
+    try:
+        return bool(np.abs(np.linalg.solve(slopes, residual(x))).max() < _NEXT)
+    except np.linalg.LinAlgError:
+        return False
 
 
 class _Balance:

@@ -15,6 +15,15 @@ _EQUAL = 1e-9
 
 
 @njit(**_PLAIN)
+def _along(place, passed):
+    """How far a place (c,) lies from the last one along the last step, times that step's length."""
+    last, total = passed.shape[0] - 1, 0.0
+    for c in range(place.size):
+        total += (place[c] - passed[last, c]) * (passed[last, c] - passed[max(last - 1, 0), c])
+    return total
+
+
+@njit(**_PLAIN)
 def _lagrange(nodes, at, first, weights):
     """weights (k,) of values at nodes[first:] for their polynomial's value at `at`; of those before them 0."""
     for j in range(nodes.size):
@@ -45,17 +54,10 @@ def continued(aim, passed, states, weights, nodes, out):
     noise a lower one. weights, nodes (k,): room to work in.
     """
     count, last = passed.shape[0], passed.shape[0] - 1
-    at, length = 0.0, 0.0
-    for c in range(aim.size):
-        step = passed[last, c] - passed[max(last - 1, 0), c]
-        at += (aim[c] - passed[last, c]) * step
-        length += step * step
-    at = min(max(at / length, 0.0), _REACH) if length > 0.0 else 0.0
+    length = -_along(passed[max(last - 1, 0)], passed)
+    at = min(max(_along(aim, passed) / length, 0.0), _REACH) if length > 0.0 else 0.0
     for j in range(count):
-        nodes[j] = 0.0
-        for c in range(aim.size):
-            step = passed[last, c] - passed[max(last - 1, 0), c]
-            nodes[j] += (passed[j, c] - passed[last, c]) * step / max(length, 1e-300)
+        nodes[j] = _along(passed[j], passed) / max(length, 1e-300)
     best, least = last, np.inf
     for first in range(last, -1, -1):
         if (first < last and length == 0.0) or (

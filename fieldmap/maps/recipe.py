@@ -2,21 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from fieldmap.device import Device, read_device
-from fieldmap.device.document import load_document
-from fieldmap.device.explain import explain
-from fieldmap.device.file_kinds import wrong_kind
-from fieldmap.device.findings import Finding, closest, one_of, shown
+from fieldmap.device.document import schema_findings
+from fieldmap.device.file_kinds import load_input_file
+from fieldmap.device.findings import closest, one_of, shown
 from fieldmap.device.input_files import find_input_file
-from fieldmap.device.key_paths import dotted
 from fieldmap.device.toml_lines import line_numbers, nearest_line
-from fieldmap.errors import DeviceFileError, Problem, RecipeError
+from fieldmap.errors import Problem, RecipeError
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.schema import RecipeFile
@@ -78,16 +74,15 @@ def read_recipe(path_or_name: str | Path) -> Recipe:
     'disk_six_cores'
     """
     path = find_input_file(path_or_name, "recipe", RecipeError, "maps")
-    text, data = _load(path)
-    try:
-        contents = RecipeFile.model_validate(data)
-    except ValidationError as error:
-        findings = [explain(detail, RecipeFile, data) for detail in error.errors(include_url=False)]
-        raise RecipeError(*_problems(path, text, data, findings)) from None
+    document = load_input_file(path, "recipe", RecipeError)
+    findings = schema_findings(RecipeFile, document.data)
+    if findings:
+        raise RecipeError(*document.problems(findings))
+    contents = RecipeFile.model_validate(document.data)
     iron, output, box = contents.iron, contents.output, contents.box
     return Recipe(
         path=path,
-        text=text,
+        text=document.text,
         title=contents.title,
         device=contents.device,
         spacing=np.array(contents.spacing_mm) * MILLI,
@@ -137,26 +132,3 @@ def read_recipe_device(recipe: Recipe) -> Device:
     )
     must_hold = "a device file relative to the recipe, or the name of a shipped device"
     raise recipe.error("device", must_hold, shown(recipe.device), remedy)
-
-
-def _load(path: Path) -> tuple[str, dict[str, Any]]:
-    try:
-        document = load_document(path)
-    except DeviceFileError as error:
-        raise RecipeError(*error.problems) from None
-    wrong = wrong_kind(path, document.data, "recipe")
-    if wrong is not None:
-        raise RecipeError(wrong)
-    return document.text, document.data
-
-
-def _problems(path: Path, text: str, data: dict[str, Any], findings: list[Finding]) -> list[Problem]:
-    """Findings tied to the file, in the order of its lines."""
-    lines = line_numbers(text)
-    placed = sorted(((nearest_line(lines, f.location) or 0, f) for f in findings), key=lambda pair: pair[0])
-    problems = []
-    for line, finding in placed:
-        place = f"{path}:{line}" if line else str(path)
-        where = f"{place}: {dotted(data, finding.location)}" if finding.location else place
-        problems.append(Problem(where, finding.must_hold, finding.received, finding.remedy))
-    return problems

@@ -4,12 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from fieldmap.device.current_division import divide_currents
-from fieldmap.device.document import Document, find_device_file, load_document
-from fieldmap.device.explain import explain
-from fieldmap.device.file_kinds import wrong_kind
+from fieldmap.device.document import Document, find_device_file, load_document, schema_findings
+from fieldmap.device.file_kinds import load_input_file
 from fieldmap.device.findings import Finding
 from fieldmap.device.input_files import find_input_file
 from fieldmap.device.model import Device
@@ -37,12 +35,11 @@ def read_study(path_or_name: str | Path) -> Study:
     ((4, 3), 12)
     """
     path = find_input_file(path_or_name, "study", StudyError, "maps", "studies")
-    study_file = _loaded(path)
-    try:
-        contents = StudyFile.model_validate(study_file.data)
-    except ValidationError as error:
-        findings = [explain(detail, StudyFile, study_file.data) for detail in error.errors(include_url=False)]
-        raise StudyError(*study_file.problems(findings)) from None
+    study_file = load_input_file(path, "study", StudyError)
+    findings = schema_findings(StudyFile, study_file.data)
+    if findings:
+        raise StudyError(*study_file.problems(findings))
+    contents = StudyFile.model_validate(study_file.data)
     recipe = _recipe(contents, study_file)
     document = _device_document(contents, recipe, study_file)
     device = device_of(document)
@@ -63,17 +60,6 @@ def read_study(path_or_name: str | Path) -> Study:
         device_document=document,
         coil_names=device.coil_names,
     )
-
-
-def _loaded(path: Path) -> Document:
-    try:
-        document = load_document(path)
-    except DeviceFileError as error:
-        raise StudyError(*error.problems) from error
-    wrong = wrong_kind(path, document.data, "study")
-    if wrong is not None:
-        raise StudyError(wrong)
-    return document
 
 
 def _recipe(contents: StudyFile, study_file: Document) -> Recipe | None:

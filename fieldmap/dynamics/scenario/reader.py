@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fieldmap.device.document import Document, load_document, schema_findings
-from fieldmap.device.file_kinds import wrong_kind
+from fieldmap.device.document import Document, schema_findings
+from fieldmap.device.file_kinds import load_input_file
 from fieldmap.device.input_files import find_input_file
 from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.dynamics.scenario.schema import ScenarioFile
-from fieldmap.errors import DeviceFileError, Problem, ScenarioError
+from fieldmap.errors import Problem, ScenarioError
 
 FOLDER = "scenarios"
 
@@ -47,13 +47,7 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
     key path; what must hold; what was received; the remedy.
     """
     path = find_scenario(path_or_name)
-    try:
-        document = load_document(path)
-    except DeviceFileError as error:
-        raise ScenarioError(*error.problems) from None
-    wrong = wrong_kind(path, document.data, "scenario")
-    if wrong is not None:
-        raise ScenarioError(wrong)
+    document = load_input_file(path, "scenario", ScenarioError)
     data = tomllib.loads(document.text)
     for key, value in (changes or {}).items():
         _change(data, path, key, value)
