@@ -3,11 +3,10 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def check_numbers(where: str, **numbers: float) -> None:
@@ -110,3 +109,21 @@ def _raise(problems: Iterable[Problem]) -> None:
     found = tuple(problems)
     if found:
         raise InputError(*found)
+
+
+def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
+    """`values` as (n, 3), and whether a single vector (3,) was given. Raises InputError for other shapes."""
+    try:
+        # Writeable too, lest a read-only array costs a compilation of its own.
+        array = np.require(values, np.float64, ["C", "W"])
+    except (TypeError, ValueError):
+        raise InputError(_not_vectors(name, repr(values)[:80])) from None
+    if array.ndim == 1 and array.size == 3:
+        return array.reshape(1, 3), True
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(_not_vectors(name, f"shape {array.shape}"))
+    return array, False
+
+
+def _not_vectors(name: str, received: str) -> Problem:
+    return Problem(name, "must be numbers of shape (3,) or (n, 3)", received, "give x, y, z in SI units")

@@ -19,7 +19,7 @@ from collections.abc import Callable  # noqa: E402
 import numpy as np  # noqa: E402
 
 from fieldmap.device.current_division import divide_currents  # noqa: E402
-from fieldmap.kernels.reduced_iron import newton  # noqa: E402
+from fieldmap.kernels.map.reduced_iron import newton  # noqa: E402
 from fieldmap.lookup import interpolate  # noqa: E402
 from fieldmap.lookup.current_model import CurrentModel  # noqa: E402
 from fieldmap.store import read_map  # noqa: E402

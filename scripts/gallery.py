@@ -17,14 +17,14 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import fieldmap
-from fieldmap.adapters.whole_files import write_whole
 from fieldmap.cli import main as run_command
 from fieldmap.cli.progress import Progress
+from fieldmap.interop.whole_files import write_whole
+from fieldmap.plot.figures import save_curves
 from fieldmap.thesis import Curves, attempt_rows
 from fieldmap.thesis.figures import CAPTIONS
 from fieldmap.thesis.kept import keeping
 from fieldmap.thesis.registry import ROWS
-from fieldmap.view.figures import save_curves
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import time
 import numpy as np
 
 import fieldmap as fm
-from fieldmap.device.symmetry import find_symmetry
-from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.symmetry import find_symmetry
 
 
 def timed(work):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fieldmap
 from fieldmap.levitation import magnet_height
-from fieldmap.view import save_picture
+from fieldmap.plot import save_picture
 
 
 def main() -> None:

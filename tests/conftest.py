@@ -5,7 +5,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from fieldmap.view.figures import DOTS_PER_INCH, HEIGHT, WIDTH, draw_curves
+from fieldmap.plot.figures import DOTS_PER_INCH, HEIGHT, WIDTH, draw_curves
 
 
 @pytest.fixture(scope="session")

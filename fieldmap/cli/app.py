@@ -37,8 +37,8 @@ def app(
     """Open a window with sliders for the currents of a map: field, force and equilibrium follow."""
     from fieldmap.cli.opening import check_map_path, open_device, recorded_driver, recorded_payload
     from fieldmap.lookup import open_map
-    from fieldmap.view.live_window import LiveWindow
-    from fieldmap.view.scenes import check_format
+    from fieldmap.plot.live_window import LiveWindow
+    from fieldmap.plot.scenes import check_format
 
     if save is not None:
         check_format(save, (".png",))

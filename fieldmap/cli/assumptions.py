@@ -22,7 +22,7 @@ def material_assumptions(device: Device) -> tuple[str, ...]:
 
 def _law(material: SaturatingMaterial) -> str:
     """The law with its initial permeability, which a formula states itself."""
-    from fieldmap.iron.forms.bh_law import initial_mu_r, law_words
+    from fieldmap.iron.elements.bh_law import initial_mu_r, law_words
 
     words = law_words(material)
     return words if "initial mu_r" in words else f"{words}; initial mu_r {initial_mu_r(material):.0f}"

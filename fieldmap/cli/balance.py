@@ -5,7 +5,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.cli.lift import lift_in_map
 from fieldmap.cli.measured import is_measured_machine, measured_lift_current
@@ -21,8 +20,7 @@ from fieldmap.levitation import (
     sensor_reading,
 )
 from fieldmap.levitation.checks import check_position
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def floating(

@@ -76,7 +76,7 @@ def _contents(device: Device) -> dict[str, Any]:
 
 def _volume(body: Any) -> float:
     """Volume in m^3."""
-    from fieldmap.iron.cad.solids import body_solid
+    from fieldmap.iron.geometry.solids import body_solid
 
     return 1e-9 * float(body_solid(body).mass)
 

@@ -82,19 +82,19 @@ def _check(to: str, given: list[str]) -> None:
 
 def _write(to: str, field: "FieldMap", output: Path, currents: "NDArray | None") -> tuple[Path, ...]:
     if to == "vti":
-        from fieldmap.view.vti import write_vti
+        from fieldmap.plot.vti import write_vti
 
         return (write_vti(field, output, currents),)
     if to == "c":
         return _write_c(field, output, currents)
-    from fieldmap.adapters import write_csv, write_mag_manip
+    from fieldmap.interop import write_csv, write_mag_manip
 
     return (write_csv(field, output, currents) if to == "csv" else write_mag_manip(field, output),)
 
 
 def _write_c(field: "FieldMap", output: Path, currents: "NDArray | None") -> tuple[Path, Path]:
     """The map, and the header beside it."""
-    from fieldmap.adapters import c_header, write_c_map, write_whole
+    from fieldmap.interop import c_header, write_c_map, write_whole
 
     path = write_c_map(field if currents is None else field.at(currents), output)
     header = path.with_name(c_header().name)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from fieldmap.adapters import MeasuredMap
+    from fieldmap.interop import MeasuredMap
 
 
 def import_map(
@@ -29,7 +29,7 @@ def import_map(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
     """Make a map from a table of flux densities, smoothed by harmonic polynomials; what they leave is printed."""
-    from fieldmap.adapters import fit_map, read_measurements
+    from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 
     _check(output)

@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fieldmap.cli.progress import Progress
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # The fraction at which a nonlinear solver has assembled; later states begin there.
 _ASSEMBLED = 0.6
 FORMS = ("auto", "potential", "flux")

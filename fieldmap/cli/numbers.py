@@ -3,11 +3,9 @@
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _LISTS = ("--at", "--at-mm", "--currents", "--moment", "--start")
 _NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)

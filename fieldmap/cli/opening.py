@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.cli.assumptions import overdriven_words
 from fieldmap.cli.iron import IronChoice, States, require_iron, solve_device
 from fieldmap.device.model import Device, Driver, Payload, WorkspaceBox
 from fieldmap.errors import InputError, MapFileError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MAP_SUFFIXES = {".h5", ".hdf5"}

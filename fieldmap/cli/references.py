@@ -63,7 +63,7 @@ def _row(reference: Reference, ours: float | None, why_not: str) -> dict[str, An
 
 def common_mu_r(device: Device, choice: IronChoice) -> float:
     """The one relative permeability of the iron; NaN, which equals no reference, if bodies differ or saturate."""
-    from fieldmap.iron.forms.bh_law import initial_mu_r
+    from fieldmap.iron.elements.bh_law import initial_mu_r
 
     if choice.mu_r is not None:
         return choice.mu_r

@@ -8,7 +8,7 @@ import typer
 from fieldmap.cli.options import Json, MuR, Nonlinear, Refinement
 
 if TYPE_CHECKING:
-    from fieldmap.view.shown import Shown
+    from fieldmap.plot.shown import Shown
 
 
 def show(
@@ -71,8 +71,8 @@ def show(
     from fieldmap.cli.iron import checked_choice
     from fieldmap.cli.opening import is_map
     from fieldmap.cli.shown_sources import Request, gather, gather_run
+    from fieldmap.plot.scenes import FORMATS, MOVIES, check_format, check_scene
     from fieldmap.store import is_run_file
-    from fieldmap.view.scenes import FORMATS, MOVIES, check_format, check_scene
 
     of_map = is_map(source)
     recorded = of_map and is_run_file(source)
@@ -122,8 +122,8 @@ def _refuse_for_runs(what: str, given: dict[str, Any]) -> None:
 
 def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> dict[str, list[float]]:
     """Show or save; the ranges of what is coloured, by its title."""
-    from fieldmap.view.rendering import require_window
-    from fieldmap.view.scenes import axes_of, drawn_ranges, make_scene, save_scene
+    from fieldmap.plot.rendering import require_window
+    from fieldmap.plot.scenes import axes_of, drawn_ranges, make_scene, save_scene
 
     scene = make_scene(shown, what, quantity, off_screen=save is not None)
     ranges = drawn_ranges(scene)
@@ -138,7 +138,7 @@ def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> dict[s
 
 def _animate(shown: "Shown", save: Path) -> dict[str, list[float]]:
     from fieldmap.cli.progress import Progress
-    from fieldmap.view.animation import CURRENT, save_animation
+    from fieldmap.plot.animation import CURRENT, save_animation
 
     assert shown.run is not None
     with Progress("show") as progress:

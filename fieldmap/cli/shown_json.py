@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from fieldmap.view.shown import Shown
+from fieldmap.plot.shown import Shown
 
 
 def as_json(shown: Shown) -> dict[str, Any]:

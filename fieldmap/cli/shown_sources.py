@@ -10,7 +10,7 @@ import numpy as np
 from fieldmap.cli.iron import IronChoice
 from fieldmap.cli.opening import Source, find_source, is_map, open_device
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.view.shown import Shown
+from fieldmap.plot.shown import Shown
 
 _SOLVED = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium", "difference", "shift")
 _SIGNALS = np.linspace(-0.3, 0.3, 13)
@@ -79,7 +79,7 @@ def _meshed(device: Any, refinement: float) -> Shown:
 
 
 def _iron(field: Any, amperes: Any) -> dict[str, Any]:
-    from fieldmap.view.shown import element_flux_density
+    from fieldmap.plot.shown import element_flux_density
 
     solution = field if hasattr(field, "mesh") else field.state
     if solution.mesh is None:
@@ -97,7 +97,7 @@ def _equilibrium(found: Source, field: Any, amperes: Any) -> Any:
 
 def _second(request: Request, found: Source) -> Source:
     """The other field, held against the first before either is solved."""
-    from fieldmap.view.difference import check_same_coils, common_box
+    from fieldmap.plot.difference import check_same_coils, common_box
 
     if request.minus is None:
         remedy = "add --minus MAP"
@@ -117,7 +117,7 @@ def _second(request: Request, found: Source) -> Source:
 
 
 def _difference(found: Source, other: Source, about: dict[str, Any]) -> Shown:
-    from fieldmap.view.difference import FieldDifference, common_box
+    from fieldmap.plot.difference import FieldDifference, common_box
 
     assert found.corners is not None
     assert other.corners is not None
@@ -170,8 +170,8 @@ def amperes_in_words(amperes: Any, names: tuple[str, ...]) -> str:
 def gather_run(path: str) -> Shown:
     """The first run of a file that `fieldmap simulate -o` wrote. Raises InputError."""
     from fieldmap.device import read_device, recorded_device
+    from fieldmap.plot.trajectory import ShownRun
     from fieldmap.store import read_runs
-    from fieldmap.view.trajectory import ShownRun
 
     runs, about = read_runs(path)
     if not runs or not len(runs[0].arrays["time"][0]):

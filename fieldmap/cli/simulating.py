@@ -160,7 +160,7 @@ def _files(wanted: Wanted, batches: list[Batch]) -> list[Path]:
     if wanted.output is not None:
         written.append(_write(wanted.output, batches))
     if wanted.save is not None:
-        from fieldmap.view.runs import save_run_figure
+        from fieldmap.plot.runs import save_run_figure
 
         first = batches[0].experiment.scenario
         pictures = [_picture(batch, result) for batch in batches for result in batch.results if result.run]

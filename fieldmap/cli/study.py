@@ -65,7 +65,7 @@ def study(
 
 
 def _draw(run: Any) -> Path | None:
-    from fieldmap.view.studies import save_study_plot
+    from fieldmap.plot.studies import save_study_plot
 
     return save_study_plot(run.data, run.path.with_suffix(".png"))
 

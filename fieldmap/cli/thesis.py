@@ -58,11 +58,11 @@ def thesis(
 
 def reported(rows: Iterable[str], folder: Path, maps: Path, progress: Any) -> list[Any]:
     """Write the report of these rows into a folder, and return what became of their parts."""
+    from fieldmap.plot.figures import save_curves
     from fieldmap.thesis import attempt_rows
     from fieldmap.thesis.kept import keeping
     from fieldmap.thesis.registry import parts_of
     from fieldmap.thesis.report import prepare_folder, write_report
-    from fieldmap.view.figures import save_curves
 
     parts_of(rows)
     prepare_folder(folder)

@@ -1,11 +1,10 @@
 """The thesis's answer to spikes of the height when the body moves sideways: a short push of the reference (7.1.2)."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def compensated_reference(

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.constants
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_matrix, check_not_negative, check_positive
 from fieldmap.control.linear_models import StateSpace
-
-Array = NDArray[np.float64]
 
 
 def levitated_plant(

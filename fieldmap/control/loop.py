@@ -11,7 +11,7 @@ from fieldmap.control.linear_models import StateSpace, check_model, controller_f
 from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.sampled_loop import pid_loop, regulator_loop
+from fieldmap.kernels.control.sampled_loop import pid_loop, regulator_loop
 
 Array = NDArray[np.floating[Any]]
 
@@ -28,8 +28,9 @@ def _ideal_drive() -> Array:
 class LoopInstruments:
     """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
 
-    chain (10,), drive (7,): see fieldmap.kernels.instruments, and fieldmap.instruments, which makes them of data
-    sheets. position, output: the operating point, in the units of plant and controller, about which the loop's signals
+    chain (10,), drive (7,): see fieldmap.kernels.control.instruments, and fieldmap.instruments, which makes them of
+    data sheets. position, output: the operating point, in the units of plant and controller, about which the loop's
+    signals
     are deviations: where steps and limits of the instruments lie depends on it.
     """
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import (
     check_choice,
@@ -14,9 +14,8 @@ from fieldmap.arguments import (
     check_signal,
 )
 from fieldmap.control.linear_models import TransferFunction, transfer_function
-from fieldmap.kernels.pid import pid_run, pid_step
-
-Array = NDArray[np.float64]
+from fieldmap.kernels.control.pid import pid_run, pid_step
+from fieldmap.typing import Array
 
 INTEGRATION = ("rectangular", "trapezoidal")
 ANTI_WINDUP = ("none", "hold", "track")
@@ -71,7 +70,7 @@ class PID:
 
     @property
     def options(self) -> Array:
-        """Limits, anti-windup and integration as numbers, in the order of fieldmap.kernels.pid."""
+        """Limits, anti-windup and integration as numbers, in the order of fieldmap.kernels.control.pid."""
         tracking = self.tracking_time
         if tracking is None:
             tracking = np.sqrt(self.Ti * self.Td) if self.Td else self.Ti

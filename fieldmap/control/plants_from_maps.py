@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_matrix, check_signal
 from fieldmap.control.levitated_plants import levitated_plant
@@ -16,8 +16,7 @@ from fieldmap.levitation.checks import check_currents, check_payload, check_posi
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.lift import direction_of_lift
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _WHERE = "plant_from_map"
 _MOMENTS = ("fixed", "aligned")

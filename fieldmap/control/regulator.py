@@ -16,7 +16,7 @@ from fieldmap.arguments import (
 )
 from fieldmap.control.sampled_optimum import Estimator
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.regulator import regulator_run, regulator_step
+from fieldmap.kernels.control.regulator import regulator_run, regulator_step
 
 Array = NDArray[np.floating[Any]]
 
@@ -93,7 +93,7 @@ class Regulator:
 
     @property
     def settings(self) -> Array:
-        """The other numbers, in the order of fieldmap.kernels.regulator."""
+        """The other numbers, in the order of fieldmap.kernels.control.regulator."""
         which = float(ESTIMATES.index(self.estimate))
         measured = float(EQUILIBRIUM_AT.index(self.equilibrium_at))
         return np.array([self.Ts, self.divisor, self.lower, self.upper, which, *self.equilibrium, measured])

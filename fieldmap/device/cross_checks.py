@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fieldmap.device.findings import Finding, closest, one_of, shown
-from fieldmap.device.key_paths import dotted, matches, tables
+from fieldmap.inputs.findings import Finding, closest, one_of, shown
+from fieldmap.inputs.key_paths import dotted, matches, tables
 
 
 def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> list[Finding]:

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Coils 1..6: the side of the axis on which a coil lies; 2 and 5 lie on the x axis and take what the others leave.
 _X_SIDE = np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])

@@ -10,9 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
+
 _EMPTY: Mapping[str, str] = MappingProxyType({})
 
 

@@ -19,11 +19,11 @@ from fieldmap.control.regulator import Regulator
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.controller import SIGNALS
 from fieldmap.kernels.motion.layout import STATE
+from fieldmap.typing import Array
 
 if TYPE_CHECKING:
     from fieldmap.dynamics.trim import Trim
 
-Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.dynamics.blocks import Controller
@@ -22,8 +22,7 @@ from fieldmap.kernels.motion.closed_loop import closed_loop
 from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
 from fieldmap.kernels.motion.events import BEYOND
 from fieldmap.kernels.motion.layout import STATE
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 CONTACTS = {"floor": ON_FLOOR, "ceiling": ON_CEILING, "tube": ON_WALL, "currents": BEYOND}
 

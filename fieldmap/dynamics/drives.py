@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_ordered, check_positive, check_signal
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.instruments import Amplifier, Converter
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class CoilDrive:
 
     @property
     def drives(self) -> Array:
-        """(n, 7), in the order of fieldmap.kernels.instruments."""
+        """(n, 7), in the order of fieldmap.kernels.control.instruments."""
         a, c = self.amplifier, self.converter
         step, reach = (0.0, np.inf) if c is None else (c.resolution, c.range)
         lower, upper = max(a.lower, -reach), min(a.upper, reach)

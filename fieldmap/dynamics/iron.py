@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.kernels.motion.weights import SUPERPOSED, TABLED
 from fieldmap.lookup import FieldMap, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_table import no_table
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)

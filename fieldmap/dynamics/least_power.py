@@ -1,13 +1,12 @@
 """Lift and two direction signals for any number of coils, by least power: docs/theory/dynamics.md (47)..(49)."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.dynamics.closed_loop import Mixing
 from fieldmap.errors import Infeasible, InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # A combination of coils weaker than this share of the strongest is taken for none: of currents, it would ask for more
 # than a thousand times as much.

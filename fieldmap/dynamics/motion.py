@@ -4,20 +4,19 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from fieldmap.arguments import check_choice, check_count, check_positive, check_signal
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.kernels.kept_field import keep_field
-from fieldmap.kernels.map_block import INSIDE
+from fieldmap.kernels.map.cached_field import keep_field
+from fieldmap.kernels.map.map_block import INSIDE
 from fieldmap.kernels.motion.layout import SPIN, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.magnet import magnet_energy
 from fieldmap.kernels.motion.step import fixed_currents, rates
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 ORDERS = {"second": 2, "fourth": 4}
 

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.kernels.motion import events
 from fieldmap.kernels.motion.layout import POSITION, SPIN, STATE, TURN, VELOCITY
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 EVENTS = {
     events.FELL_OUT: ("fell out", "the magnet fell through the bottom of the map"),

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive, check_signal
 from fieldmap.device.model import MagnetCylinder, Payload
@@ -26,8 +26,7 @@ from fieldmap.kernels.motion.layout import (
 )
 from fieldmap.levitation.conventions import GRAVITY as FREE_FALL
 from fieldmap.lookup import FiniteMagnet
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _RIM = 8
 _RIGID = 1e12  # kg m^2

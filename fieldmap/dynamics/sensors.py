@@ -4,13 +4,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.arguments import check_count, check_not_negative, check_numbers
 from fieldmap.instruments import Rig, SensorFrame
 from fieldmap.levitation.conventions import SENSOR_ZERO_DEPTH
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def _ideal() -> Array:

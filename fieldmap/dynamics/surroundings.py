@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.motion.plate import plate_force
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Three = tuple[float, float, float]
 
 _ZERO: Three = (0.0, 0.0, 0.0)

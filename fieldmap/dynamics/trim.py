@@ -13,14 +13,13 @@ from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics.closed_loop import Division, Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.kernels.kept_field import forget, keep_field
-from fieldmap.kernels.map_block import INSIDE, SETS
+from fieldmap.kernels.map.cached_field import forget, keep_field
+from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.layout import POSITION, TURN
 from fieldmap.kernels.motion.sensing import sensed_point
 from fieldmap.kernels.motion.step import find_load
 from fieldmap.kernels.motion.weights import find_weights
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Of the weight; the harmonic form of a map steps from cell to cell by about 1e-7 of its field.
 _ACCURACY = 1e-6

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_not_negative, check_positive, check_signal
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)

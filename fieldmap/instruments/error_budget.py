@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.arguments import check_choice, check_not_negative, check_numbers, check_positive
 from fieldmap.instruments.converter import Converter, absolute_accuracy
 from fieldmap.instruments.micrometer import Micrometer
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 ROUNDING = ("up", "nearest")
 # A number that lies on a step but for rounding in the last bits counts as lying on it.

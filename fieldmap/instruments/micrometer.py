@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import (
     check_count,
@@ -14,9 +14,8 @@ from fieldmap.arguments import (
     check_signal,
 )
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.instruments import held_scans
-
-Array = NDArray[np.float64]
+from fieldmap.kernels.control.instruments import held_scans
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_numbers, check_signal
 from fieldmap.control.loop import LoopInstruments
 from fieldmap.instruments.amplifier import Amplifier
 from fieldmap.instruments.converter import Converter
 from fieldmap.instruments.micrometer import Micrometer
-from fieldmap.kernels.instruments import drive_all, measure_all
-
-Array = NDArray[np.float64]
+from fieldmap.kernels.control.instruments import drive_all, measure_all
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)
@@ -35,14 +34,14 @@ class Rig:
 
     @property
     def chain(self) -> Array:
-        """The measuring chain in the order of fieldmap.kernels.instruments."""
+        """The measuring chain in the order of fieldmap.kernels.control.instruments."""
         m, c = self.micrometer, self.input
         sensor = [m.zero, m.scale, m.voltage_step, m.lower, m.upper]
         return np.array([*sensor, self.gain_error, self.offset_error, c.resolution, -c.range, c.range])
 
     @property
     def drive(self) -> Array:
-        """The driving chain in the order of fieldmap.kernels.instruments."""
+        """The driving chain in the order of fieldmap.kernels.control.instruments."""
         a, c = self.amplifier, self.output
         lower, upper = max(a.lower, -c.range), min(a.upper, c.range)
         limits = [a.current_lower, a.current_upper]

@@ -7,17 +7,15 @@ and the fit of all cells is one matrix product.
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.interpolants.form import Form, header
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.interpolants.node_potential import node_potential
-from fieldmap.kernels import map_block
-from fieldmap.kernels.cell_harmonics import DEGREE, SIZE
-from fieldmap.kernels.solid_harmonics import regular_table
+from fieldmap.kernels.map import map_block
+from fieldmap.kernels.map.cell_harmonics import DEGREE, SIZE
+from fieldmap.kernels.map.solid_harmonics import regular_table
 from fieldmap.store import FieldError, MapData
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 

@@ -1,6 +1,6 @@
 """A map made ready for evaluation: one block of coefficients per ampere, and its contraction at currents.
 
-Two ideas kept apart. Who makes a block does not evaluate it; who evaluates it (fieldmap.kernels.lookup, and
+Two ideas kept apart. Who makes a block does not evaluate it; who evaluates it (fieldmap.kernels.map.lookup, and
 `FieldAtCurrents` in front of it) does not ask where it came from. A form superposes the unit blocks of coils; a
 model of saturating iron would hand over a contracted block of its own.
 """
@@ -8,13 +8,11 @@ model of saturating iron would hand over a contracted block of its own.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldmap.kernels import global_harmonics, map_block
-from fieldmap.kernels import lookup as kernels
+from fieldmap.kernels.map import global_harmonics, map_block
+from fieldmap.kernels.map import lookup as kernels
 from fieldmap.store import FieldError, Grid
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "clamp": map_block.CLAMP}
 
@@ -46,7 +44,7 @@ class Form:
 
 
 def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, length: float = 1.0) -> Array:
-    """Header of a block over the cells of a grid (fieldmap.kernels.map_block says what is where)."""
+    """Header of a block over the cells of a grid (fieldmap.kernels.map.map_block says what is where)."""
     block = np.zeros(map_block.HEADER)
     block[map_block.KIND], block[map_block.RULE] = kind, OUTSIDE_RULES[outside]
     block[map_block.SETS], block[map_block.DEGREE] = n_coils, degree

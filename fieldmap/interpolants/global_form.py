@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants.form import Form, contract, header, set_size
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.kernels import lookup as kernels
-from fieldmap.kernels import map_block
+from fieldmap.kernels.map import lookup as kernels
+from fieldmap.kernels.map import map_block
 from fieldmap.store import FieldError, Grid, MapData
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 DEGREE = 16
 NODES_PER_AXIS = 13  # of the fit; the misfit is taken at all nodes, so most of a fine map is left to judge it

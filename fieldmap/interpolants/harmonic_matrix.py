@@ -1,11 +1,9 @@
 """What a harmonic polynomial gives at points, as a matrix on its coefficients."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldmap.kernels.solid_harmonics import derivative_matrix, regular_table
-
-Array = NDArray[np.float64]
+from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
+from fieldmap.typing import Array
 
 
 def field_matrix(degree: int, points: Array) -> Array:

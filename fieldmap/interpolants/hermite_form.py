@@ -1,15 +1,13 @@
 """The tricubic Hermite form of a map: through the stored values and gradients, once continuously differentiable."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.interpolants.form import Form, header
 from fieldmap.interpolants.node_potential import node_potential
 from fieldmap.interpolants.node_slopes import nodal_coefficients
-from fieldmap.kernels import map_block
+from fieldmap.kernels.map import map_block
 from fieldmap.store import MapData
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def hermite_form(data: MapData, outside: str) -> Form:

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.interpolants.form import Form
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.kernels import map_block
-from fieldmap.kernels.cell_harmonics import DEGREE, SIZE
+from fieldmap.kernels.map import map_block
+from fieldmap.kernels.map.cell_harmonics import DEGREE, SIZE
 from fieldmap.store import MapInfo
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # On a face a difference of fields is a polynomial of degree 4 in two variables, known from 5 x 5 Chebyshev points.
 NODES = np.cos((2 * np.arange(5) + 1) * np.pi / 10)

@@ -1,11 +1,9 @@
 """The scalar potential at the nodes of a map, by integrating the field along the grid's lines."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.store import MapData
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def node_potential(data: MapData) -> Array:

@@ -4,16 +4,15 @@ Done once when a map is opened, so in array operations of numpy: a compiled kern
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 STENCIL = 5
 
 
 def nodal_coefficients(values: Array, gradient: Array, spacing: Array) -> Array:
     """Coefficients (nx, ny, nz, n_channels, 8) from values (nx, ny, nz, n_channels) and their exact gradient
-    (nx, ny, nz, n_channels, 3); layout: `fieldmap.kernels.hermite`.
+    (nx, ny, nz, n_channels, 3); layout: `fieldmap.kernels.map.hermite`.
 
     Only mixed derivatives are estimated: f_xy is the mean of the differences of f_x along y and of f_y
     along x, and so on; f_xyz is the mean of the differences of the mixed second derivatives. Their error,

@@ -1,16 +1,16 @@
 """Soft iron in the field of coils: mesh, volume integral equation, solution."""
 
 from fieldmap.device.model import Section
-from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.hysteresis import HysteresisSolver, HystereticState, IronMemory, Pinning
-from fieldmap.iron.linear import solve_linear
-from fieldmap.iron.meshing.mesh import IronMesh, generate_mesh
-from fieldmap.iron.nonlinear import NonlinearSolution, NonlinearSolver, solve
-from fieldmap.iron.overdriven import OverdrivenBody, overdriven_bodies
+from fieldmap.iron.beyond_saturation import OverdrivenBody, overdriven_bodies
+from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.iron.to_tolerance import solve_to_tolerance
+from fieldmap.iron.solvers.hysteresis import HysteresisSolver, HystereticState, IronMemory, Pinning
+from fieldmap.iron.solvers.linear import solve_linear
+from fieldmap.iron.solvers.nonlinear import NonlinearSolution, NonlinearSolver, solve
+from fieldmap.iron.solvers.to_tolerance import solve_to_tolerance
 
 __all__ = [
     "HysteresisSolver",

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from fieldmap.iron.forms.bh_law import LawTables
-from fieldmap.iron.forms.nodal_elements import CoilField
-from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.reduced_iron import newton, tangent_factor
-from fieldmap.kernels.sample_gradients import sample_gradients
-
-Array = NDArray[np.float64]
+from fieldmap.iron.elements.bh_law import LawTables
+from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
+from fieldmap.kernels.iron.sample_gradients import sample_gradients
+from fieldmap.kernels.map.reduced_iron import newton, tangent_factor
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +25,7 @@ class GalerkinModel:
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,), see
-    `fieldmap.kernels.reduced_iron`; charge (r, s): density on the surface faces of every mode, T.
+    `fieldmap.kernels.map.reduced_iron`; charge (r, s): density on the surface faces of every mode, T.
     """
 
     gradients: Array

@@ -1,4 +1,4 @@
-"""One state of a device with saturating iron: its fields, forces, fluxes and linkages."""
+"""Coils and iron at fixed currents: the fields that every solved state has."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,17 +6,58 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fieldmap.device.model import Section
+from fieldmap.device.model import Coil, Section
+from fieldmap.iron.elements.potential_form import PotentialState
+from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.quantities.air import checked_points, containing_element, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
-from fieldmap.iron.solved_state import SolvedState
+from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True, eq=False)
+class SolvedState:
+    """Coils and iron at currents (c,) in A. Fields in T, gradients in T/m, points (n, 3) or (3,) in m."""
+
+    coils: tuple[Coil, ...]
+    currents: Array
+    mesh: IronMesh
+    state: PotentialState
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return tuple(coil.name for coil in self.coils)
+
+    def field(self, points: ArrayLike) -> Array:
+        """Flux density (n, 3) or (3,); inside the iron the mean of the element. Raises InputError for bad points."""
+        x, single = checked_points(points)
+        b = self.state.iron.faces.field(x, self.state.iron.density)[0]
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            b += current * unit_flux_density(coil, x)
+        element = containing_element(self.mesh, x)
+        inside = element >= 0
+        b[inside] = self.state.iron.flux_density[0, element[inside]]
+        return b[0] if single else b
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), outside the iron. Raises InputError for points inside it."""
+        x, single = checked_points(points)
+        refuse_inside(self.mesh, x)
+        g = self.state.iron.faces.field_and_gradient(x, self.state.iron.density)[1][0]
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            g += current * unit_flux_density_and_gradient(coil, x)[1]
+        return g[0] if single else g
+
+    def flux_density(self, body: str) -> Array:
+        """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
+        return mean_over_body(self.mesh, body, self.state.iron.flux_density[0])
 
 
 @dataclass(frozen=True, eq=False)

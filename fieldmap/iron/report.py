@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fieldmap.iron.error_estimate import ErrorEstimate
+from fieldmap.iron.error.estimate import ErrorEstimate
 
 
 @dataclass(frozen=True)

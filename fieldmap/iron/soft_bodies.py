@@ -8,7 +8,7 @@ from fieldmap.device.model import (
     SaturatingMaterial,
 )
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.bh_law import law_words
+from fieldmap.iron.elements.bh_law import law_words
 
 _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 

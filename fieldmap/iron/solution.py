@@ -6,22 +6,26 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Coil, Section
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.state import IronState
-from fieldmap.iron.meshing.mesh import IronMesh
-from fieldmap.iron.quantities.air import checked_currents, checked_points, mean_over_body, refuse_inside
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.quantities.air import (
+    checked_currents,
+    checked_points,
+    containing_element,
+    mean_over_body,
+    refuse_inside,
+)
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
-from fieldmap.iron.quantities.inside import containing_element
 from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldmap.device.symmetry import Operation
-from fieldmap.iron.forms.nodal_elements import NodalElements
-from fieldmap.iron.meshing.copies import MeshSymmetry
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from fieldmap.iron.elements.nodal_elements import NodalElements
+from fieldmap.iron.mesh.copies import MeshSymmetry
+from fieldmap.iron.symmetry import Operation
+from fieldmap.typing import Array, Index
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.levitation.conventions import GRAVITY
 from fieldmap.levitation.dipole import aligned_stiffness, dipole_force, dipole_stiffness
 from fieldmap.levitation.interface import LevitationField
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(eq=False)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.device.model import Payload
@@ -14,8 +14,8 @@ from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.stationary import StationaryPoint, describe
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _STEPS = 40
 _CLOSE = 1e-8
 _WELL_ENOUGH = 1e-6

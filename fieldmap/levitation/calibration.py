@@ -17,8 +17,8 @@ from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.checks import check_payload
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.magnet_models import MagnetModel, magnet_balance, model_assumptions
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 PARAMETERS = ("field_scale", "magnet_offset", "current_scale")
 _TYPICAL = {"field_scale": 1.0, "magnet_offset": 0.01}
 _FAR = 3.0

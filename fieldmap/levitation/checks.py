@@ -1,13 +1,12 @@
 """What the functions of this room ask of their arguments."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.levitation.interface import LevitationField
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def check_payload(payload: Payload | None, where: str) -> Payload:

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Residual = Callable[[Array, float], Array]
 Slope = Callable[[Array, float], Array]
 

@@ -2,9 +2,8 @@
 (docs/theory/equilibrium.md)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def dipole_force(moment: Array, gradient: Array) -> Array:

@@ -12,8 +12,7 @@ from fieldmap.levitation.checks import check_currents, check_payload, check_posi
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.result import Equilibrium, SearchReport
 from fieldmap.levitation.search import best_starts, no_equilibrium, roots, search_grid
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def find_equilibrium(

@@ -3,11 +3,10 @@
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 class _State(Protocol):

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.levitation.force_formulas import Exponential, HorizontalForce, QuadraticForce, VerticalForce
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Formula = TypeVar("Formula")
 # Smallest bracket of (4-7) on the data that a fit may end with: nearer, the pole lies among the data.
 _SMALLEST_BRACKET = 0.05

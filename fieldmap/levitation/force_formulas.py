@@ -7,9 +7,9 @@ hold is measured in docs/theory/force_formulas.md.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)

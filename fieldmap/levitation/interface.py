@@ -2,10 +2,9 @@
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 class LevitationField(Protocol):

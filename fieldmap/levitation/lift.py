@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, Problem
@@ -12,8 +12,7 @@ from fieldmap.levitation.checks import check_currents, check_payload, check_posi
 from fieldmap.levitation.conventions import GRAVITY
 from fieldmap.levitation.dipole import dipole_force
 from fieldmap.levitation.interface import LevitationField
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 LINEARITY = 1e-6
 """Largest relative departure from force proportional to current that is accepted as linear."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NotConverged, Problem
@@ -14,8 +14,8 @@ from fieldmap.levitation.conventions import GRAVITY
 from fieldmap.levitation.dipole import dipole_force
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.lift import LiftCurrent, direction_of_lift
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 StateAt = Callable[[Array], LevitationField]
 
 MAX_STATES = 15

@@ -3,7 +3,6 @@
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.arguments import check_choice
 from fieldmap.device.model import Payload
@@ -12,8 +11,8 @@ from fieldmap.levitation.balance import Balance
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.rigid_magnet import RigidBalance
 from fieldmap.lookup.finite_magnet import volume_rule
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
 MODELS = ("fixed", "aligned", "rigid", "rigid upright")
 RULE = 3

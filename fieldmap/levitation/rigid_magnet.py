@@ -3,14 +3,14 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.levitation.conventions import GRAVITY
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.lookup.finite_magnet import FiniteMagnet
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _TORQUE = 1e-8
 """Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
 _TURNS = 60

@@ -1,15 +1,13 @@
 """Where the search for an equilibrium begins, and the root finder."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from fieldmap.errors import NoEquilibrium, Problem
 from fieldmap.levitation.balance import Balance
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.lookup import FieldMap
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 SEARCH_SHAPE = (7, 7, 15)
 MAX_STARTS = 8

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive
 from fieldmap.device.model import Payload
@@ -11,8 +11,8 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.levitation.checks import check_currents, check_payload, check_position
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _CURRENT_STEP = 0.01
 """Half the difference of currents, of the largest one, over which a force is differenced unless told otherwise."""
 

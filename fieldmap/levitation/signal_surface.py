@@ -16,8 +16,8 @@ from fieldmap.levitation.checks import check_payload
 from fieldmap.levitation.conventions import GRAVITY
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.stationary import StationaryPoint
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _COILS = ("1", "2", "3", "4", "5", "6")
 
 

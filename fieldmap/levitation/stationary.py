@@ -4,15 +4,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_ordered
 from fieldmap.device.model import Payload
 from fieldmap.levitation.checks import check_currents, check_payload, check_position
 from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Kind = Literal["stable", "saddle", "unstable"]
 
 _STEPS = 30

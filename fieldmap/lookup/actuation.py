@@ -9,12 +9,11 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
-from fieldmap.lookup.checks import checked_vectors
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 FIELD_ROWS = ("Bx", "By", "Bz")
 GRADIENT_ROWS = ("dBx/dx", "dBx/dy", "dBx/dz", "dBy/dy", "dBy/dz")

@@ -3,15 +3,14 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fieldmap.kernels import lookup as kernels
-from fieldmap.lookup.checks import checked_vectors
+from fieldmap.arguments import checked_vectors
+from fieldmap.field import dipole_wrench
+from fieldmap.kernels.map import lookup as kernels
 from fieldmap.lookup.compiled import closed_to_new_types
-from fieldmap.lookup.dipole_wrench import dipole_wrench
 from fieldmap.lookup.doors import Box, field_and_gradient, result_array, with_currents
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _ONE = np.ones((1, 1))
 _empty = np.empty

@@ -1,25 +1,10 @@
 """Arguments of a lookup, made into arrays that a kernel may read."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, OutsideMapError, Problem
-
-Array = NDArray[np.float64]
-
-
-def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
-    """`values` as (n, 3), and whether a single vector (3,) was given. Raises InputError for other shapes."""
-    try:
-        # Writeable too, lest a read-only array costs a compilation of its own.
-        array = np.require(values, np.float64, ["C", "W"])
-    except (TypeError, ValueError):
-        raise InputError(_problem(name, "numbers of shape (3,) or (n, 3)", repr(values)[:80])) from None
-    if array.ndim == 1 and array.size == 3:
-        return array.reshape(1, 3), True
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(_problem(name, "numbers of shape (3,) or (n, 3)", f"shape {array.shape}"))
-    return array, False
+from fieldmap.typing import Array
 
 
 def checked_currents(values: ArrayLike, coil_names: tuple[str, ...], n_points: int) -> Array:

@@ -4,16 +4,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.current_division import undivide_currents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
-from fieldmap.kernels.continuation import continued
-from fieldmap.kernels.matrix_vector import times
-from fieldmap.kernels.reduced_iron import blended_start, newton, sensitivities
+from fieldmap.kernels.map.continuation import continued
+from fieldmap.kernels.map.matrix_vector import times
+from fieldmap.kernels.map.reduced_iron import blended_start, newton, sensitivities
 from fieldmap.store import ReducedModel
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
 # The last step is taken past this decrement: what is left is a few tenths of it. For lookups the larger one, still a
 # thousandth of what such models are off; the other for searches that divide differences of the weights.
@@ -111,7 +110,7 @@ class CurrentModel:
         return start, factors[nearest].copy()
 
     def _solve(self, currents: Array, start: Array, factor: Array, tolerance: float) -> Array:
-        """Amplitudes (r,), begun from `start`; factor, tolerance: see `fieldmap.kernels.reduced_iron.newton`."""
+        """Amplitudes (r,), begun from `start`; factor, tolerance: see `fieldmap.kernels.map.reduced_iron.newton`."""
         found, _, decrement = newton(
             times(self._source, currents),
             *self._iron,

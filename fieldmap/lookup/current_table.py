@@ -4,18 +4,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.current_table import FOUND, table_weights
-from fieldmap.kernels.lookup import evaluate_units
-from fieldmap.kernels.map_block import SETS
+from fieldmap.kernels.map.current_table import FOUND, table_weights
+from fieldmap.kernels.map.lookup import evaluate_units
+from fieldmap.kernels.map.map_block import SETS
 from fieldmap.lookup.current_model import LARGEST_MISMATCH, MARGIN, CurrentModel
 from fieldmap.store import FieldError, Grid
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Nodes of u, x and y: more are taken until the table's error is this share of the model's own.
 SIZES = ((5, 17, 17), (7, 21, 21), (9, 33, 33))
 _GOOD = 0.25
@@ -28,8 +27,9 @@ _STATES, _BALANCED, _SEED = 200, 100, 11
 class CurrentTable:
     """The weights that a `CurrentModel` gives, by cubic splines between tabulated currents.
 
-    arrays: what `fieldmap.kernels.current_table.table_weights` takes; nodes: of u, x and y; error: largest difference
-    from the model in the map's box at 300 states between the nodes, a third of them nearly balanced, T and T/m.
+    arrays: what `fieldmap.kernels.map.current_table.table_weights` takes; nodes: of u, x and y; error: largest
+    difference from the model in the map's box at 300 states between the nodes, a third of them nearly balanced, T
+    and T/m.
     """
 
     model: CurrentModel

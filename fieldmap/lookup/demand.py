@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.lookup.actuation import FIELD_ROWS, FORCE_ROWS, GRADIENT_ROWS, TORQUE_ROWS
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _UNITS = {"F": "N", "T": "N m", "B": "T", "d": "T/m"}
 

@@ -9,13 +9,11 @@ from itertools import pairwise
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels import lookup as kernels
+from fieldmap.kernels.map import lookup as kernels
 from fieldmap.lookup.checks import outside_error
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
 CHUNK = 16384

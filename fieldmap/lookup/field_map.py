@@ -4,21 +4,22 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import dipole_wrench
 from fieldmap.interpolants import Form, Jump, contract, jump_between_cells, set_size
-from fieldmap.kernels import lookup as kernels
-from fieldmap.kernels.current_table import tabulated_at_currents
+from fieldmap.kernels.map import lookup as kernels
+from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Limits
 from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
-from fieldmap.lookup.checks import checked_currents, checked_vectors
+from fieldmap.lookup.checks import checked_currents
 from fieldmap.lookup.choices import FORMS, check_choices
 from fieldmap.lookup.compiled import closed_to_new_types
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.demand import demand_of
-from fieldmap.lookup.dipole_wrench import dipole_wrench
 from fieldmap.lookup.doors import (
     Box,
     default_threads,
@@ -30,8 +31,7 @@ from fieldmap.lookup.doors import (
 from fieldmap.lookup.inverse_currents import checked_weight, currents_of_sum
 from fieldmap.lookup.inverse_saturating import currents_of_model
 from fieldmap.store import FieldError, MapData, MapInfo
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _empty = np.empty
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fieldmap.arguments import checked_vectors
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.kernels.constants import MU0
-from fieldmap.lookup.checks import checked_vectors
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Shape = MagnetCylinder | MagnetSphere | MagnetBlock
 
 FINEST = 8

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
+from fieldmap.arguments import checked_vectors
 from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, OutsideMapError, Problem
-from fieldmap.kernels import least_power as kernels
-from fieldmap.kernels.lookup import evaluate_units
+from fieldmap.kernels.map import least_power as kernels
+from fieldmap.kernels.map.lookup import evaluate_units
 from fieldmap.lookup.actuation import Limits, checked_limits
-from fieldmap.lookup.checks import checked_vectors
 from fieldmap.lookup.demand import Demand
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def currents_of_sum(

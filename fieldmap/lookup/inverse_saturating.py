@@ -4,14 +4,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import Infeasible, InputError, NotConverged, Problem
-from fieldmap.kernels import least_power as kernels
+from fieldmap.kernels.map import least_power as kernels
 from fieldmap.lookup.actuation import Limits, checked_limits
 from fieldmap.lookup.checks import checked_currents
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.demand import Demand
 from fieldmap.lookup.inverse_currents import refusal, rows_at
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _MOST_STEPS = 100
 _TOLERANCE = 1e-9  # of the demand, row by row in units of what a typical current gives

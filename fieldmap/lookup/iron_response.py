@@ -8,17 +8,16 @@ currents that touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f 
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants import set_size
-from fieldmap.kernels import map_block
+from fieldmap.kernels.map import map_block
 from fieldmap.lookup.checks import checked_currents
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.field_map import FieldMap
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTable]] = WeakKeyDictionary()
 

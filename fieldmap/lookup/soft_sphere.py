@@ -3,12 +3,11 @@
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import MU0
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 class Field(Protocol):

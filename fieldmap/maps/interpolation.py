@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldmap.interpolants import Form, contract, hermite_form, set_size
 from fieldmap.iron import SolverReport
-from fieldmap.kernels import lookup as kernels
+from fieldmap.kernels.map import lookup as kernels
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.store.grid import Array
 

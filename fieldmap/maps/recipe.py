@@ -4,21 +4,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device import Device, read_device
-from fieldmap.device.document import schema_findings
-from fieldmap.device.file_kinds import load_input_file
-from fieldmap.device.findings import closest, one_of, shown
-from fieldmap.device.input_files import find_input_file
-from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.errors import Problem, RecipeError
+from fieldmap.inputs.document import find_input_file, load_input_file, schema_findings
+from fieldmap.inputs.findings import closest, one_of, shown
+from fieldmap.inputs.toml_lines import line_numbers, nearest_line
 from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.schema import RecipeFile
 from fieldmap.shipped import shipped_file, shipped_names
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 MILLI = 1e-3
 
 

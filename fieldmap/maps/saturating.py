@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import Coil, Device
 from fieldmap.iron import NonlinearSolver, SolverReport
@@ -19,8 +18,8 @@ from fieldmap.maps.stopwatch import SPENT, Stopwatch
 from fieldmap.parallel import Common, Workers
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import FieldError, Grid, ReducedModel, StateArchive
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Say = Callable[[str, float], None]
 # Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
 PROBES_PER_EDGE = 7

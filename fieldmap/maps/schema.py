@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from fieldmap.device.findings import shown
-from fieldmap.device.schema.base import LARGEST_LENGTH_MM, Point, Positive, Table, Text, broken
 from fieldmap.device.schema.workspace import above_lower
+from fieldmap.inputs.findings import shown
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Point, Positive, Table, Text, broken
 
 FORMAT = 1
 LARGEST_CURRENT_A = 1e6

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldmap.device.model import Device
 from fieldmap.iron import LinearSolution, SolverReport
-from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.operators.surface import ChargedFaces
 
 _FACES = [field.name for field in fields(ChargedFaces)]

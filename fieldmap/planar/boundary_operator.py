@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from fieldmap.kernels.plane import mutual_segments
+from fieldmap.kernels.iron.plane import mutual_segments
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 

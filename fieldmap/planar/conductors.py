@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.constants import MU0_OVER_2PI
-from fieldmap.kernels.plane import polygon_derivatives
+from fieldmap.kernels.iron.plane import polygon_derivatives
 from fieldmap.planar.model import PlanarCoil, RectangularWire, RoundWire
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 _POINTS = 12
 

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 
-from fieldmap.iron.forms.bh_law import LawTables
+from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.planar.outline import Outline
 from fieldmap.planar.reluctivity import field_strength
 from fieldmap.planar.triangulation import triangulate
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 

@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 from fieldmap.arguments import check_positive
 from fieldmap.device.model import FluxBarrier, LinearMaterial, Material, PermanentMagnet
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.bh_law import initial_mu_r
+from fieldmap.iron.elements.bh_law import initial_mu_r
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.planar.boundary_operator import BoundaryOperator, boundary_operator
 from fieldmap.planar.conductors import coil_derivatives, coil_vector_potential, complex_points
@@ -17,8 +17,8 @@ from fieldmap.planar.geometry_checks import check_planar_geometry
 from fieldmap.planar.model import PlanarCoil, PlanarDevice
 from fieldmap.planar.outline import Outline, make_outline
 from fieldmap.planar.solution import PlanarReport, PlanarSolution, Region
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 _POINTS = 8

@@ -8,12 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fieldmap.device.model import Material
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _EMPTY: Mapping[str, str] = MappingProxyType({})
 
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
@@ -11,8 +10,8 @@ from scipy.sparse.linalg import splu
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.iron_energy import IronTriangles
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _MOST_STEPS = 60
 _MOST_HALVINGS = 40
 

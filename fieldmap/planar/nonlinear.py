@@ -3,11 +3,11 @@
 import time
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import FluxBarrier, LinearMaterial, PermanentMagnet
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.bh_law import law_tables, law_words
+from fieldmap.iron.elements.bh_law import law_tables, law_words
 from fieldmap.planar.conductors import coil_vector_potential
 from fieldmap.planar.geometry_checks import check_planar_geometry
 from fieldmap.planar.iron_energy import IronTriangles, iron_triangles
@@ -17,8 +17,8 @@ from fieldmap.planar.newton import Balance, minimise
 from fieldmap.planar.outline import Outline, make_outline
 from fieldmap.planar.solution import PlanarReport, checked_currents
 from fieldmap.planar.state import PlanarState
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Gentler than the linear model's: triangles have to follow it.
 _GRADING = 2
 

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
+
 Complex = NDArray[np.complex128]
 
 

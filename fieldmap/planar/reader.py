@@ -4,10 +4,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from fieldmap.device.document import Document, find_device_file, load_document
 from fieldmap.device.reader import checked_contents
-from fieldmap.device.schema.base import MILLI, read_only
 from fieldmap.device.schema.materials import Curves
+from fieldmap.inputs.document import Document, find_device_file, load_document
+from fieldmap.inputs.tables import MILLI, read_only
 from fieldmap.planar.geometry_checks import check_planar_geometry
 from fieldmap.planar.model import PlanarDevice
 from fieldmap.planar.schema import PlanarFile, WallKeys

@@ -1,11 +1,11 @@
-"""H of B: the laws of `fieldmap.iron.forms.bh_law` turned around, with their energy density and slope."""
+"""H of B: the laws of `fieldmap.iron.elements.bh_law` turned around, with their energy density and slope."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.iron.forms.bh_law import LawTables, law_slopes, law_values
+from fieldmap.iron.elements.bh_law import LawTables, law_slopes, law_values
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _BISECTIONS = 20
 _NEWTON_STEPS = 6

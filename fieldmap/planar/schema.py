@@ -4,7 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fieldmap.device.schema.base import (
+from fieldmap.device.schema.file import Format, require_known_format
+from fieldmap.device.schema.materials import AnyMaterial
+from fieldmap.device.schema.shapes import SimplePolygon, counter_clockwise
+from fieldmap.inputs.tables import (
     MILLI,
     CoilName,
     Length,
@@ -16,9 +19,6 @@ from fieldmap.device.schema.base import (
     broken,
     read_only,
 )
-from fieldmap.device.schema.file import Format, require_known_format
-from fieldmap.device.schema.materials import AnyMaterial
-from fieldmap.device.schema.shapes import SimplePolygon, counter_clockwise
 from fieldmap.planar import model
 
 Points = Annotated[list[PlanePoint], Field(min_length=1)]

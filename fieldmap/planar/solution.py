@@ -7,13 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_signal
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.plane import segment_derivatives
+from fieldmap.kernels.iron.plane import segment_derivatives
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_derivatives, complex_points, rectangle, wires
 from fieldmap.planar.model import PlanarDevice, RoundWire
 from fieldmap.planar.plane_geometry import inside
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

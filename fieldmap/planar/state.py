@@ -20,8 +20,8 @@ from fieldmap.planar.solution import (
     field_places,
     harmonic_derivatives,
 )
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

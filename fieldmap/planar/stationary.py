@@ -4,14 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from fieldmap.arguments import check_count, check_numbers, check_ordered
 from fieldmap.planar.solution import PlanarSolution
 from fieldmap.planar.state import PlanarState
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _TOLERANCE = 1e-10
 
 

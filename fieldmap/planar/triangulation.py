@@ -6,8 +6,8 @@ from scipy.spatial import Delaunay, cKDTree
 
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.planar.plane_geometry import distance_to_edges, inside
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 _GROWTH = 0.35

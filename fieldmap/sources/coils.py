@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import CircularCoil, Coil
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.path import path_flux_density, path_flux_density_and_gradient
-from fieldmap.kernels.ring import ring_flux_density, ring_flux_density_and_gradient
+from fieldmap.kernels.coils.path import path_flux_density, path_flux_density_and_gradient
+from fieldmap.kernels.coils.ring import ring_flux_density, ring_flux_density_and_gradient
 from fieldmap.sources.winding_path import winding_path
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 FEWEST_DIGITS, MOST_DIGITS = 4, 14
 
 

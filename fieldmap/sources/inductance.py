@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.constants import mu_0
 from scipy.spatial.distance import cdist
 
 from fieldmap.device.model import Coil
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Rows of the table of distances between two windings that are held at once.
 _ROWS = 500
 

@@ -1,21 +1,20 @@
-"""The middle line of a plane winding as arcs and bars, in the form that `fieldmap.kernels.path` takes."""
+"""The middle line of a plane winding as arcs and bars, in the form that `fieldmap.kernels.coils.path` takes."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import PathCoil, RoundedRectangleCoil
 from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _STRAIGHT = 1e-12  # a corner that turns by less is no corner; a bar shorter than this times the path is none
 
 
 @dataclass(frozen=True, eq=False)
 class WindingPath:
-    """arcs (n, 8) and bars (m, 5) as documented in `fieldmap.kernels.path`; thickness and height in m."""
+    """arcs (n, 8) and bars (m, 5) as documented in `fieldmap.kernels.coils.path`; thickness and height in m."""
 
     arcs: Array
     bars: Array

@@ -9,12 +9,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import CircularCoil, Coil
 from fieldmap.sources.winding_path import WindingPath, winding_path
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
 _PER_SIDE = 4
 _FEWEST, _MOST_ACROSS, _MOST_ALONG = 4, 48, 200

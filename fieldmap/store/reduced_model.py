@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _INTEGER = ("law", "law_offset")
 
 
@@ -17,8 +17,9 @@ class ReducedModel:
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
     points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
-    `fieldmap.kernels.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.reduced_iron`; output
-    (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of the
+    `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.map.reduced_iron`;
+    output (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s,
+    r): of the
     states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
     the currents in A (d = c), or of u in A, x and y of their division where division_exponent (1,) is given instead of
     (0,), see `fieldmap.device.current_division`; reference_weights (k,): of the iron fields at the map's reference

@@ -9,11 +9,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 FORMAT = "fieldmap run 1"
 

@@ -9,12 +9,10 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.store.partial import UNREADABLE, disk_errors, to_disk
 from fieldmap.store.record import to_json
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)

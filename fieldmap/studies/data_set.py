@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, Problem
@@ -19,8 +18,8 @@ from fieldmap.provenance import library_versions
 from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
 from fieldmap.studies.study import Axis, Study
 from fieldmap.studies.summary import VariantResult
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _CONVENTIONS = (
     "SI units. Right-handed frame, z up, origin on the centre of the pole disk's lower face. gradient: "
     "dB_component/dx_direction."

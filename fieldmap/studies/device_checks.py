@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from fieldmap.device.findings import Finding
 from fieldmap.device.model import Device
+from fieldmap.inputs.findings import Finding
 from fieldmap.maps.recipe import Recipe
 from fieldmap.studies.quantities import NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
 from fieldmap.studies.schema import StudyFile

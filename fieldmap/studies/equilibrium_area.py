@@ -9,13 +9,11 @@ displacement, with stiffnesses k_x and k_y along the axes, it is an ellipse,
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, Problem
 from fieldmap.levitation import GRAVITY, Equilibrium, LevitationField, dipole_force
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 DIRECTIONS = 64
 STEPS = 12

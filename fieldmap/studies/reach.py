@@ -1,16 +1,14 @@
 """How far currents within their limit hold the payload."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, Problem
 from fieldmap.iron import LinearSolution
-from fieldmap.kernels import least_power
+from fieldmap.kernels.map import least_power
 from fieldmap.levitation import GRAVITY, LevitationField
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 HEIGHTS = 33
 GRID = (7, 7, 9)

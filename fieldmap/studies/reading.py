@@ -6,13 +6,18 @@ from typing import Any
 import numpy as np
 
 from fieldmap.device.current_division import divide_currents
-from fieldmap.device.document import Document, find_device_file, load_document, schema_findings
-from fieldmap.device.file_kinds import load_input_file
-from fieldmap.device.findings import Finding
-from fieldmap.device.input_files import find_input_file
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError
+from fieldmap.inputs.document import (
+    Document,
+    find_device_file,
+    find_input_file,
+    load_document,
+    load_input_file,
+    schema_findings,
+)
+from fieldmap.inputs.findings import Finding
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.studies.device_checks import device_findings
 from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS

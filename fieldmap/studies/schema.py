@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
-from fieldmap.device.findings import one_of, shown
-from fieldmap.device.schema.base import Name, Point, Positive, Table, Text, broken
+from fieldmap.inputs.findings import one_of, shown
+from fieldmap.inputs.tables import Name, Point, Positive, Table, Text, broken
 from fieldmap.studies.quantities import GROUPS, TAKEN
 
 FORMAT = 1

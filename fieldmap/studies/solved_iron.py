@@ -4,16 +4,15 @@ truth."""
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import LinearSolution, NonlinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
-from fieldmap.iron.error_estimate import ErrorEstimate, estimate_error, workspace_surface
+from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.levitation import FixedCurrents
 from fieldmap.studies.study import IronModel
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Ratio of the mesh sizes of a solution and of the one that it is compared with, and of two refinements.
 COARSER = 1.4

@@ -5,14 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fieldmap.device.document import Document
 from fieldmap.device.reader import device_of
+from fieldmap.inputs.document import Document
 from fieldmap.provenance import fingerprint
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Rooms whose code takes part in a study.
 ROOMS = ("kernels", "device", "sources", "iron", "levitation", "studies")

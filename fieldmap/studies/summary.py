@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldmap.device.document import Document
 from fieldmap.device.model import Device, Payload, WorkspaceBox
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.inputs.document import Document
 from fieldmap.levitation import (
     DifferencedField,
     Equilibrium,
@@ -30,8 +29,8 @@ from fieldmap.studies.solved_iron import (
     solved_iron,
 )
 from fieldmap.studies.study import CurrentSet, IronModel, Record
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Numbers = dict[str, Any]
 
 # Half the distance of the currents whose forces are differenced, relative.

@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from fieldmap.device.cross_checks import all_paths
-from fieldmap.device.document import Document
-from fieldmap.device.findings import Finding, closest, shown
-from fieldmap.device.key_paths import Location, dotted, matches, value_at
 from fieldmap.device.reader import device_of
 from fieldmap.errors import DeviceFileError
+from fieldmap.inputs.document import Document
+from fieldmap.inputs.findings import Finding, closest, shown
+from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
 from fieldmap.studies.schema import StudyFile, VaryKeys
 from fieldmap.studies.study import Axis, Value, Variant, setting_words
 

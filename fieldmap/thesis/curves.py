@@ -4,9 +4,9 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
+
 SERIES_KINDS = ("ours", "thesis", "measured", "asked")
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
@@ -14,8 +13,8 @@ from fieldmap.thesis.curves import Curves
 from fieldmap.thesis.horizontal import signal_of
 from fieldmap.thesis.linked_runs import Readings, X, answer_of, ours, over_time, run_of
 from fieldmap.thesis.registry import Answers
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _MACHINE = "linked machine"
 _FREE = {"kind": "constant"}
 _TRIES = 4

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap import provenance
-from fieldmap.adapters.whole_files import write_whole
+from fieldmap.interop.whole_files import write_whole
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.thesis.comparison import Comparison
 from fieldmap.thesis.computation import PartResult, attempt_part

@@ -12,8 +12,7 @@ from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Ours
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 X, Y, DEPTH = 0, 1, 2
 LABELS = ("x (mm)", "y (mm)", "depth (mm)")

@@ -4,7 +4,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.control import MapPlant, continuous, division_slopes, plant_from_map
 from fieldmap.device import read_device
@@ -20,8 +19,7 @@ from fieldmap.levitation import (
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 from fieldmap.thesis.registry import Ours
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _REFINEMENT = 0.4
 _DEVICE = "drive_unit"

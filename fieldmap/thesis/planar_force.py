@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fieldmap.device import read_device
@@ -19,8 +18,8 @@ from fieldmap.planar import (
 )
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 HALF_WIDTH = 0.15
 """Half the width of what is fitted, m; the pole piece's is 0.17 m."""
 MIDDLE = 0.05

@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fieldmap.device import read_device
@@ -20,8 +19,8 @@ from fieldmap.planar import (
 )
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 WINDOW = 0.165
 """Half the width in which zeros are looked for, m: the pole piece's is 0.17 m."""
 _DRAWN = (

@@ -4,7 +4,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fieldmap.device.current_division import divide_currents
@@ -17,7 +16,6 @@ from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shift_tables import DRAWN_H, Axis
 from fieldmap.thesis.shifts import RULES, Shift, lift_share, payload, shift, unit_states
 
-Array = NDArray[np.float64]
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
 """y < 0 mirrors y > 0."""

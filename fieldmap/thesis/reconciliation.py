@@ -4,7 +4,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.current_division import divide_currents
 from fieldmap.levitation import (
@@ -19,8 +18,7 @@ from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.reach import EXTRAPOLATED, extended_map
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shifts import payload
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 FITS: dict[str, tuple[tuple[str, ...], str]] = {
     "scale": (("field_scale",), ""),

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.control import (
     Estimator,
@@ -20,8 +20,8 @@ from fieldmap.control import (
 from fieldmap.dynamics.scenario.controller_keys import RegulatorKeys
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, Readings, over_time, with_measured
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _BEGIN, _END = 0.9, 2.0
 
 

@@ -8,20 +8,19 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.arguments import check_choice
 from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.hysteresis import HysteresisSolver, HystereticState, IronMemory
+from fieldmap.iron.solvers.hysteresis import HysteresisSolver, HystereticState, IronMemory
 from fieldmap.levitation import equilibrium_at, magnet_height, thesis_lift_current
 from fieldmap.levitation.differences import DifferencedField
 from fieldmap.levitation.fixed_currents import FixedCurrents
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.thesis.shifts import Rule
 from fieldmap.thesis.unit_states import LOWER, UPPER
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Axis = Literal["x", "y"]
 History = Literal["demagnetised", "cycled", "restarted", "wiped", "saturated"]
 HISTORIES: dict[str, str] = {

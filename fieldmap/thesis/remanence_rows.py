@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device import read_device
-from fieldmap.iron.hysteresis import HysteresisSolver, Pinning
+from fieldmap.iron.solvers.hysteresis import HysteresisSolver, Pinning
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import KeptState, StateArchive
@@ -18,8 +17,8 @@ from fieldmap.thesis.remanence import Axis, Protocol, prepared, walk
 from fieldmap.thesis.shift_tables import curve
 from fieldmap.thesis.shifts import COMMON, RULES
 from fieldmap.thesis.unit_states import DEVICE, ROOMS
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 REFINEMENT = 0.5
 """Mesh sizes of the device file are divided by this: positions within 8 %, a run in a minute or two."""
 _FILE = "thesis_remanence.h5"

@@ -11,8 +11,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from fieldmap.adapters.whole_files import write_whole
 from fieldmap.errors import InputError, Problem
+from fieldmap.interop.whole_files import write_whole
 from fieldmap.thesis.comparison import Comparison, agreeing
 from fieldmap.thesis.computation import PartResult
 from fieldmap.thesis.curves import Curves

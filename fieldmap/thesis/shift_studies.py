@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from fieldmap.levitation import (
     GRAVITY,
@@ -31,8 +30,7 @@ from fieldmap.thesis.shifts import (
 )
 from fieldmap.thesis.unit_rays import UnitRays
 from fieldmap.thesis.unit_states import UnitStates
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 def fits(inputs: dict[str, Any]) -> Answers:

@@ -4,15 +4,14 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.levitation import LevitationField
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shifts import COMMON, MAP_WORDS, RULES, Rule, Shift, shift, unit_rays
 from fieldmap.thesis.unit_rays import WORDS
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Axis = Literal["x", "y"]
 AXES: tuple[Axis, ...] = ("x", "y")
 BOTH: tuple[Rule, ...] = ("held", "constant")

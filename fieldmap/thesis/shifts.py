@@ -7,7 +7,7 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device.current_division import divide_currents
 from fieldmap.device.model import Payload
@@ -22,8 +22,8 @@ from fieldmap.levitation import (
 )
 from fieldmap.thesis.unit_rays import UnitRays
 from fieldmap.thesis.unit_states import UnitStates
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Rule = Literal["constant", "held"]
 FAR = 0.34
 """Direction signals beyond this are solved as states: the map is off by 0.1 to 0.2 mm there."""

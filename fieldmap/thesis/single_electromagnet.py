@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fieldmap.device import read_device
@@ -14,8 +13,8 @@ from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation.conventions import GRAVITY
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"
 CURRENTS = {EXACT: (1.0,), SIMPLIFIED: (100.0,) * 5}
 _REFINEMENT = 1.5

@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device import read_device
 from fieldmap.iron import solve_linear
@@ -13,8 +12,8 @@ from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
 from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
 # Electromagnets of Fig. 4-8 on the x axis, and the sides on which their formulas have their poles.
 ONE, FOUR = "2", "5"

@@ -5,7 +5,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from fieldmap.device import read_device
@@ -20,8 +19,8 @@ from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.shifts import lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.unit_rays import PANELS, WORDS
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 VARIANTS = {
     "drive_unit": "as it levitated",
     "drive_unit_no_centre_core": "without centre core",

@@ -1,12 +1,11 @@
 """The drive unit along rays of currents, all in one proportion: quadratic interpolation between solved states."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.thesis.unit_states import LOWER, UPPER, UnitStates
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 PANELS = (
     (1.0, 1.558, 2.2),

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
@@ -14,8 +14,7 @@ from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Grid, KeptState, MapData, StateArchive
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 DEVICE = "drive_unit"
 ROOMS = ("kernels", "device", "sources", "iron")

@@ -20,8 +20,8 @@ from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, Readings, ours, over_time
 from fieldmap.thesis.registry import Answers
 from fieldmap.thesis.vertical_responses import responses, step_of
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 _BEGIN, _SHOWN, _SETTLED = 0.9, 1.5, 1e-2
 _ESTIMATORS: dict[str, Callable[..., Estimate]] = {
     "generalised least squares": generalised_least_squares,

@@ -16,8 +16,8 @@ from rich.table import Table
 
 from fieldmap.cli.opening import recorded_payload
 from fieldmap.lookup import open_map
-from fieldmap.view.live_window import LiveWindow
-from fieldmap.view.rendering import can_render
+from fieldmap.plot.live_window import LiveWindow
+from fieldmap.plot.rendering import can_render
 
 FOLDER, MAPS = Path("maps/out"), ("workspace", "quick", "division", "saturating")
 WANTED_MS = 100.0

@@ -23,7 +23,7 @@ from rich.table import Table
 import fieldmap as fm
 from fieldmap.device.model import Device, WorkspaceCylinder
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
-from fieldmap.sources.magpylib_coils import magpylib_coil
+from fieldmap.sources.magpylib_objects import magpylib_coil
 from fieldmap.store import Grid, MapData, write_map
 
 Array = NDArray[np.float64]

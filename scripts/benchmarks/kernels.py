@@ -18,12 +18,12 @@ from rich.console import Console
 from rich.table import Table
 
 from fieldmap.device.model import CircularCoil, RoundedRectangleCoil
-from fieldmap.kernels.charged_triangle import triangles_field, triangles_field_and_gradient
+from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
+from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.loop import loop_flux_density, loop_flux_density_and_gradient
-from fieldmap.kernels.sheet import sheet_flux_density, sheet_flux_density_and_gradient
+from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.magpylib_coils import magpylib_coil
+from fieldmap.sources.magpylib_objects import magpylib_coil
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], object]

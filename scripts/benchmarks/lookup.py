@@ -21,7 +21,7 @@ from rich.table import Table
 
 from benchmarks.lookup_peers import peers
 from benchmarks.two_threads import sentences, threads_gain
-from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.store import Grid, MapData
 

@@ -7,11 +7,11 @@ import numpy as np
 import fieldmap as fm
 from fieldmap.device.model import Body, Cylinder, Device, LinearMaterial, Part, Sphere
 from fieldmap.iron import generate_mesh
-from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.flux_form import FluxForm
-from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.potential_form import PotentialForm
-from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from validation.row import Array, Row, timed
 

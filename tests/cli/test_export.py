@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fieldmap.adapters import c_header, write_c_map, write_csv
 from fieldmap.cli import main
+from fieldmap.interop import c_header, write_c_map, write_csv
 from fieldmap.lookup import open_map
-from fieldmap.view.vti import write_vti
+from fieldmap.plot.vti import write_vti
 
 
 def test_writes_the_map_and_its_header(machine, tmp_path, capsys):

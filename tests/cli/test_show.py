@@ -14,8 +14,8 @@ from fieldmap.cli import main
 from fieldmap.cli.shown_sources import Request, _height
 from fieldmap.device.model import Payload
 from fieldmap.lookup import interpolate
+from fieldmap.plot.rendering import can_render
 from fieldmap.store import Grid, MapData
-from fieldmap.view.rendering import can_render
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 

@@ -11,16 +11,16 @@ import fieldmap as fm
 from fieldmap.device.model import Body, Device, LinearMaterial, Part, Sphere, WorkspaceBox, WorkspaceCylinder
 from fieldmap.errors import InputError, NotConverged
 from fieldmap.iron import NonlinearSolver, generate_mesh
-from fieldmap.iron.error_estimate import estimate_error, workspace_surface
-from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.flux_form import FluxForm
-from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.permeability import body_properties
-from fieldmap.iron.forms.potential_form import PotentialForm
-from fieldmap.iron.forms.state import IronState
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.permeability import body_properties
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.error.estimate import estimate_error, workspace_surface
+from fieldmap.iron.error.refinement import Level
 from fieldmap.iron.operators import assembled
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.refinement.levels import Level
 from fieldmap.iron.stages import Stages
 
 

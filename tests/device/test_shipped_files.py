@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device import model, read_device
-from fieldmap.device.key_paths import matches
+from fieldmap.inputs.key_paths import matches
 from fieldmap.shipped import shipped_file, shipped_folder, shipped_names
 
 COMMANDS = (Path(__file__).parent / "appendix_a3.txt").read_text().splitlines()

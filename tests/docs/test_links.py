@@ -126,8 +126,8 @@ def test_equations_are_numbered_once(page):
 
 
 ROOMS = [
-    "adapters", "control", "control.identification", "dynamics", "instruments", "interpolants", "iron", "levitation",
-    "lookup", "maps", "parallel", "planar", "sources", "store", "studies", "thesis", "view",
+    "control", "control.identification", "dynamics", "instruments", "interop", "interpolants", "iron", "levitation",
+    "lookup", "maps", "parallel", "planar", "sources", "store", "studies", "plot", "thesis",
 ]  # fmt: skip
 
 

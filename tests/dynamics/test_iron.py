@@ -6,7 +6,7 @@ import pytest
 from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics import linearised, superposed, tabled
 from fieldmap.errors import InputError
-from fieldmap.kernels.lookup import evaluate_with
+from fieldmap.kernels.map.lookup import evaluate_with
 from fieldmap.kernels.motion.weights import find_weights
 from fieldmap.lookup import iron_weights
 

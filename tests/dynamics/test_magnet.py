@@ -5,8 +5,8 @@ import pytest
 
 from fieldmap.device.model import MagnetCylinder
 from fieldmap.dynamics import RigidBody, energy, state_of
-from fieldmap.kernels.kept_field import forget, keep_field, kept_at
-from fieldmap.kernels.map_block import INSIDE, OUTSIDE
+from fieldmap.kernels.map.cached_field import forget, keep_field, kept_at
+from fieldmap.kernels.map.map_block import INSIDE, OUTSIDE
 from fieldmap.kernels.motion.magnet import magnet_wrench
 from fieldmap.kernels.motion.rotation import turn_matrix
 from fieldmap.lookup import unit_block, volume_rule

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from fieldmap.device.model import Arctangent, BHTable, Froehlich, Marrocco
 from fieldmap.errors import InputError
-from fieldmap.iron.forms.bh_law import initial_mu_r, law_range, law_tables, law_values, law_words
+from fieldmap.iron.elements.bh_law import initial_mu_r, law_range, law_tables, law_values, law_words
 
 FROEHLICH = Froehlich("f", 4000.0, 2.1)
 ARCTANGENT = Arctangent("a", 1500.0, 1.95)

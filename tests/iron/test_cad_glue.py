@@ -6,7 +6,7 @@ from netgen.occ import OCCGeometry
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, Sphere
 from fieldmap.errors import GeometryError
-from fieldmap.iron.cad.solids import connected_names, glue_bodies
+from fieldmap.iron.geometry.solids import connected_names, glue_bodies
 
 
 def at(x: float, y: float, z: float) -> Placement:

@@ -15,7 +15,7 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import GeometryError
-from fieldmap.iron.cad.solids import body_solid
+from fieldmap.iron.geometry.solids import body_solid
 
 TRIANGLE = np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.06]])
 L_SHAPE = np.array([[0, 0], [0.03, 0], [0.03, 0.01], [0.01, 0.01], [0.01, 0.04], [0, 0.04]])

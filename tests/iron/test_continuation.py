@@ -7,7 +7,7 @@ from scipy.constants import mu_0
 from fieldmap.device.model import BHTable, Body, CircularCoil, Cylinder, Device, Froehlich, Part, Placement
 from fieldmap.errors import NotConverged
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.forms import potential_form
+from fieldmap.iron.elements import potential_form
 
 CURRENT = np.array([20.0])
 

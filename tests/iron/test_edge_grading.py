@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Sphere
-from fieldmap.iron.meshing.edge_grading import grade_edges, sharp_edges
-from fieldmap.iron.meshing.mesh import generate_mesh, volumes
-from fieldmap.iron.meshing.topology import build_faces
+from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
+from fieldmap.iron.mesh.mesh import generate_mesh, volumes
+from fieldmap.iron.mesh.topology import build_faces
 
 
 def device(shape, size, edge=None):

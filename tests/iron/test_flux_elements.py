@@ -5,12 +5,12 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Device, LinearMaterial, Part
-from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.flux_elements import FluxElements
-from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.nodal_elements import NodalElements
-from fieldmap.iron.meshing.mesh import generate_mesh
-from fieldmap.iron.meshing.topology import build_faces
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.flux_elements import FluxElements
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.nodal_elements import NodalElements
+from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.mesh.topology import build_faces
 
 
 @pytest.fixture(scope="module")

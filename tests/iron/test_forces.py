@@ -23,10 +23,10 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import InputError
-from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.potential_form import PotentialForm
-from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 

@@ -7,7 +7,7 @@ import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, RevolvedProfile, Ring, Sphere
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
+from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 
 CUBE = Box((0.010, 0.010, 0.010))
 

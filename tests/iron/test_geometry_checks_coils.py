@@ -19,9 +19,9 @@ from fieldmap.device.model import (
     WorkspaceCylinder,
 )
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.cad.geometry_checks import check_geometry, geometry_notes
-from fieldmap.iron.cad.solids import connected_names, glue_bodies
-from fieldmap.iron.cad.windings import winding_solid
+from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.geometry.solids import connected_names, glue_bodies
+from fieldmap.iron.geometry.windings import winding_solid
 
 
 def at(x: float, y: float, z: float) -> Placement:

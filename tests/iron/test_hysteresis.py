@@ -11,11 +11,11 @@ from scipy.optimize import brentq
 from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.pinned_elements import PinnedForm, PinnedMagnetisation
-from fieldmap.iron.hysteresis import HysteresisSolver, Pinning
-from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.solvers.hysteresis import HysteresisSolver, Pinning
 
 RADIUS = 0.05
 STEEL = Froehlich("steel", 1000.0, 2.0)

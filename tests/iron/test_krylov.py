@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.forms.krylov import block_gmres
+from fieldmap.iron.elements.krylov import block_gmres
 
 RNG = np.random.default_rng(5)
 

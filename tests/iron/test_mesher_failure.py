@@ -4,7 +4,7 @@ import pytest
 
 from fieldmap.device import read_device
 from fieldmap.errors import GeometryError
-from fieldmap.iron.meshing import mesh
+from fieldmap.iron.mesh import mesh
 
 
 class GivesUp:

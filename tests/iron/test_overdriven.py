@@ -6,7 +6,7 @@ from scipy.constants import mu_0
 
 from fieldmap import read_device, solve_linear
 from fieldmap.device.model import Arctangent, BHTable, LinearMaterial, Marrocco
-from fieldmap.iron.overdriven import MOST_OF_ANY_IRON, largest_polarisation, overdriven_bodies
+from fieldmap.iron.beyond_saturation import MOST_OF_ANY_IRON, largest_polarisation, overdriven_bodies
 
 SPHERE = """
 format = 1

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Placement, Ring, Sphere
-from fieldmap.iron.meshing import mesh as mesh_module
-from fieldmap.iron.meshing.mesh import generate_mesh, volumes
+from fieldmap.iron.mesh import mesh as mesh_module
+from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 
 IRON = {"iron": LinearMaterial("iron", 100.0)}
 

@@ -21,11 +21,11 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import InputError
-from fieldmap.iron.forms.bh_law import law_tables, law_values
-from fieldmap.iron.forms.element_fields import LinearField
-from fieldmap.iron.forms.potential_form import Magnetisation, PotentialForm
-from fieldmap.iron.forms.state import IronState
-from fieldmap.iron.meshing.mesh import generate_mesh, volumes
+from fieldmap.iron.elements.bh_law import law_tables, law_values
+from fieldmap.iron.elements.element_fields import LinearField
+from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.sections import section_flux

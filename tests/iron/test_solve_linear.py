@@ -16,7 +16,7 @@ from fieldmap.device.model import (
     Placement,
 )
 from fieldmap.errors import FieldmapError, GeometryError, InputError
-from fieldmap.iron.quantities.inside import containing_element
+from fieldmap.iron.quantities.air import containing_element
 from fieldmap.sources import unit_flux_density
 
 BELOW = np.array([[0.0, 0.0, -0.02], [0.01, 0.005, -0.03], [-0.02, 0.01, -0.015]])

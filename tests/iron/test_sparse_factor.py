@@ -6,7 +6,7 @@ from scipy.sparse import csr_matrix, identity, random_array
 
 from fieldmap.device.model import Body, Device, LinearMaterial, Part, Sphere
 from fieldmap.iron import generate_mesh
-from fieldmap.iron.forms.potential_form import PotentialForm
+from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.sparse_factor import SparseFactor, elimination_order
 

@@ -5,8 +5,8 @@ import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Placement, Sphere
 from fieldmap.errors import InputError
-from fieldmap.iron.meshing.mesh import generate_mesh, volumes
-from fieldmap.iron.meshing.topology import build_faces
+from fieldmap.iron.mesh.mesh import generate_mesh, volumes
+from fieldmap.iron.mesh.topology import build_faces
 
 IRON = {"iron": LinearMaterial("iron", 100.0)}
 

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Placement
-from fieldmap.device.symmetry import find_symmetry
-from fieldmap.device.symmetry.group import multiplication_table
-from fieldmap.device.symmetry.representations import irreducible_representations
-from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.mutual import DenseMutualPotential
+from fieldmap.iron.symmetry import find_symmetry
+from fieldmap.iron.symmetry.group import irreducible_representations, multiplication_table
 
 
 def ring_of_posts(count):

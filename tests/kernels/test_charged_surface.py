@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.kernels.charged_triangle import triangles_field_and_gradient
+from fieldmap.kernels.iron.charged_triangle import triangles_field_and_gradient
 
 RNG = np.random.default_rng(3)
 N = 6

@@ -4,7 +4,7 @@ import magpylib
 import numpy as np
 import pytest
 
-from fieldmap.kernels.charged_triangle import (
+from fieldmap.kernels.iron.charged_triangle import (
     triangles_field,
     triangles_field_and_gradient,
     triangles_potential,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fieldmap.kernels.containment import find_tetrahedron
+from fieldmap.kernels.iron.containment import find_tetrahedron
 
 CORNERS = np.array(
     [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.continuation import continued
+from fieldmap.kernels.map.continuation import continued
 
 
 def go_on(aim, passed, states):

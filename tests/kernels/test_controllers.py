@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.instruments import convert, drive, held_scans, measure, round_to_step
-from fieldmap.kernels.pid import pid_run
-from fieldmap.kernels.regulator import regulator_run
+from fieldmap.kernels.control.instruments import convert, drive, held_scans, measure, round_to_step
+from fieldmap.kernels.control.pid import pid_run
+from fieldmap.kernels.control.regulator import regulator_run
 
 IDEAL = np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
 

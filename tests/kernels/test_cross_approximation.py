@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.block_product import add_far_product, add_near_product
-from fieldmap.kernels.cross_approximation import approximate_far_blocks, cross, pack_factors, recompress
-from fieldmap.kernels.sparse_inverse import farthest_first, solve_for_last
+from fieldmap.kernels.iron.block_product import add_far_product, add_near_product
+from fieldmap.kernels.iron.cross_approximation import approximate_far_blocks, cross, pack_factors, recompress
+from fieldmap.kernels.iron.sparse_inverse import farthest_first, solve_for_last
 
 
 def far_sets(rows=9, columns=11, distance=4.0):

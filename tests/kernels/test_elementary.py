@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.elementary import atan2, exp, log
+from fieldmap.kernels.coils.elementary import atan2, exp, log
 
 
 @pytest.mark.parametrize(

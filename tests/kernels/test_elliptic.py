@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipe, ellipkm1, elliprf, elliprj
 
-from fieldmap.kernels.elliptic import complete_integrals, complete_integrals_three
+from fieldmap.kernels.coils.elliptic import complete_integrals, complete_integrals_three
 
 COMPLEMENTS = 10.0 ** np.linspace(-8, -0.01, 9)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.interpolants.node_slopes import difference_weights, nodal_coefficients
-from fieldmap.kernels import hermite
+from fieldmap.kernels.map import hermite
 
 LOWER = np.array([-0.3, 0.2, 1.0])
 SPACING = np.array([0.11, 0.07, 0.13])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, nnls
 
-from fieldmap.kernels import least_power as kernels
+from fieldmap.kernels.map import least_power as kernels
 
 
 def test_non_negative_least_squares_is_scipys():

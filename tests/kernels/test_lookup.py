@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fieldmap.interpolants.form import contract, header
-from fieldmap.kernels import lookup, map_block
+from fieldmap.kernels.map import lookup, map_block
 from fieldmap.store import Grid
 
 GRID = Grid([-0.3, 0.2, 1.0], [0.11, 0.07, 0.13], (3, 2, 4))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.path import extent, path_flux_density, path_flux_density_and_gradient
-from fieldmap.kernels.ring import ring_flux_density_and_gradient
+from fieldmap.kernels.coils.path import extent, path_flux_density, path_flux_density_and_gradient
+from fieldmap.kernels.coils.ring import ring_flux_density_and_gradient
 
 THICKNESS, HEIGHT = 0.010, 0.039
 SHIFT = 0.004

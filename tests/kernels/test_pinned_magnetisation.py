@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.pinned_magnetisation import advance, respond
+from fieldmap.kernels.iron.hysteresis import advance, respond
 
 SLOPE, SATURATION = 1000.0, 1.5
 KNEE = SATURATION / SLOPE

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fieldmap.kernels.plane import mutual_segments, polygon_derivatives, segment_derivatives
+from fieldmap.kernels.iron.plane import mutual_segments, polygon_derivatives, segment_derivatives
 
 SEGMENTS = {
     "apart": (0.1 + 0.2j, 0.3 - 0.1j, 0.7 + 0.4j, 0.5 + 0.1j),

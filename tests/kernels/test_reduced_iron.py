@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.reduced_iron import blended_start, newton, sensitivities
-from fieldmap.kernels.sample_gradients import sample_gradients
+from fieldmap.kernels.iron.sample_gradients import sample_gradients
+from fieldmap.kernels.map.reduced_iron import blended_start, newton, sensitivities
 
 POINTS, MODES = 30, 4
 # b = 2000 h up to 1 mT, then slope 1: as one table.

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.regression import recursive, triangles
+from fieldmap.kernels.control.regression import recursive, triangles
 
 RNG = np.random.default_rng(5)
 Y, U = RNG.normal(size=(2, 40)), RNG.normal(size=(2, 40))

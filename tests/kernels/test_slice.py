@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from fieldmap.kernels.bar import bar_closed_form
-from fieldmap.kernels.filament import filament_slice
-from fieldmap.kernels.slice import arc_slice, arc_slice_gradient, bar_slice, bar_slice_gradient
+from fieldmap.kernels.coils.bar import bar_closed_form
+from fieldmap.kernels.coils.filament import filament_slice
+from fieldmap.kernels.coils.slice import arc_slice, arc_slice_gradient, bar_slice, bar_slice_gradient
 
 SECTION = (0.010, 0.020)
 POSITIONS = {

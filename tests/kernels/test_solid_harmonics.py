@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from fieldmap.kernels import cell_harmonics, global_harmonics, solid_harmonics
+from fieldmap.kernels.map import cell_harmonics, global_harmonics, solid_harmonics
 
 POINTS = np.random.default_rng(0).uniform(-1, 1, (6, 3))
 STEP = 1e-5

@@ -11,8 +11,8 @@ from scipy.interpolate import BSpline, RegularGridInterpolator
 import fieldmap.lookup.current_table as tables
 from fieldmap.device.current_division import divide_currents, undivide_currents
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.kernels.current_division import divide, signals
-from fieldmap.kernels.current_table import (
+from fieldmap.kernels.map.current_division import divide, signals
+from fieldmap.kernels.map.current_table import (
     BEYOND,
     FOUND,
     NOT_A_DIVISION,

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import linprog
 
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
-from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import capability, field_actuation, gradient_actuation, interpolate, wrench_actuation
 from fieldmap.store import Grid, MapData
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.kernels.solid_harmonics import derivative_matrix, regular_table
+from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 

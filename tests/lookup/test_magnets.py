@@ -6,7 +6,7 @@ import pytest
 
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
-from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import finite_magnet, interpolate, soft_sphere_force, volume_rule
 from fieldmap.store import Grid, MapData
 

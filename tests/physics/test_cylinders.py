@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Cylinder, Device, LinearMaterial, Part
-from fieldmap.iron.forms.bh_law import law_tables
-from fieldmap.iron.forms.flux_form import FluxForm
-from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.potential_form import PotentialForm
-from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 
 # Magnetometric (volume-averaged) axial factors of cylinders at mu_r = 1 + small susceptibility; Chen, Brug and

@@ -16,10 +16,10 @@ from fieldmap.device.model import (
     Part,
     Sphere,
 )
-from fieldmap.iron.forms.bh_law import law_tables, law_values
-from fieldmap.iron.forms.magnetisation import Magnetisation
-from fieldmap.iron.forms.potential_form import PotentialForm
-from fieldmap.iron.meshing.mesh import generate_mesh
+from fieldmap.iron.elements.bh_law import law_tables, law_values
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 
 RADIUS = 0.05

@@ -7,8 +7,8 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.model import BHTable, Body, Box, CircularCoil, Device, LinearMaterial, Part, Placement
-from fieldmap.device.symmetry import find_symmetry
 from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.symmetry import find_symmetry
 
 POINTS = np.random.default_rng(3).uniform([-0.03, -0.03, -0.05], [0.03, 0.03, -0.01], (25, 3))
 STEEL = BHTable(

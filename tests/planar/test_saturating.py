@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from fieldmap.device import read_device
 from fieldmap.device.model import Arctangent, FluxBarrier, Froehlich, LinearMaterial
 from fieldmap.errors import GeometryError, InputError, NotConverged
-from fieldmap.iron.forms.bh_law import law_tables, law_values
+from fieldmap.iron.elements.bh_law import law_tables, law_values
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.planar import read_planar_device, solve_planar, solve_planar_state, stationary_points
 from fieldmap.planar.iron_energy import iron_triangles

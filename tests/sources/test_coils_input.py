@@ -6,7 +6,7 @@ import pytest
 from fieldmap.device.model import CircularCoil, PathCoil, RoundedRectangleCoil
 from fieldmap.errors import InputError
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.magpylib_coils import magpylib_coil
+from fieldmap.sources.magpylib_objects import magpylib_coil
 
 COIL = CircularCoil("c", 0.011, 0.021, 0.039, 840.0)
 

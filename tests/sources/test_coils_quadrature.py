@@ -5,7 +5,7 @@ import pytest
 
 from fieldmap.device.model import CircularCoil
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.magpylib_coils import magpylib_coil
+from fieldmap.sources.magpylib_objects import magpylib_coil
 
 
 def relative(a, b):

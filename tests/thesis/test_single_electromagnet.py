@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device import read_device
-from fieldmap.kernels.loop import loop_flux_density_and_gradient
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.sources import unit_flux_densities
 from fieldmap.thesis import compare
 from fieldmap.thesis.single_electromagnet import CURRENTS, EXACT, SIMPLIFIED, axis_curves, levitation_depth

@@ -11,7 +11,7 @@ from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.regression import check_records, polynomials, to_model
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.regression import recursive
+from fieldmap.kernels.control.regression import recursive
 
 Array = NDArray[np.floating[Any]]
 

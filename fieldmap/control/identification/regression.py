@@ -18,7 +18,7 @@ from fieldmap.arguments import check_signal
 from fieldmap.control.identification.orders import Orders
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.regression import triangles
+from fieldmap.kernels.control.regression import triangles
 
 Array = NDArray[np.floating[Any]]
 

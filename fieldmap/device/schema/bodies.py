@@ -6,7 +6,6 @@ from typing import Annotated, Any, Literal, Protocol
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
 from fieldmap.device import model
-from fieldmap.device.schema.base import MILLI, Length, Name, Table, broken, chosen_by, chosen_with
 from fieldmap.device.schema.placement import PlacementKeys
 from fieldmap.device.schema.shapes import (
     BoxKeys,
@@ -17,6 +16,7 @@ from fieldmap.device.schema.shapes import (
     SphereKeys,
     StepFileKeys,
 )
+from fieldmap.inputs.tables import MILLI, Length, Name, Table, broken, chosen_by, chosen_with
 
 SEVERAL_PARTS = "several parts"
 

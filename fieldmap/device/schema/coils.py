@@ -6,9 +6,9 @@ from pydantic import Field, Tag, ValidationInfo, field_validator
 
 from fieldmap.device import model
 from fieldmap.device.polygons import rounding_fault, signed_area
-from fieldmap.device.schema.base import MILLI, CoilName, Length, Positive, broken, chosen_by, read_only
 from fieldmap.device.schema.placement import PlacementKeys
 from fieldmap.device.schema.shapes import SimplePolygon, require_larger_radius
+from fieldmap.inputs.tables import MILLI, CoilName, Length, Positive, broken, chosen_by, read_only
 
 
 class CoilKeys(PlacementKeys):

@@ -4,13 +4,12 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from fieldmap.device.schema.base import Name, Table, Text, broken
 from fieldmap.device.schema.bodies import AnyBody
 from fieldmap.device.schema.coils import AnyCoil
 from fieldmap.device.schema.materials import AnyMaterial, CurveKeys
 from fieldmap.device.schema.payload import AnyPayload, DriverKeys
-from fieldmap.device.schema.sections import SectionKeys
-from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
+from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace, SectionKeys
+from fieldmap.inputs.tables import Name, Table, Text, broken
 
 FORMAT = 1
 Format = Annotated[

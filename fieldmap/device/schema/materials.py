@@ -9,7 +9,7 @@ from scipy.constants import mu_0
 
 from fieldmap.device import model
 from fieldmap.device.marrocco import marrocco_end, marrocco_field
-from fieldmap.device.schema.base import Positive, Table, Text, Vector, broken, chosen_with, read_only
+from fieldmap.inputs.tables import Positive, Table, Text, Vector, broken, chosen_with, read_only
 
 # Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
 SMALLEST_SLOPE = 0.99 * mu_0

@@ -7,7 +7,7 @@ from pydantic import Field, Tag, field_validator
 from scipy.constants import mu_0
 
 from fieldmap.device import model
-from fieldmap.device.schema.base import (
+from fieldmap.inputs.tables import (
     MILLI,
     Coordinate,
     Length,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fieldmap.device import model
-from fieldmap.device.schema.base import MILLI, Point, Table, read_only
+from fieldmap.inputs.tables import MILLI, Point, Table, read_only
 
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]

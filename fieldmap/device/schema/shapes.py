@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from fieldmap.device import model
 from fieldmap.device.polygons import polygon_fault, signed_area
-from fieldmap.device.schema.base import MILLI, Length, PlanePoint, Size, Table, Text, broken, read_only
+from fieldmap.inputs.tables import MILLI, Length, PlanePoint, Size, Table, Text, broken, read_only
 
 Polygon = Annotated[list[PlanePoint], Field(min_length=3)]
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
 from fieldmap.control import StateSpace
@@ -13,14 +13,13 @@ from fieldmap.dynamics.closed_loop import Division, Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import InputError, OutsideMapError, Problem
-from fieldmap.kernels.kept_field import forget, keep_field
-from fieldmap.kernels.map_block import INSIDE, SETS
+from fieldmap.kernels.map.cached_field import forget, keep_field
+from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.layout import POSITION, SPIN, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.rotation import turn_matrix
 from fieldmap.kernels.motion.step import rates
 from fieldmap.kernels.motion.weights import find_weights
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Steps of the differences: m, rad, m/s, rad/s, A. Wide enough for the steps of a map from cell to cell (1e-7 of the
 # field), narrow enough for what is left out, which is of fourth order.

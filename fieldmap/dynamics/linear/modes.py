@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from fieldmap.dynamics.linear.machine import LinearMachine
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
 _UNITS = {"turn": 0.1, "spin": 1.0, "v": 1e-2, "i": 0.1}

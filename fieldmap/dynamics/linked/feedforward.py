@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.dynamics.blocks import Controller
 from fieldmap.dynamics.closed_loop import Machine, Schedule, allocation_numbers
@@ -15,8 +14,7 @@ from fieldmap.kernels.motion.inverse import signals_along
 from fieldmap.kernels.motion.layout import VELOCITY
 from fieldmap.kernels.motion.losses import losses
 from fieldmap.kernels.motion.rotation import turn_matrix
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _ROUNDS = 20
 

@@ -1,15 +1,13 @@
 """Feedback linearisation: a regulator of a free mass whose forces the inverse map makes: theory/dynamics.md (44)."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.dynamics.closed_loop import Machine
 from fieldmap.dynamics.linear import LinearMachine
 from fieldmap.dynamics.linked.gaussian import GaussianWeights, gaussian_block
 from fieldmap.dynamics.linked.scheduled import ForceController
 from fieldmap.dynamics.trim import Trim
-
-Array = NDArray[np.float64]
 
 
 def force_controller(

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.control import zero_order_hold
@@ -12,8 +11,8 @@ from fieldmap.dynamics.blocks import ControllerBlock
 from fieldmap.dynamics.linear import LinearMachine, sampled_machine
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.controller import SIGNALS
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Three = tuple[float, float, float]
 
 

@@ -4,14 +4,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.dynamics.blocks import NO_INVERSE, ControllerBlock, arrays_of
 from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 _HEIGHT = 2  # of the reference, among the signals of a block
 

@@ -1,7 +1,6 @@
 """How lift, x and y of a scenario become currents: by the division of six coils, or for any number by least power."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device import Device
 from fieldmap.dynamics.closed_loop import Division, Mixing
@@ -13,8 +12,7 @@ from fieldmap.dynamics.scenario.schema import CircleKeys
 from fieldmap.errors import Infeasible
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import FieldMap, division_domain, saturates
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Share of the currents at rest over which the force of saturating iron is differenced.
 _STEP = 0.01

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device import Device
 from fieldmap.dynamics.blocks import Controller, stacked
@@ -24,8 +23,8 @@ from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import NoEquilibrium
 from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
 from fieldmap.lookup import FieldMap, division_domain, saturates
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 MILLI = 1e-3
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from fieldmap.device.schema.base import NotNegative, Positive, Table, Vector, broken, chosen_by
+from fieldmap.inputs.tables import NotNegative, Positive, Table, Vector, broken, chosen_by
 
 Matrix = list[list[float]]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]

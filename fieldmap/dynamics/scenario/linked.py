@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.dynamics.blocks import Controller
 from fieldmap.dynamics.closed_loop import Division, Machine, Schedule
@@ -22,8 +21,8 @@ from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.dynamics.scenario.rests import rests_at
 from fieldmap.dynamics.trim import Trim
 from fieldmap.errors import Infeasible
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 MILLI = 1e-3
 
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.control import StepMetrics, step_metrics
 from fieldmap.dynamics.outcome import LoopRun
@@ -13,8 +12,7 @@ from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import StepKeys
 from fieldmap.kernels.motion.layout import STATE, VELOCITY
 from fieldmap.kernels.motion.sensing import sensed_point
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)

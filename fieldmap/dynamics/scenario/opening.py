@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device import Device, read_device, recorded_device
 from fieldmap.dynamics.drives import drive_of_device
@@ -14,8 +13,8 @@ from fieldmap.dynamics.scenario.reader import Scenario
 from fieldmap.errors import Infeasible
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.shipped import shipped_file
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 MILLI = 1e-3
 
 # Share of what amplifiers and supply give for long that a start chosen by the program takes; the rest is for control.

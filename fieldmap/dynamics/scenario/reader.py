@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fieldmap.device.document import Document, schema_findings
-from fieldmap.device.file_kinds import load_input_file
-from fieldmap.device.input_files import find_input_file
-from fieldmap.device.toml_lines import line_numbers, nearest_line
 from fieldmap.dynamics.scenario.schema import ScenarioFile
 from fieldmap.errors import Problem, ScenarioError
+from fieldmap.inputs.document import Document, find_input_file, load_input_file, schema_findings
+from fieldmap.inputs.toml_lines import line_numbers, nearest_line
 
 FOLDER = "scenarios"
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.control import compensated_reference
 from fieldmap.control.identification import pseudo_random_binary
@@ -16,8 +15,7 @@ from fieldmap.dynamics.scenario.schema import (
     StepKeys,
     TableKeys,
 )
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 AXES = ("x", "y", "depth")
 OUTPUTS = ("lift_V", "x", "y")

@@ -4,8 +4,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, Tag, model_validator
 
-from fieldmap.device.findings import shown
-from fieldmap.device.schema.base import (
+from fieldmap.dynamics.scenario.controller_keys import AxisController, FeedforwardKeys, LinkedController
+from fieldmap.inputs.findings import shown
+from fieldmap.inputs.tables import (
     NotNegative,
     Point,
     Positive,
@@ -15,7 +16,6 @@ from fieldmap.device.schema.base import (
     broken,
     chosen_by,
 )
-from fieldmap.dynamics.scenario.controller_keys import AxisController, FeedforwardKeys, LinkedController
 
 FORMAT = 1
 

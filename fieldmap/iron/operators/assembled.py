@@ -5,8 +5,8 @@ import os
 from dataclasses import dataclass
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.meshing.mesh import IronMesh
-from fieldmap.iron.meshing.topology import Faces, build_faces
+from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.mesh.topology import Faces, build_faces
 from fieldmap.iron.operators.compressed import CompressedMutualPotential, predicted_bytes
 from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces

@@ -7,12 +7,9 @@ and differ by one face at most. Faces are numbered anew, leaf by leaf; a cluster
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.iron.operators.surface import ChargedFaces
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from fieldmap.typing import Array, Index
 
 
 @dataclass(frozen=True, eq=False)

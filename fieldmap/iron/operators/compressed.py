@@ -1,24 +1,132 @@
-"""W past the dense limit: near blocks of faces as they are, far blocks by low rank, its inverse by iteration.
+"""Chebyshev's iteration for several right-hand sides: a fixed, symmetric, linear map, unlike conjugate gradients, so
+that it may stand inside another iteration. (Golub and Varga, Numer. Math. 3 (1961) 147; Saad, Iterative Methods for
+Sparse Linear Systems, 2nd ed., algorithm 12.1.)"""
 
-Memory and time grow like N log N instead of N^2 and N^3. See docs/theory/iron.md, "Many faces".
-"""
-
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numba import get_num_threads
 from numpy.typing import NDArray
+from scipy.linalg import eigvalsh_tridiagonal
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
-from fieldmap.iron.operators.approximate_inverse import inverse_factor
-from fieldmap.iron.operators.chebyshev import chebyshev, spectrum, steps_needed
 from fieldmap.iron.operators.clusters import BlockPartition, Clusters
 from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
-from fieldmap.kernels.block_product import add_far_product, add_near_product
-from fieldmap.kernels.cross_approximation import approximate_far_blocks, pack_factors
-from fieldmap.kernels.near_blocks import fill_near_blocks
+from fieldmap.kernels.iron.block_product import add_far_product, add_near_product
+from fieldmap.kernels.iron.cross_approximation import approximate_far_blocks, pack_factors
+from fieldmap.kernels.iron.mutual_potential import fill_near_blocks
+from fieldmap.kernels.iron.sparse_inverse import farthest_first, inverse_rows
+from fieldmap.typing import Array, Index
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+_LANCZOS_STEPS = 16
+# The extreme eigenvalues lie a little outside those that Lanczos has found; the smallest are found last.
+_BELOW, _ABOVE = 0.85, 1.05
+
+
+def spectrum(apply: Callable[[Array], Array], count: int) -> tuple[float, float]:
+    """Bounds of the eigenvalues of a symmetric, positive definite map of vectors (n, 1), by Lanczos from a fixed
+    random start, with the margins stated above."""
+    basis = np.zeros((count, _LANCZOS_STEPS))
+    start = np.random.default_rng(1).standard_normal(count)
+    basis[:, 0] = start / np.linalg.norm(start)
+    diagonal, side = np.zeros(_LANCZOS_STEPS), np.zeros(_LANCZOS_STEPS)
+    steps = min(_LANCZOS_STEPS, count)
+    for k in range(steps):
+        vector = apply(basis[:, k : k + 1])[:, 0]
+        diagonal[k] = vector @ basis[:, k]
+        for _ in range(2):
+            vector = vector - basis[:, : k + 1] @ (basis[:, : k + 1].T @ vector)
+        side[k] = np.linalg.norm(vector)
+        if k + 1 < steps:
+            basis[:, k + 1] = vector / (side[k] or 1.0)
+    values = eigvalsh_tridiagonal(diagonal[:steps], side[: steps - 1])
+    return _BELOW * float(values[0]), _ABOVE * float(values[-1])
+
+
+def steps_needed(bounds: tuple[float, float], tolerance: float) -> int:
+    """Steps after which the error has fallen to the tolerance, for eigenvalues within the bounds."""
+    root = math.sqrt(bounds[1] / bounds[0])
+    rate = max((root - 1) / (root + 1), 1e-3)
+    return max(1, math.ceil(math.log(tolerance / 2) / math.log(rate)))
+
+
+def chebyshev(
+    apply: Callable[[Array], Array],
+    precondition: Callable[[Array], Array],
+    right: Array,
+    bounds: tuple[float, float],
+    steps: int,
+) -> Array:
+    """x (n, c) with apply(x) about right (n, c), from zero; `bounds` of the preconditioned map's eigenvalues. Needs one
+    product less than steps."""
+    centre, half = (bounds[1] + bounds[0]) / 2, (bounds[1] - bounds[0]) / 2
+    ratio = centre / half
+    rho = 1 / ratio
+    residual = right
+    direction = precondition(right) / centre
+    x = direction
+    for _ in range(steps - 1):
+        residual = residual - apply(direction)
+        following = 1 / (2 * ratio - rho)
+        direction = following * rho * direction + (2 * following / half) * precondition(residual)
+        rho = following
+        x = x + direction
+    return x
+
+
+def earlier_neighbours(order: Index, centres: Array, width: int) -> tuple[Index, Index]:
+    """For the face at every place of the order, the nearest ones before it and, last, itself: (n, width), of which
+    the first `filled` (n,) are set. The search doubles the number of faces from step to step."""
+    count = len(order)
+    x = centres[order]
+    columns = np.zeros((count, width), np.int64)
+    filled = np.zeros(count, np.int64)
+    begin, end = 0, min(count, width)
+    while begin < count:
+        tree = cKDTree(x[:end])
+        # Among the nearest of all up to `end`, at least about half come before.
+        _, found = tree.query(x[begin:end], k=min(end, 3 * width))
+        found = found.reshape(end - begin, -1)
+        own = np.arange(begin, end)[:, None]
+        rank = np.cumsum(found < own, axis=1)
+        chosen = (found < own) & (rank < width)
+        filled[begin:end] = chosen.sum(axis=1) + 1
+        row, place = np.nonzero(chosen)
+        columns[begin + row, rank[row, place] - 1] = order[found[row, place]]
+        columns[np.arange(begin, end), filled[begin:end] - 1] = order[begin:end]
+        begin, end = end, min(count, 2 * end)
+    return columns, filled
+
+
+def inverse_factor(
+    clusters: Clusters,
+    centres: Array,
+    width: int,
+    near: tuple[Index, Index, NDArray[np.float32]],
+    far: tuple[Array, Array, Array],
+) -> csr_matrix:
+    """G (n, n) with W^-1 about G^T G, at most `width` entries a row; centres (n, 3) in the clusters' order. near: leaf
+    pairs (k, 2) of the stored blocks, their offsets and data; far: x, y, z of the rule's points."""
+    pairs, offset, data = near
+    leaf = clusters.leaf_of_face()
+    leaves = int(leaf[-1]) + 1
+    block_of_leaves = np.full((leaves, leaves), -1, np.int32)
+    block_of_leaves[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
+    # Single precision is enough to say which is farther, and a new copy may be rearranged.
+    x, y, z = np.array(centres.T, np.float32)
+    order = farthest_first(x, y, z)
+    columns, filled = earlier_neighbours(order, centres, width)
+    values = np.zeros(columns.shape, np.float32)
+    inverse_rows(columns, filled, leaf, clusters.offset[-1], block_of_leaves, offset, data, *far, values)
+    used = np.arange(width) < filled[:, None]
+    pointer = np.concatenate([[0], np.cumsum(filled)])
+    shape = (len(leaf), len(leaf))
+    return csr_matrix((values[used], columns[used].astype(np.int32), pointer), shape=shape)
+
+
 Coordinates = tuple[Array, Array, Array]
 # Relative error of every far block, in the Frobenius norm. All entries of W are positive, so that the error of W
 # is this fraction of its own norm; so is that of single precision, 6e-8.
@@ -38,7 +146,7 @@ _EXPECTED_RANK = 14
 
 @dataclass(frozen=True, eq=False)
 class _FarBlocks:
-    """Low-rank blocks (b, 4), their ranks and factors, see `fieldmap.kernels.cross_approximation`."""
+    """Low-rank blocks (b, 4), their ranks and factors, see `fieldmap.kernels.iron.cross_approximation`."""
 
     blocks: Index
     ranks: Index

@@ -21,13 +21,11 @@ at once, took a factor of more than three times the memory and eighteen times th
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
 from fieldmap.iron.operators.mutual import MutualPotential
 from fieldmap.iron.operators.sparse_factor import SparseFactor, elimination_order
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # The weight D times the mean potential of a face on itself. Each step gains three digits or more (measured: 5e-4 and
 # 4e-7 for random face means, 2e-5 and 8e-9 for smooth ones); rounding takes away five of the sixteen.

@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
+
 # Numbers that are scaled at a time: 8 MB.
 _NUMBERS_AT_ONCE = 1_000_000
 
 
 class MutualPotential(Protocol):
-    """W (s, s), see `fieldmap.kernels.mutual_potential`: symmetric, positive definite, however it is stored."""
+    """W (s, s), see `fieldmap.kernels.iron.mutual_potential`: symmetric, positive definite, however it is stored."""
 
     @property
     def diagonal(self) -> Array:

@@ -7,12 +7,10 @@ computes numbers. At 73 000 surface faces it halves the factor and needs a third
 
 import numpy as np
 import pymetis
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from fieldmap.typing import Array, Index
 
 
 def elimination_order(matrix: csr_matrix) -> Index:

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.kernels.charged_surface import surface_field, surface_field_and_gradient
-from fieldmap.kernels.mutual_potential import mutual_potential
+from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
+from fieldmap.kernels.iron.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
 _FAR_RADII = 8.0
@@ -45,7 +44,7 @@ class ChargedFaces:
         return np.einsum("qk,nkd->nqd", barycentric, self.corners), weights
 
     def mutual_potential(self) -> Array:
-        """W (n, n), see `fieldmap.kernels.mutual_potential`."""
+        """W (n, n), see `fieldmap.kernels.iron.mutual_potential`."""
         return self.mutual_potential_with(self, symmetric=True)
 
     def part(self, chosen: NDArray[np.int64]) -> "ChargedFaces":

@@ -13,20 +13,17 @@ Products and solutions hold for any charges, symmetric or not.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldmap.device.symmetry.group import multiplication_table
-from fieldmap.device.symmetry.representations import (
+from fieldmap.iron.mesh.copies import MeshSymmetry
+from fieldmap.iron.operators.mutual import DenseMutualPotential
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.symmetry.group import (
     fourier_matrix,
     inverses,
     irreducible_representations,
+    multiplication_table,
 )
-from fieldmap.iron.meshing.copies import MeshSymmetry
-from fieldmap.iron.operators.mutual import DenseMutualPotential
-from fieldmap.iron.operators.surface import ChargedFaces
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from fieldmap.typing import Array, Index
 
 
 def face_orbits(symmetry: MeshSymmetry, triangles: Index) -> Index:

@@ -1,13 +1,23 @@
-"""Checked evaluation of solved iron at points, shared by the solution objects."""
+"""Which element contains a point."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.meshing.mesh import IronMesh, volumes
-from fieldmap.iron.quantities.inside import containing_element
+from fieldmap.iron.mesh.mesh import IronMesh, volumes
+from fieldmap.kernels.iron.containment import find_tetrahedron
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
+
+def containing_element(mesh: IronMesh, points: Array) -> NDArray[np.int64]:
+    """Element (n,) that contains each point (n, 3), -1 in the air. Points on a surface may fall on either side."""
+    corners = mesh.points[mesh.tets]
+    lower, upper = corners.min(axis=1), corners.max(axis=1)
+    element = np.full(len(points), -1)
+    candidates = ((points >= lower.min(axis=0)) & (points <= upper.max(axis=0))).all(axis=1)
+    if candidates.any():
+        element[candidates] = find_tetrahedron(points[candidates], corners, lower, upper)
+    return element
 
 
 def checked_points(points: ArrayLike) -> tuple[Array, bool]:

@@ -3,17 +3,14 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import Coil
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.state import IronState
-from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
-from fieldmap.sources.magpylib_coils import magpylib_coil
-from fieldmap.sources.magpylib_magnets import magpylib_assembly, magpylib_tetrahedra
-
-Array = NDArray[np.float64]
+from fieldmap.sources.magpylib_objects import magpylib_assembly, magpylib_coil, magpylib_tetrahedra
+from fieldmap.typing import Array
 
 
 def mean_polarisation(state: IronState, weights: Array) -> Array:

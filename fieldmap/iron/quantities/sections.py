@@ -7,16 +7,14 @@ element, which is of second order in the potential form, is integrated as it sta
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import Section
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.forms.state import IronState
-from fieldmap.iron.meshing.mesh import IronMesh
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.kernels.simplex_rules import triangle_rule
+from fieldmap.typing import Array, Index
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 # Points this close to the plane, relative to the size of the iron, lie in it.
 _SNAP = 1e-9
 _DEGREE = 4

@@ -6,8 +6,8 @@ matrix @ outputs + constant.
 
 from numba import njit
 
-from fieldmap.kernels.current_division import divide
-from fieldmap.kernels.map_block import PLAIN
+from fieldmap.kernels.map.current_division import divide
+from fieldmap.kernels.map.map_block import PLAIN
 
 DIVISION, MATRIX = 0, 1
 

@@ -5,8 +5,9 @@ Every mechanical step: currents move, then the body. docs/theory/dynamics.md (30
 
 timing: (h, steps per control period, delay in steps, periods from row to row). plant: (block, body, seen_at, iron,
 coils, drives): body as in layout, overwritten with disturbances; iron, a tuple, as find_weights takes it; drives (n, 7)
-as in fieldmap.kernels.instruments. inverse: of a controller whose outputs are forces, as in fieldmap.kernels.motion.
-ending: what ends the run (sum of contacts; longest saturation in periods, 0 for any). signals: references (p, 3),
+as in fieldmap.kernels.control.instruments. inverse: of a controller whose outputs are forces, as in
+fieldmap.kernels.motion. ending: what ends the run (sum of contacts; longest saturation in periods, 0 for any).
+signals: references (p, 3),
 feedforward (p, m), loads (p or 1, 6: disturbing force and torque), noise (p, 3), voltage_noise (p, 3), current_noise
 (p, n), scans (k, 3). start: state (13,), currents (n,), memory of the controller; all are advanced.
 rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what is seen, outputs.
@@ -15,9 +16,9 @@ rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what is seen, o
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.instruments import drive
-from fieldmap.kernels.kept_field import forget, keep_field
-from fieldmap.kernels.map_block import INSIDE, PLAIN, PLAIN_INLINED, SETS, WHOLE
+from fieldmap.kernels.control.instruments import drive
+from fieldmap.kernels.map.cached_field import forget, keep_field
+from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, SETS, WHOLE
 from fieldmap.kernels.motion.allocation import allocate
 from fieldmap.kernels.motion.coils import AMPLIFIER, WINDING, advance_currents
 from fieldmap.kernels.motion.controller import SIGNALS, control

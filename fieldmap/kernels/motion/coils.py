@@ -8,7 +8,7 @@ goes where the amplifier steers it, unless the supply's limits allow less: exact
 
 from numba import njit
 
-from fieldmap.kernels.map_block import PLAIN_INLINED
+from fieldmap.kernels.map.map_block import PLAIN_INLINED
 
 WINDING, AMPLIFIER, HIGHEST, LOWEST = 0, 1, 2, 3
 

@@ -7,7 +7,7 @@ import math
 
 from numba import njit
 
-from fieldmap.kernels.map_block import PLAIN
+from fieldmap.kernels.map.map_block import PLAIN
 from fieldmap.kernels.motion.layout import (
     AXIS,
     CEILING,

@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map_block import PLAIN, PLAIN_INLINED, WHOLE
+from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 
 SIGNALS = 7
 

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from fieldmap.kernels.map_block import CELLS, INVERSE, LOWER, NOT_FINITE, PLAIN
+from fieldmap.kernels.map.map_block import CELLS, INVERSE, LOWER, NOT_FINITE, PLAIN
 from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
 
 NOTHING, FELL_OUT, LEFT_ABOVE, LEFT_SIDEWAYS, NOT_A_NUMBER = 0, 1, 2, 3, 4

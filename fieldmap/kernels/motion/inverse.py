@@ -9,8 +9,8 @@ its place filled in.
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.kept_field import forget, keep_field
-from fieldmap.kernels.map_block import INSIDE, PLAIN, SETS, WHOLE
+from fieldmap.kernels.map.cached_field import forget, keep_field
+from fieldmap.kernels.map.map_block import INSIDE, PLAIN, SETS, WHOLE
 from fieldmap.kernels.motion.allocation import allocate
 from fieldmap.kernels.motion.layout import MAGNETS, POSITION
 from fieldmap.kernels.motion.magnet import magnet_wrench

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from fieldmap.kernels.map_block import PLAIN_INLINED
+from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import (
     CONDUCTIVITY,
     DIPOLE,

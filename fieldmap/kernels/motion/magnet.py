@@ -6,8 +6,8 @@ kept_field, a point for each dipole.
 
 from numba import njit
 
-from fieldmap.kernels.kept_field import kept_at
-from fieldmap.kernels.map_block import INSIDE, PLAIN, PLAIN_INLINED
+from fieldmap.kernels.map.cached_field import kept_at
+from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED
 from fieldmap.kernels.motion.layout import FIRST, MAGNETS, POSITION
 from fieldmap.kernels.motion.rotation import to_body, to_map, turn_matrix
 

@@ -8,7 +8,7 @@ import math
 from numba import njit
 
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.map_block import PLAIN_INLINED
+from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import CONDUCTIVITY, FACE, NORMAL, THICKNESS
 
 

@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from fieldmap.kernels.map_block import PLAIN_INLINED
+from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import INERTIA, SPIN, TURN
 
 

@@ -1,7 +1,7 @@
 """What the controller sees of a moving body: sensors along their own axes, scanned, with noise, through converters.
 
 sensing: (into, shift, chains, back, scan). into (3, 3), shift (3,): an ideal sensor reads into p + shift; back (3, 3):
-the inverse of into. chains (3, 10): see fieldmap.kernels.instruments, positions in readings. scan (5,): time
+the inverse of into. chains (3, 10): see fieldmap.kernels.control.instruments, positions in readings. scan (5,): time
 from scan to scan, s (0: no scanning, the sensor shows what is at the moment of sampling), scans by which a mean comes
 late, scans whose mean each of the three shows.
 """
@@ -10,8 +10,8 @@ import math
 
 from numba import njit
 
-from fieldmap.kernels.instruments import measure
-from fieldmap.kernels.map_block import PLAIN
+from fieldmap.kernels.control.instruments import measure
+from fieldmap.kernels.map.map_block import PLAIN
 from fieldmap.kernels.motion.layout import POSITION
 from fieldmap.kernels.motion.rotation import to_map, turn_matrix
 
@@ -44,7 +44,7 @@ def add_scans(scan, before, after, start, h, first, scans, into, shift):
 
 @njit(**PLAIN)
 def shown(scan, time, scans, axis):
-    """What a scanning sensor shows at a time: as fieldmap.kernels.instruments.held_scans."""
+    """What a scanning sensor shows at a time: as fieldmap.kernels.control.instruments.held_scans."""
     averages, latency = int(scan[2 + axis]), int(scan[1])
     last = math.floor(time / scan[0] + 1e-9) - latency
     last = min(last - (last + 1) % averages, scans.shape[0] - 1)

@@ -12,7 +12,7 @@ place, kept from step to step.
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
+from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 from fieldmap.kernels.motion.contact import add_contact
 from fieldmap.kernels.motion.layout import (
     CONDUCTIVITY,

@@ -2,13 +2,13 @@
 
 scale: of the field, a calibration. SUPERPOSED: a field per coil, and one of weight 1 behind them if the block has one
 more: linear iron, or saturating iron linearised about currents. TABLED: saturating iron by a table over the division of
-six currents, as fieldmap.kernels.current_table takes it.
+six currents, as fieldmap.kernels.map.current_table takes it.
 """
 
 from numba import njit
 
-from fieldmap.kernels.current_table import BEYOND, table_weights
-from fieldmap.kernels.map_block import PLAIN
+from fieldmap.kernels.map.current_table import BEYOND, table_weights
+from fieldmap.kernels.map.map_block import PLAIN
 
 SUPERPOSED, TABLED = 0, 1
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
+
 # Directions whose share of the energy is below rounding.
 _NEGLIGIBLE = 1e-13
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
+
 # Points from which the fit may choose, per condition, and at least; drawn by their share in the conditions.
 _CANDIDATES_PER_CONDITION, _FEWEST_CANDIDATES = 12, 4000
 # Random combinations beyond the conditions: what a randomised range finder wants (Halko et al., SIAM Review 2011).

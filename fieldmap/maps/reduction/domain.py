@@ -4,12 +4,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from fieldmap.device.current_division import divide_currents, undivide_currents
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Beyond this many corners only the low-discrepancy states are solved.
 _MOST_CORNERS = 64
 _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261

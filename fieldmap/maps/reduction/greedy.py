@@ -9,8 +9,8 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.galerkin import GalerkinModel
 from fieldmap.maps.reduction.basis import proper_modes
 from fieldmap.maps.reduction.snapshots import Snapshots
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Amplitudes need only be as good as the modes; the last step of Newton's method goes past this.
 _TOLERANCE = 1e-3
 

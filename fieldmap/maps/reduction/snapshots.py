@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.iron import NonlinearSolver
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Currents that differ by less than this share of the largest are the same state.
 _SAME = 1e-9
 

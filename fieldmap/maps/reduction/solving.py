@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps.reduction.domain import CurrentDomain
@@ -13,8 +12,8 @@ from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.reduction.snapshots import Snapshots, is_among, nothing, one_of
 from fieldmap.maps.reduction.states import SolvedStates, Wanted
 from fieldmap.maps.reduction.trial import Errors, Trial
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Say = Callable[[str, float], None]
 # States to begin with, of a sequence that fills the domain; then so many at once, of a pool of so many.
 _FIRST, _AT_ONCE, _POOL = 8, 8, 32

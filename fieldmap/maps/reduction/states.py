@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
 from fieldmap.store.states import KeptState, StateArchive
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 # Not the state's fault: another day, or another machine, and it is solved.
 _OF_THE_MACHINE = (WorkerDied, MemoryError, OSError)
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
@@ -19,8 +18,8 @@ from fieldmap.maps.reduction.solving import Round, Solving, add_missing, solve_t
 from fieldmap.maps.reduction.states import SolvedStates
 from fieldmap.maps.reduction.trial import Errors, Trial
 from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.typing import Array
 
-Array = NDArray[np.float64]
 Say = Callable[[str, float], None]
 # At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
 # between. They are smooth and largest at the rim, where the sequence is densest and the corners are.

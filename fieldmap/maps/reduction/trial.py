@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps.reduction.snapshots import Snapshots
 from fieldmap.sources import unit_flux_density_and_gradient
-
-Array = NDArray[np.float64]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)

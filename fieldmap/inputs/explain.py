@@ -1,0 +1,259 @@
+"""Which keys and choices does the schema know at a place? Follows the annotations of the schema classes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, Tag
+from pydantic_core import ErrorDetails
+
+from fieldmap.inputs.findings import Finding, closest, one_of, shown
+from fieldmap.inputs.key_paths import Location, has, value_at
+from fieldmap.inputs.tables import COIL_NAME_RULE
+
+
+@dataclass(frozen=True)
+class Place:
+    """The table class that the data chose at a location, and the other choices it had there by tag."""
+
+    table: type[BaseModel] | None
+    choices: dict[str, type[BaseModel]]
+
+    def keys(self) -> list[str]:
+        """Known keys of this table."""
+        return list(self.table.model_fields) if self.table else []
+
+    def owners(self, key: str) -> list[str]:
+        """Tags of the choices that know the key."""
+        return [tag for tag, table in self.choices.items() if key in table.model_fields]
+
+
+def without_tags(data: Any, location: Location) -> Location:
+    """Remove the names of union members, which pydantic puts into a location; keep what is in the data."""
+    plain: Location = ()
+    for k, step in enumerate(location):
+        if step == "[key]" or (not has(value_at(data, plain), step) and k < len(location) - 1):
+            continue
+        plain = (*plain, step)
+    return plain
+
+
+def place_at(root: type[BaseModel], data: Any, location: Location) -> Place:
+    """Walk from the root along a location of pydantic (with tags) to the table that it ends in."""
+    here: Any = root
+    choices: dict[str, type[BaseModel]] = {}
+    for step in location:
+        members = _members(here)
+        if members:
+            choices, here = members, members.get(str(step))
+            continue
+        choices = {}
+        here = _below(here, step)
+    if members := _members(here):
+        return Place(None, members)
+    return Place(here if _is_table(here) else None, choices)
+
+
+def description(table: type[BaseModel] | None, key: str) -> str | None:
+    """What the schema says about a key."""
+    field = table.model_fields.get(key) if table else None
+    return field.description if field else None
+
+
+def _is_table(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _plain(annotation: Any) -> Any:
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    return annotation
+
+
+def _is_union(annotation: Any) -> bool:
+    return get_origin(annotation) in (Union, UnionType)
+
+
+def _members(annotation: Any) -> dict[str, type[BaseModel]]:
+    """Tag -> class of a tagged union, looking through `| None`."""
+    annotation = _plain(annotation)
+    if not _is_union(annotation):
+        return {}
+    members: dict[str, type[BaseModel]] = {}
+    for member in get_args(annotation):
+        tags = [extra.tag for extra in get_args(member)[1:] if isinstance(extra, Tag)]
+        members |= {tags[0]: _plain(member)} if tags else _members(member)
+    return members
+
+
+def _below(annotation: Any, step: Any) -> Any:
+    """The annotation of an entry or a key."""
+    annotation = _plain(annotation)
+    if _is_table(annotation):
+        field = annotation.model_fields.get(step)
+        annotation = _plain(field.annotation) if field else None
+        tables = [member for member in get_args(annotation) if _is_table(member)]
+        return tables[0] if _is_union(annotation) and tables else annotation
+    arguments = get_args(annotation)
+    return arguments[-1] if get_origin(annotation) in (list, dict) else None
+
+
+CHOOSING_KEYS = ("kind", "shape", "quantity")
+REQUIRED = "this key is required"
+
+
+def explain(error: ErrorDetails, root: type[BaseModel], data: Any) -> Finding:
+    """The finding for one error that validating `data` against `root` raised."""
+    location = without_tags(data, error["loc"])
+    kind = error["type"]
+    if kind == "rule":
+        context = error["ctx"]
+        return Finding(location, context["must_hold"], context["received"], context["remedy"])
+    if kind == "missing":
+        return _missing(location, place_at(root, data, error["loc"][:-1]))
+    if kind == "extra_forbidden":
+        return _unknown_key(location, place_at(root, data, error["loc"][:-1]))
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return _choice(location, place_at(root, data, error["loc"]), error["input"])
+    must_hold, remedy = _told(error)
+    return Finding(location, must_hold, _received(error), remedy)
+
+
+def _missing(location: Location, place: Place) -> Finding:
+    key = str(location[-1])
+    about = description(place.table, key)
+    return Finding(location, REQUIRED, "nothing", f"add {key}" + (f" ({about})" if about else ""))
+
+
+def _unknown_key(location: Location, place: Place) -> Finding:
+    key, known = str(location[-1]), place.keys()
+    owners = place.owners(key)
+    guess = closest(key, known)
+    if owners:
+        remedy = f"{key} belongs to {one_of(owners)}: remove it, or change the table to that"
+    elif guess:
+        remedy = f"did you mean {guess}?"
+    else:
+        remedy = "remove it"
+    return Finding(location, f"known keys here are {', '.join(known)}", f'the unknown key "{key}"', remedy)
+
+
+def _choice(location: Location, place: Place, table: Any) -> Finding:
+    """A table that does not say, or wrongly says, which of several kinds it is."""
+    if not isinstance(table, dict):
+        must_hold, remedy = _table({})
+        return Finding(location, must_hold, shown(table), remedy)
+    key = next(key for key in CHOOSING_KEYS if any(key in t.model_fields for t in place.choices.values()))
+    words = _words(place, key)
+    allowed = f"{key} must be one of {one_of(words)}"
+    if key not in table:
+        parts = ", or write [[body.part]] tables" if "several parts" in place.choices else ""
+        return Finding((*location, key), allowed, "nothing", f'add {key} = "{words[0]}" or another{parts}')
+    guess = closest(table[key], words)
+    remedy = f'did you mean "{guess}"?' if guess else "choose one of these"
+    return Finding((*location, key), allowed, shown(table[key]), remedy)
+
+
+def _words(place: Place, key: str) -> list[str]:
+    words: dict[str, None] = {}
+    for table in place.choices.values():
+        if key in table.model_fields:
+            words |= dict.fromkeys(get_args(table.model_fields[key].annotation))
+    return list(words)
+
+
+def _received(error: ErrorDetails) -> str:
+    if error["type"] in ("too_short", "too_long"):
+        return f"{error['ctx']['actual_length']} entries, {shown(error['input'])}"
+    return shown(error["input"])
+
+
+def _told(error: ErrorDetails) -> tuple[str, str]:
+    """(must hold, remedy) of the simple errors."""
+    context = error.get("ctx", {})
+    teller = _TELLERS.get(error["type"])
+    if teller is None:  # an error kind that the schema does not use today: pydantic's own words, not a crash
+        return error["msg"], "correct the value"
+    return teller(context)
+
+
+def _number(_: dict[str, Any]) -> tuple[str, str]:
+    return "must be a number", "write it without quotes, for example 12.5"
+
+
+def _whole_number(_: dict[str, Any]) -> tuple[str, str]:
+    return "must be a whole number", "write it without quotes and without a decimal point"
+
+
+def _finite(_: dict[str, Any]) -> tuple[str, str]:
+    return "must be a finite number", "replace nan or inf by a number, or leave the key out if it is optional"
+
+
+def _text(_: dict[str, Any]) -> tuple[str, str]:
+    return (
+        "must be a text",
+        'put it in quotes, for example "steel"; quote dotted keys of [provenance] as well',
+    )
+
+
+def _array(_: dict[str, Any]) -> tuple[str, str]:
+    return "must be an array", "write [a, b, c], or [[double brackets]] around the header of a repeated table"
+
+
+def _table(_: dict[str, Any]) -> tuple[str, str]:
+    return "must be a table", "write it as [header] with its keys below, not as a value"
+
+
+def _bound(words: str, key: str) -> Callable[[dict[str, Any]], tuple[str, str]]:
+    def told(context: dict[str, Any]) -> tuple[str, str]:
+        remedy = "correct the number; its unit is the last part of the key"
+        return f"must be {words} {context[key]:g}", remedy
+
+    return told
+
+
+def _too_short(context: dict[str, Any]) -> tuple[str, str]:
+    return f"needs at least {context['min_length']} entries", "add what is missing"
+
+
+def _too_long(context: dict[str, Any]) -> tuple[str, str]:
+    return f"takes at most {context['max_length']} entries", "remove what is too much"
+
+
+def _literal(context: dict[str, Any]) -> tuple[str, str]:
+    return f"must be {context['expected']}", "write it exactly so"
+
+
+def _name(context: dict[str, Any]) -> tuple[str, str]:
+    if context["pattern"] == COIL_NAME_RULE:
+        return "a coil's name has letters, digits and underscores only", 'rename it, for example "coil_1"'
+    return (
+        "a name begins with a letter or digit and has letters, digits, spaces, _ + - only",
+        'rename it, for example "lower plate"',
+    )
+
+
+def _not_empty(_: dict[str, Any]) -> tuple[str, str]:
+    return "must not be empty", "write a few words"
+
+
+_TELLERS: dict[str, Callable[[dict[str, Any]], tuple[str, str]]] = {
+    "float_type": _number,
+    "int_type": _whole_number,
+    "finite_number": _finite,
+    "string_type": _text,
+    "string_too_short": _not_empty,
+    "string_pattern_mismatch": _name,
+    "list_type": _array,
+    "dict_type": _table,
+    "model_type": _table,
+    "model_attributes_type": _table,
+    "greater_than": _bound("greater than", "gt"),
+    "greater_than_equal": _bound("at least", "ge"),
+    "less_than": _bound("less than", "lt"),
+    "less_than_equal": _bound("at most", "le"),
+    "too_short": _too_short,
+    "too_long": _too_long,
+    "literal_error": _literal,
+}

@@ -1,0 +1,42 @@
+"""One thing found wrong in the data of a file, before it is tied to a file and a line."""
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from fieldmap.inputs.key_paths import Location
+
+
+@dataclass(frozen=True)
+class Finding:
+    """`location` is where in the data; the rest as in fieldmap.errors.Problem."""
+
+    location: Location
+    must_hold: str
+    received: str
+    remedy: str
+
+
+def shown(value: Any) -> str:
+    """The offending value as the user wrote it, shortened."""
+    if isinstance(value, dict):
+        return "a table" if value else "an empty table"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = f'"{value}"' if isinstance(value, str) else repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def one_of(words: list[str]) -> str:
+    """List of allowed words."""
+    return ", ".join(f'"{word}"' for word in words)
+
+
+def closest(word: Any, words: list[str]) -> str | None:
+    """The known word most like what was written, or None."""
+    near = get_close_matches(str(word), words, n=1, cutoff=0.6)
+    if near:
+        return near[0]
+    folded = {known.lower(): known for known in words}
+    near = get_close_matches(str(word).lower(), list(folded), n=1, cutoff=0.6)
+    return folded[near[0]] if near else None

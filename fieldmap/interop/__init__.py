@@ -1,0 +1,27 @@
+"""Maps for other programs, and maps from them: C, MuJoCo, mag_manip, measurements.
+
+Depends on: errors, store, lookup. Never on the rooms that make maps.
+"""
+
+from fieldmap.interop.c_map import c_header, write_c_map
+from fieldmap.interop.csv_map import write_csv
+from fieldmap.interop.mag_manip import read_mag_manip, write_mag_manip
+from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
+from fieldmap.interop.measurements import Measurements, read_measurements
+from fieldmap.interop.mujoco_magnets import MagnetForces
+from fieldmap.interop.whole_files import write_whole
+
+__all__ = [
+    "FitReport",
+    "MagnetForces",
+    "MeasuredMap",
+    "Measurements",
+    "c_header",
+    "fit_map",
+    "read_mag_manip",
+    "read_measurements",
+    "write_c_map",
+    "write_csv",
+    "write_mag_manip",
+    "write_whole",
+]

@@ -1,0 +1,71 @@
+"""A map as one flat file for C programs (fieldmap.h, which lies beside this module, reads it).
+
+Layout, in the byte order of the machine that writes:
+
+    0   8 bytes   "fieldmap"
+    8   uint32    0x01020304, which shows the byte order
+    12  uint32    version, 1
+    16  uint64    size of the file in bytes
+    24  uint32    CRC-32 of all that follows
+    28  uint32    size of the names
+    32  uint64    number of float64 numbers
+    40  names     UTF-8, each ended by a zero byte; zeros up to a multiple of 8
+        float64   the block of fieldmap.kernels.map.map_block
+"""
+
+import struct
+import zlib
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.interop.whole_files import write_whole
+from fieldmap.kernels.map import map_block
+from fieldmap.lookup import FieldAtCurrents, FieldMap
+
+VERSION = 1
+
+
+def c_header() -> Path:
+    """The header for C and C++ programs, as it lies in the package."""
+    return Path(__file__).with_name("fieldmap.h")
+
+
+def write_c_map(field: FieldMap | FieldAtCurrents, path: str | PathLike[str]) -> Path:
+    """Write an opened map, or a map at fixed currents, for C programs.
+
+    A map keeps its coils, and the C program sets currents; a map of saturating iron can be written at fixed
+    currents only. The rule for points outside goes with it: clamp, or NaN. Raises InputError for a Hermite form,
+    whose coefficients the header does not read. The file appears complete or not at all.
+
+    >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
+    >>> write_c_map(open_map("workspace.h5"), "workspace.fmap")                             # doctest: +SKIP
+    """
+    _, block = field.compiled()
+    if block[map_block.KIND] == map_block.HERMITE:
+        wanted = 'a harmonic form: kind="harmonic" or "global"'
+        raise InputError(
+            Problem("write_c_map, field", wanted, 'kind="hermite"', "open the map in another form")
+        )
+    names = field.coil_names if isinstance(field, FieldMap) else ("fixed currents",)
+    target = Path(path)
+    write_whole(target, _bytes(_plain(block), names))
+    return target
+
+
+def _plain(block: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The block without the table that a global form carries for evaluation (map_block)."""
+    cells = int(np.prod(block[map_block.CELLS : map_block.CELLS + 3]))
+    size = (int(block[map_block.DEGREE]) + 1) ** 2
+    return block[: map_block.HEADER + cells * int(block[map_block.SETS]) * size]
+
+
+def _bytes(block: NDArray[np.float64], names: tuple[str, ...]) -> bytes:
+    text = b"".join(name.encode() + b"\0" for name in names)
+    text += bytes(-len(text) % 8)
+    tail = struct.pack("=IQ", len(text), len(block)) + text + block.tobytes()
+    head = struct.pack("=8sIIQ", b"fieldmap", 0x01020304, VERSION, 28 + len(tail))
+    return head + struct.pack("=I", zlib.crc32(tail)) + tail

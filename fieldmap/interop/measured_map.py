@@ -1,0 +1,204 @@
+"""A map from measured flux densities: harmonic polynomials fitted to readings, with the error of the fit stated.
+
+Without currents and iron in the box the field of every coil is the gradient of a harmonic polynomial, to any accuracy
+(docs/theory/lookup.md (8)): the fit may not follow what no field can do, which takes noise out, and its derivative is
+the gradient that was not measured.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.interop.measurements import Measurements
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
+from fieldmap.store import FieldError, Grid, MapData, Provenance
+from fieldmap.typing import Array
+
+HIGHEST_DEGREE = 10
+FOLDS = 5
+# A higher degree must foretell readings that were held out better by this share, or it only follows noise.
+WORTH = 0.02
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """How well harmonic polynomials hold the readings.
+
+    degree: of the potential. residual: root mean square of what is left of the readings, per component, T. held_out,
+    held_out_worst: the same, and the largest, for readings foretold by fits without them, T: what to trust.
+    standard_error: of the fit at the map's nodes by the readings' scatter, largest, coils at their reference currents
+    summed, T and T/m; what the degree cannot follow is not in it. readings: how many.
+    """
+
+    degree: int
+    residual: float
+    held_out: float
+    held_out_worst: float
+    standard_error: FieldError
+    readings: int
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMap:
+    """A map as a solver would have made it, and how well it was measured."""
+
+    data: MapData
+    report: FitReport
+
+
+def fit_map(
+    measurements: Measurements,
+    spacing: float,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    degree: int | None = None,
+) -> MeasuredMap:
+    """Fit a map to readings, its nodes at most `spacing` (m) apart.
+
+    The box from lower to upper (3,), m, is that of the readings unless given. degree: of the potential; unless given,
+    the one from which on readings that were held out are foretold no better. Currents of several coils in one reading
+    are told apart as long as they were varied. The result's `data` goes into `fieldmap.lookup.interpolate` or
+    `fieldmap.store.write_map`, its provenance says what the report says. Raises InputError if the readings cannot
+    tell the coils apart or are too few.
+    """
+    points = measurements.points
+    low = points.min(axis=0) if lower is None else np.asarray(lower, dtype=float)
+    high = points.max(axis=0) if upper is None else np.asarray(upper, dtype=float)
+    grid = _grid(low, high, spacing)
+    centre, length = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    local = (points - centre) / length
+    chosen = _best_degree(measurements, local) if degree is None else degree
+    held = _held_out(measurements, local, chosen)
+    design = _design(measurements, local, chosen)
+    values = measurements.flux_density.ravel()
+    size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    coefficients, _, rank, _ = np.linalg.lstsq(design / size, values, rcond=1e-10)
+    if rank < design.shape[1]:
+        raise _too_few(f"rank {rank} of {design.shape[1]} unknowns at degree {chosen}")
+    coefficients /= size
+    left = values - design @ coefficients
+    scatter = float(np.sqrt(left @ left / max(len(values) - design.shape[1], 1)))
+    nodes = (grid.points() - centre) / length
+    amperes = np.abs(measurements.currents).max(axis=0)
+    error = _standard_error(design, scatter, nodes, length, chosen, amperes)
+    report = FitReport(
+        chosen,
+        float(np.sqrt(np.mean(left**2))),
+        float(np.sqrt(np.mean(held**2))),
+        float(np.abs(held).max()),
+        error,
+        len(points),
+    )
+    by_coil = np.asarray(coefficients).reshape(len(amperes), -1)
+    return MeasuredMap(_map(measurements.coil_names, grid, nodes, length, by_coil, amperes, report), report)
+
+
+def _map(
+    names: tuple[str, ...],
+    grid: Grid,
+    nodes: Array,
+    length: float,
+    fitted: Array,
+    amperes: Array,
+    report: FitReport,
+) -> MapData:
+    shape = (len(names), *grid.shape)
+    flux = np.einsum("nik,ck->cni", field_matrix(report.degree, nodes)[..., 1:], fitted)
+    slope = np.einsum("nijk,ck->cnij", gradient_matrix(report.degree, nodes)[..., 1:], fitted) / length
+    stated = {
+        "fit": "harmonic polynomials, least squares",
+        "degree": report.degree,
+        "readings": report.readings,
+        "residual_T": report.residual,
+        "held_out_T": report.held_out,
+        "held_out_worst_T": report.held_out_worst,
+        "standard_error_T": report.standard_error.flux_density,
+        "standard_error_T_per_m": report.standard_error.gradient,
+    }
+    assumptions = (
+        "measured: the field is proportional to the currents of its coils",
+        "measured: no currents and no iron inside the box",
+        f"measured: readings foretold without them to {report.held_out:.2g} T (rms per component)",
+    )
+    source = Provenance(title="Measured field", solver_report=stated, assumptions=assumptions)
+    return MapData(
+        grid,
+        names,
+        amperes,
+        source,
+        flux_density=flux.reshape(*shape, 3),
+        gradient=slope.reshape(*shape, 3, 3),
+    )
+
+
+def _grid(low: Array, high: Array, spacing: float) -> Grid:
+    if not (spacing > 0 and np.isfinite(spacing) and np.all(high > low)):
+        received = f"spacing {spacing!r}, box {low} to {high} m"
+        raise InputError(Problem("fit_map", "spacing > 0 and a box with a volume", received, "correct it"))
+    nx, ny, nz = (max(int(np.ceil(side / spacing - 1e-9)), 1) for side in high - low)
+    return Grid(low, (high - low) / np.array([nx, ny, nz]), (nx + 1, ny + 1, nz + 1))
+
+
+def _design(measurements: Measurements, local: Array, degree: int) -> Array:
+    """(3 n, n_coils size): readings from the coefficients of all coils, without their constants."""
+    rows = field_matrix(degree, local)[..., 1:]
+    return np.einsum("nik,nc->nick", rows, measurements.currents).reshape(3 * len(local), -1)
+
+
+def _best_degree(measurements: Measurements, local: Array) -> int:
+    best, least = 0, np.inf
+    for degree in range(2, HIGHEST_DEGREE + 1):
+        if ((degree + 1) ** 2 - 1) * len(measurements.coil_names) > 1.5 * len(local):
+            break
+        foretold = float(np.mean(_held_out(measurements, local, degree) ** 2))
+        if foretold >= (1 - WORTH) * least:
+            break
+        best, least = degree, foretold
+    if not best:
+        raise _too_few(f"{len(local)} readings for {len(measurements.coil_names)} coils")
+    return best
+
+
+def _held_out(measurements: Measurements, local: Array, degree: int) -> Array:
+    """What fits to four fifths of the readings miss of the others, (n, 3), T.
+
+    By normal equations, whose parts are summed over all folds but one: good enough to judge by, and quick.
+    """
+    design = _design(measurements, local, degree)
+    design /= np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    values = measurements.flux_density.ravel()
+    fold = np.repeat(np.random.default_rng(20250321).permutation(len(local)) % FOLDS, 3)
+    parts = [design[fold == out] for out in range(FOLDS)]
+    squares = [part.T @ part for part in parts]
+    sides = [part.T @ values[fold == out] for out, part in enumerate(parts)]
+    # Where coils cannot be told apart this keeps the equations solvable; the fit itself refuses that.
+    ridge = 1e-13 * np.eye(design.shape[1])
+    missed = np.empty_like(values)
+    for out, part in enumerate(parts):
+        fitted = np.linalg.solve(sum(squares) - squares[out] + ridge, sum(sides) - sides[out])
+        missed[fold == out] = values[fold == out] - part @ fitted
+    return missed.reshape(-1, 3)
+
+
+def _standard_error(
+    design: Array, scatter: float, nodes: Array, length: float, degree: int, amperes: Array
+) -> FieldError:
+    """Largest standard deviation at the nodes, coils at their reference currents summed."""
+    length_of = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    factor = np.linalg.inv(np.linalg.qr(design / length_of, mode="r")) / length_of[:, None]
+    size = factor.shape[0] // len(amperes)
+    of_field = field_matrix(degree, nodes)[..., 1:].reshape(-1, size)
+    of_slope = gradient_matrix(degree, nodes)[..., 1:].reshape(-1, size) / length
+    flux, slope = np.zeros(len(nodes)), np.zeros(len(nodes))
+    for c, ampere in enumerate(amperes):
+        part = factor[c * size : (c + 1) * size]
+        flux += ampere * np.linalg.norm((of_field @ part).reshape(len(nodes), -1), axis=1)
+        slope += ampere * np.linalg.norm((of_slope @ part).reshape(len(nodes), -1), axis=1)
+    return FieldError(scatter * float(flux.max()), scatter * float(slope.max()))
+
+
+def _too_few(received: str) -> InputError:
+    must_hold = "readings enough to tell the coils apart, all over the box"
+    return InputError(Problem("fit_map", must_hold, received, "measure more, or ask for a lower degree"))

@@ -1,0 +1,95 @@
+"""Linear iron that carries more than iron can: a linear solution knows no saturation, so somebody must look."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.constants import mu_0
+
+from fieldmap.device.marrocco import marrocco_end, marrocco_field
+from fieldmap.device.model import (
+    BHTable,
+    Device,
+    FluxBarrier,
+    LinearMaterial,
+    Marrocco,
+    PermanentMagnet,
+    SaturatingMaterial,
+)
+from fieldmap.iron.mesh.mesh import volumes
+from fieldmap.iron.solution import LinearSolution
+
+WORTH_SAYING = 0.01
+"""Share of a body's volume: at sharp edges |B| grows without bound as the mesh is refined."""
+
+MOST_OF_ANY_IRON = 2.45
+"""Polarisation of saturated iron-cobalt, T, the largest of any known material (Bozorth, Ferromagnetism, ch. 6)."""
+
+
+@dataclass(frozen=True)
+class OverdrivenBody:
+    """A body of linear iron in which |B| exceeds the largest polarisation its material can have.
+
+    most: that polarisation, T; largest: |B| of the element with most, T; share: of the body's volume above `most`.
+    """
+
+    body: str
+    material: str
+    most: float
+    largest: float
+    share: float
+
+
+def largest_polarisation(material: SaturatingMaterial | LinearMaterial) -> float:
+    """The polarisation B - mu0 H, T, that a law ends with or tends to; that of saturated iron-cobalt where the device
+    file knows no law, or one that never saturates.
+
+    >>> from fieldmap.device.model import Froehlich
+    >>> largest_polarisation(Froehlich("iron", mu_r=1000.0, saturation=1.5))
+    1.5
+    """
+    match material:
+        case BHTable():
+            reached = float(np.max(material.b - mu_0 * material.h))
+            return reached if material.saturation is None else max(reached, material.saturation)
+        case Marrocco(_, eps, c, alpha, tau):
+            end = marrocco_end(eps, c, alpha, tau)
+            if np.isfinite(end):
+                return end - marrocco_field(end, eps, c, alpha, tau)
+            return MOST_OF_ANY_IRON
+        case LinearMaterial():
+            return MOST_OF_ANY_IRON
+    return material.saturation
+
+
+def overdriven_bodies(
+    solution: LinearSolution, device: Device, currents: ArrayLike
+) -> tuple[OverdrivenBody, ...]:
+    """Bodies of a linear solution with |B| above what they can polarise, in over a hundredth of their volume.
+
+    device: the one that was solved. currents (n_coils,), A. In soft iron, whose mu0 H is small beside B, |B| stands for
+    the polarisation. At such currents the answer of linear iron does not hold: solve a nonlinear state.
+
+    >>> import fieldmap as fm
+    >>> device = fm.read_device("loop_and_sphere")
+    >>> unit = fm.solve_linear(device)
+    >>> overdriven_bodies(unit, device, [1.0]), len(overdriven_bodies(unit, device, [1e6]))
+    ((), 1)
+    """
+    if solution.mesh is None or solution.state is None:
+        return ()
+    weights = np.asarray(currents, dtype=float)
+    weights = np.append(weights, 1.0) if solution.has_remanence else weights
+    size = np.linalg.norm(np.einsum("c,ced->ed", weights, solution.state.flux_density), axis=1)
+    volume = volumes(solution.mesh.points, solution.mesh.tets)
+    found = []
+    for body in device.bodies:
+        material = device.materials[body.material]
+        if isinstance(material, FluxBarrier | PermanentMagnet):
+            continue
+        mine = solution.mesh.body == solution.mesh.body_names.index(body.name)
+        most = largest_polarisation(material)
+        share = float(volume[mine & (size > most)].sum() / volume[mine].sum())
+        if share > WORTH_SAYING:
+            found.append(OverdrivenBody(body.name, material.name, most, float(size[mine].max()), share))
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Finite elements inside the iron, and the material laws that they evaluate."""

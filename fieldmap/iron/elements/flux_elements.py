@@ -1,0 +1,114 @@
+"""Second-order flux elements on the iron's tetrahedra (Brezzi, Douglas and Marini), hybridised.
+
+The flux density is linear in every element and free of divergence; its normal component is linear on every face. What
+makes neighbours agree about it are potentials on the faces, linear as well: the only unknowns left, three a face.
+The coil field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by construction, so that flux around a
+closed circuit is driven by the exact circulation, however permeable the iron.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.nodal_elements import NodalElements
+from fieldmap.iron.mesh.topology import Faces
+from fieldmap.kernels.iron import linear_flux as kernel
+from fieldmap.typing import Array, Index
+
+_PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class FluxElements:
+    """Unknown 3 f + i is the potential of face f at its corner i.
+
+    unknowns (e, 12): those of the elements, see `fieldmap.kernels.iron.linear_flux`; area (e, 4, 3): outward area
+    vectors; volume (e,); count: number of unknowns; face_mean (s, n): takes them to their means over the surface
+    faces; nodal: the elements that carry the coil field.
+    """
+
+    unknowns: Index
+    area: Array
+    volume: Array
+    count: int
+    face_mean: csr_matrix
+    nodal: NodalElements
+
+    @classmethod
+    def from_mesh(cls, nodal: NodalElements, topology: Faces) -> "FluxElements":
+        """Elements on the same tetrahedra as the nodal ones."""
+        tets = nodal.nodes[:, :4]
+        corners = tets[:, kernel.CORNERS]
+        place = (topology.nodes[topology.tet_faces][:, :, None, :] == corners[..., None]).argmax(axis=-1)
+        dofs = (3 * topology.tet_faces[:, :, None] + place).reshape(-1, 12)
+        area = -3 * nodal.volume[:, None, None] * nodal.gradients
+        count, faces = 3 * len(topology.nodes), topology.surface
+        columns = (3 * faces[:, None] + np.arange(3)).ravel()
+        rows = np.repeat(np.arange(len(faces)), 3)
+        mean = csr_matrix((np.full(rows.size, 1 / 3), (rows, columns)), shape=(len(faces), count))
+        return cls(dofs, np.ascontiguousarray(area), nodal.volume, count, mean, nodal)
+
+    def coil_field_at_points(self, field: Array) -> Array:
+        """t as it is."""
+        return field
+
+    def no_field(self) -> Array:
+        """One source that is zero."""
+        return np.zeros((1, len(self.volume), 4, 3))
+
+    def coil_field(self, field: Callable[[Array], Array]) -> Array:
+        """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
+        return self.nodal.coil_field_at_points(self.nodal.coil_field(field))
+
+    def from_nodal(self, potential: Array) -> Array:
+        """Face potentials (n, c) closest to nodal potentials (k, c): of each face the linear part of the second-order
+        function on it, in the mean-square sense."""
+        values = potential[self.nodal.nodes]
+        out = np.zeros((self.count, potential.shape[1]))
+        for face, corners in enumerate(kernel.CORNERS):
+            at = values[:, corners]
+            for a, b, opposite in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
+                pair = (int(corners[a]), int(corners[b]))
+                bubble = values[:, 4 + _PAIRS.index(pair)] - 0.5 * (values[:, pair[0]] + values[:, pair[1]])
+                # 4 l_a l_b is closest to 0.6 (l_a + l_b) - 0.2 l_c.
+                for corner, share in ((a, 0.6), (b, 0.6), (opposite, -0.2)):
+                    at[:, corner] = at[:, corner] + share * bubble
+            out[self.unknowns[:, 3 * face : 3 * face + 3]] = at
+        return out
+
+    def with_nothing(self, field: Array) -> Array:
+        """The same sources and one more, which is zero."""
+        return np.concatenate([field, self.no_field()])
+
+    def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 12): outward flux moments, less those of t if the iron were air."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), *law)
+        return kernel.residual(*arguments)
+
+    def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 12, 12): minus the derivative of the outward flux moments by the potentials."""
+        arguments = (*self._arrays(potential, field, source), material.law, *material.tables.arrays)
+        return kernel.tangent(*arguments)
+
+    def mean_fields(
+        self, potential: Array, field: Array, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for potentials (n,)."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arguments = (*self._arrays(potential, field, source), *law)
+        return kernel.mean_fields(*arguments)
+
+    def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
+        """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
+        law, columns = (material.law, *material.tables.arrays), range(potential.shape[1])
+        arguments = [(*self._arrays(potential[:, c], field, c), *law) for c in columns]
+        return np.stack([kernel.strength(*given) for given in arguments])
+
+    def _arrays(self, potential, field, source):
+        """The arguments that all kernels begin with."""
+        values = np.ascontiguousarray(potential)
+        return values, field[source], kernel.SHAPE, self.area, self.volume, self.unknowns

@@ -1,0 +1,259 @@
+"""The iron by a scalar potential of second order: H = t - grad phi inside, charges on the surface outside.
+
+Minimises a convex functional of the nodal potential phi. With b(h) the material's law, t the coil field
+(`fieldmap.iron.elements.nodal_elements`) and S the air (`fieldmap.iron.operators.exterior`),
+
+    R(phi) . v  =  int (b(t - grad phi) + b_r - t) . grad v dV  -  (S phi) . v  =  0      for all nodal v.
+
+The tangent is -(int grad (db/dh) grad + S): symmetric and, for db/dh >= 1, positive. H is tangentially continuous by
+construction, B only in the mean: the complement of the flux form (`fieldmap.iron.elements.flux_form`), with errors of
+the other sign in closed magnetic circuits.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, diags
+
+from fieldmap.iron.elements.bh_law import LawTables
+from fieldmap.iron.elements.element_fields import PotentialField
+from fieldmap.iron.elements.krylov import block_gmres, require_convergence
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.nodal_elements import NodalElements
+from fieldmap.iron.elements.state import ElementField, IronState
+from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.operators.exterior import Exterior
+from fieldmap.iron.operators.sparse_factor import SparseFactor
+from fieldmap.typing import Array
+
+_MAX_LINEAR_STEPS = 80
+_MAX_NEWTON_STEPS = 40
+# The inverse of W inside a Newton step needs few digits; the residual needs all.
+_COARSE = 0
+
+
+class Elements(Protocol):
+    """What a form asks of its elements. The coil field inside the iron has the shape that they give it.
+
+    count: number n of unknowns; unknowns (e, k): their numbers in every element; volume (e,); face_mean (s, n): takes
+    them to the mean potentials of the surface faces.
+    """
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def unknowns(self) -> NDArray[np.int64]: ...
+    @property
+    def volume(self) -> Array: ...
+    @property
+    def face_mean(self) -> csr_matrix: ...
+
+    def no_field(self) -> Any:
+        """One source that is zero."""
+        ...
+
+    def residual(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, k) of the inside's share of R at a potential (n,)."""
+        ...
+
+    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, k, k) of minus its derivative."""
+        ...
+
+    def mean_fields(
+        self, potential: Array, field: Any, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) in it."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PotentialState:
+    """Nodal potential (n, c), largest mu0 H (c, e) of every element, and the iron's charges and flux densities."""
+
+    potential: Array
+    largest_h: Array
+    iron: IronState
+
+
+E = TypeVar("E", bound=Elements)
+
+
+class ConvexForm(Generic[E]):
+    """One mesh, with either family of elements: Krylov and Newton on R."""
+
+    def __init__(self, iron: AssembledIron, elements: E) -> None:
+        self.iron = iron
+        self.elements = elements
+        nothing, count = elements.no_field(), len(elements.volume)
+        vacuum = Magnetisation(np.zeros(count, np.int64), _unit_law(), np.zeros((1, count, 3)))
+        stiffness = self._tangent(np.zeros(elements.count), nothing, 0, vacuum)
+        self._exterior = Exterior(elements.face_mean, iron.mutual, stiffness)
+        one = np.ones((elements.count, 1))
+        # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
+        capacity = float((one.T @ self._exterior.apply(one))[0, 0])
+        mass = elements.face_mean.T @ iron.surface.areas
+        self._capacity = diags(mass * (capacity / mass.sum()))
+
+    def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
+        """All sources at once, for laws that are straight lines. Raises NotConverged."""
+        zero = np.zeros(self.elements.count)
+        stiffness = self._tangent(zero, field, 0, material)
+        sources = range(len(material.remanence))
+        right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
+        potential, history = self._linear_system(stiffness, material, right, tolerance)
+        residuals = tuple(float(step.max()) for step in history)
+        require_convergence(type(self).__name__, residuals, tolerance)
+        return self._state(potential, field, material, residuals)
+
+    def solve(
+        self, material: Magnetisation, field: Any, tolerance: float, start: Array | None = None
+    ) -> PotentialState:
+        """One source of nonlinear iron, by Newton with exact line search from `start` (n, 1). Raises NotConverged."""
+        phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
+        scale, residuals = 0.0, []
+        # The air is linear: its share of the residual is carried along instead of computed anew.
+        air = self._exterior.apply(phi[:, None])[:, 0]
+        inner = self._residual(phi, field, 0, material)
+        for _ in range(_MAX_NEWTON_STEPS):
+            right = inner - air
+            stiffness = self._tangent(phi, field, 0, material)
+            factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
+            first = factor.solve(right)
+            # The energy norm of the residual, relative to that of the coils' drive.
+            norm = float(np.sqrt(max(float(right @ first), 0.0)))
+            if scale == 0.0:
+                drive = inner if start is None else self._residual(np.zeros_like(phi), field, 0, material)
+                scale = float(np.sqrt(drive @ factor.solve(drive))) or 1.0
+            residuals.append(norm / scale)
+            if residuals[-1] < tolerance:
+                return self._state(phi[:, None], field, material, tuple(residuals))
+            step = self._newton_step(stiffness, factor, first, residuals[-1])
+            air_step = self._exterior.apply(step[:, None])[:, 0]
+            length, inner = self._line_search(phi, step, right, air, air_step, field, material)
+            phi, air = phi + length * step, air + length * air_step
+        require_convergence("Newton", tuple(residuals), tolerance)
+        raise AssertionError("unreachable")
+
+    def _linear_system(
+        self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
+    ) -> tuple[Array, list[Array]]:
+        """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps."""
+        factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
+
+        def operator(x: Array) -> Array:
+            return factor.solve(stiffness @ x + self._exterior.apply(x))
+
+        return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
+
+    def air(self, potential: Array) -> Array:
+        """S phi (n, c) for potentials (n, c), see `fieldmap.iron.operators.exterior`."""
+        return self._exterior.apply(potential)
+
+    def tangent(self, material: Magnetisation, field: Any, potential: Array) -> csr_matrix:
+        """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
+        return self._tangent(potential, field, 0, material)
+
+    def inner_residual(self, potential: Array, field: Any, material: Magnetisation) -> Array:
+        """The iron's share (n,) of R at a potential (n,): R is this less `air`."""
+        return self._residual(np.ascontiguousarray(potential), field, 0, material)
+
+    def preconditioner(self, material: Magnetisation, field: Any, potential: Array) -> SparseFactor:
+        """The tangent at a potential (n,), with a mass of the body's capacity for the air, factored."""
+        return SparseFactor(
+            self._tangent(potential, field, 0, material) + self._capacity, self._exterior.order
+        )
+
+    def charge_density(self, potential: Array) -> Array:
+        """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
+        return np.ascontiguousarray((self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
+
+    def solve_tangent(
+        self, potential: Array, field: Any, material: Magnetisation, right: Array, tolerance: float
+    ) -> Array:
+        """Solve (K + S) x = right (n, c) with the tangent K of the state (n, 1). Raises NotConverged."""
+        stiffness = self._tangent(np.ascontiguousarray(potential[:, 0]), field, 0, material)
+        solved, history = self._linear_system(stiffness, material, right, tolerance)
+        residuals = tuple(float(step.max()) for step in history)
+        require_convergence("tangent of the potential form", residuals, tolerance)
+        return solved
+
+    def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
+        def operator(x: Array) -> Array:
+            return factor.solve(stiffness @ x + self._exterior.apply(x, _COARSE))
+
+        tolerance = min(0.1, max(1e-4, residual))
+        step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
+        return step[:, 0]
+
+    def _line_search(self, phi, step, right, air, air_step, field, material) -> tuple[float, Array]:
+        """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a.
+
+        right: R at phi. Returns a and the iron's share of R there.
+        """
+
+        def inner(a: float) -> Array:
+            return self._residual(phi + a * step, field, 0, material)
+
+        def slope(share: Array, a: float) -> float:
+            return float((share - air - a * air_step) @ step)
+
+        full = inner(1.0)
+        start, end = float(right @ step), slope(full, 1.0)
+        if abs(end) < 0.3 * abs(start) or end > 0:
+            return 1.0, full
+        low, high, low_value, high_value = 0.0, 1.0, start, end
+        for _ in range(12):
+            secant = low + (high - low) * np.clip(low_value / (low_value - high_value), 0.1, 0.9)
+            there = inner(secant)
+            value = slope(there, secant)
+            if abs(value) < 0.1 * abs(start):
+                return float(secant), there
+            if value > 0:
+                low, low_value = secant, value
+            else:
+                high, high_value = secant, value
+        length = float(low or 0.5 * high)
+        return length, inner(length)
+
+    def _residual(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        element = self.elements.residual(phi, field, source, material)
+        value = np.zeros(self.elements.count)
+        np.add.at(value, self.elements.unknowns.ravel(), element.ravel())
+        return value
+
+    def _tangent(self, phi: Array, field: Any, source: int, material: Magnetisation) -> csr_matrix:
+        element, unknowns = self.elements.tangent(phi, field, source, material), self.elements.unknowns
+        width = unknowns.shape[1]
+        places = np.repeat(unknowns, width, axis=1).ravel(), np.tile(unknowns, (1, width)).ravel()
+        return csr_matrix((element.ravel(), places), shape=(self.elements.count,) * 2)
+
+    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+        """The field within elements."""
+        raise NotImplementedError
+
+    def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
+        columns = range(potential.shape[1])
+        fields = [self.elements.mean_fields(potential[:, c], field, c, material) for c in columns]
+        density = self.charge_density(potential)
+        mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
+        inside = self._inside(potential, field, material)
+        state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside)
+        return PotentialState(potential, largest, state)
+
+
+class PotentialForm(ConvexForm[NodalElements]):
+    """One mesh in the potential form."""
+
+    def __init__(self, iron: AssembledIron) -> None:
+        super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
+
+    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+        law, tables, remanence = material.law, material.tables, material.remanence
+        return PotentialField(self.elements, potential, field, law, tables, remanence)
+
+
+def _unit_law() -> LawTables:
+    return LawTables(np.array([0, 1]), np.zeros(1), np.array([[0.0, 0.0, 1.0, 0.0]]), np.full((2, 1), np.inf))

@@ -1,1 +1,0 @@
-"""The two forms of the iron problem, by flux and by potential, with their elements and material laws."""

@@ -1,0 +1,114 @@
+"""How glued bodies touch: by faces, which is sound, or only along edges, at points, or almost (all in mm).
+
+The surface of sound iron is a manifold: two of its faces meet at every edge, and the faces around every
+corner follow each other in one fan. Where bodies touch only along an edge or at a point it is not: flux would
+pass through a bridge without width, and edge quantities of the mesh would have two meanings there.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from netgen import occ
+
+from fieldmap.iron.geometry.overlaps import CONTACT_DISTANCE, NamedSolid, bounds_nearer_than
+
+Point = tuple[float, float, float]
+
+LEAST_GAP = 1e-3
+"""mm. Narrower gaps are refused: no machined gap is known to a micrometre, a rounded number in the file
+is likelier, and faces so near to each other are beyond what the solution's surface integrals resolve."""
+
+
+@dataclass(frozen=True)
+class Pinch:
+    """A place where the iron's surface is no manifold. kind: "edge" or "point"; at: a point of it, mm."""
+
+    names: tuple[str, ...]
+    kind: str
+    at: Point
+    count: int
+
+
+@dataclass(frozen=True)
+class NearMiss:
+    """Two solids that share no face and are `distance` (mm) apart, less than LEAST_GAP."""
+
+    first: str
+    second: str
+    distance: float
+
+
+def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
+    """Where the surface of the glued solids is no manifold: one entry per kind and set of bodies."""
+    owners: dict[occ.Face, list[str]] = defaultdict(list)
+    for solid in glued.solids:
+        for face in solid.faces:
+            owners[face].append(solid.name)
+    surface = {face: names[0] for face, names in owners.items() if len(names) == 1}
+    # A face lists the seam of a cylinder twice, as it should: both its sides lie in the surface.
+    faces_at: dict[occ.Edge, list[occ.Face]] = defaultdict(list)
+    for face in surface:
+        for edge in face.edges:
+            faces_at[edge].append(face)
+    # The pole of a sphere is an edge without length: a point.
+    bad_edges = {edge for edge, faces in faces_at.items() if len(faces) > 2 and edge.mass > CONTACT_DISTANCE}
+    explained = {corner for edge in bad_edges for corner in edge.vertices}
+    places = [("edge", _middle(edge), {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
+    for corner, fans in _fans(surface, faces_at).items():
+        if len(fans) > 1 and corner not in explained:
+            places.append(("point", _xyz(corner.p), {surface[face] for fan in fans for face in fan}))
+    return _gathered(places)
+
+
+def _fans(
+    surface: Iterable[occ.Face], faces_at: dict[occ.Edge, list[occ.Face]]
+) -> dict[occ.Vertex, list[set[occ.Face]]]:
+    """For every corner the groups of surface faces around it that hang together through its edges."""
+    fans: dict[occ.Vertex, list[set[occ.Face]]] = defaultdict(list)
+    for face in surface:
+        for corner in set(face.vertices):
+            fans[corner].append({face})
+    for edge, faces in faces_at.items():
+        for corner in set(edge.vertices):
+            joined = [fan for fan in fans[corner] if fan & set(faces)]
+            apart = [fan for fan in fans[corner] if not fan & set(faces)]
+            fans[corner] = [*apart, set().union(*joined)]
+    return fans
+
+
+def _middle(edge: occ.Edge) -> Point:
+    start, end = edge.parameter_interval
+    return _xyz(edge.Value((start + end) / 2))
+
+
+def _xyz(point: occ.gp_Pnt) -> Point:
+    return point.x, point.y, point.z
+
+
+def _gathered(places: Sequence[tuple[str, Point, set[str]]]) -> tuple[Pinch, ...]:
+    found: dict[tuple[str, tuple[str, ...]], list[Point]] = defaultdict(list)
+    for kind, point, names in places:
+        found[kind, tuple(sorted(names))].append(point)
+    return tuple(
+        Pinch(names, kind, min(points), len(points)) for (kind, names), points in sorted(found.items())
+    )
+
+
+def near_misses(solids: Sequence[NamedSolid], glued: occ.TopoDS_Shape) -> tuple[NearMiss, ...]:
+    """Pairs of solids (named as in `glued`) nearer than LEAST_GAP that share no face, edge or corner.
+
+    Contact in a tangent line or point may leave no edge or corner behind: it is found here, at distance zero.
+    """
+    corners: dict[str, set[occ.Vertex]] = defaultdict(set)
+    for piece in glued.solids:
+        corners[piece.name].update(piece.vertices)
+    found = []
+    for a, b in combinations(solids, 2):
+        if corners[a.name] & corners[b.name] or not bounds_nearer_than(a.solid, b.solid, LEAST_GAP):
+            continue
+        distance = a.solid.Distance(b.solid)
+        if distance < LEAST_GAP:
+            found.append(NearMiss(a.name, b.name, 0.0 if distance <= CONTACT_DISTANCE else distance))
+    return tuple(found)

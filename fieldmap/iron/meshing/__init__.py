@@ -1,1 +1,0 @@
-"""Tetrahedra of the iron: the mesher, equal-volume rounding, layers towards sharp edges, faces."""

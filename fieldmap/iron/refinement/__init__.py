@@ -1,1 +1,0 @@
-"""Where the mesh of the iron must be finer for the field in the workspace: dipoles there, indicators, element sizes."""

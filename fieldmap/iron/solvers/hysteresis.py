@@ -1,0 +1,210 @@
+"""Iron with rate-independent hysteresis, led through a sequence of currents: docs/theory/hysteresis.md."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.constants import mu_0
+
+from fieldmap.arguments import check_count, check_not_negative
+from fieldmap.device.model import Device, PermanentMagnet, SaturatingMaterial
+from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
+from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.geometry.checks import check_geometry
+from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.nonlinear_solution import SolvedState
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.quantities.air import checked_currents
+from fieldmap.iron.soft_bodies import require_soft_bodies
+from fieldmap.sources import unit_flux_densities
+from fieldmap.sources.inductance import bare_inductance
+from fieldmap.typing import Array
+
+# As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
+_RESIDUAL_PER_TOLERANCE = 1e-3
+_MOST_HALVINGS = 4
+
+
+@dataclass(frozen=True)
+class Pinning:
+    """How strongly the iron holds its magnetisation: an assumption, as no device file states it.
+
+    coercive_field: A/m, half the width of the major loop at b = 0 where the anhysteretic law is straight; 0 means none.
+    cells: how many pinning fields stand for their distribution, which is uniform from 0 to twice the coercive field (so
+    that small loops are parabolas, as Rayleigh found, Phil. Mag. 23 (1887) 225); 1: all at the coercive field.
+
+    >>> pinning = Pinning(100.0, cells=5)
+    >>> print(pinning.fields.tolist(), float(pinning.fields @ pinning.weights))
+    [0.0, 50.0, 100.0, 150.0, 200.0] 100.0
+    """
+
+    coercive_field: float
+    cells: int = 6
+
+    def __post_init__(self) -> None:
+        check_not_negative("Pinning", coercive_field=self.coercive_field)
+        check_count("Pinning", cells=self.cells)
+
+    @property
+    def fields(self) -> Array:
+        """Pinning fields (k,) of the cells, A/m."""
+        if self.cells == 1:
+            return np.array([self.coercive_field])
+        return np.linspace(0.0, 2.0 * self.coercive_field, self.cells)
+
+    @property
+    def weights(self) -> Array:
+        """Shares (k,) of the cells: the trapezoidal rule."""
+        if self.cells == 1:
+            return np.ones(1)
+        weights = np.ones(self.cells)
+        weights[[0, -1]] = 0.5
+        return weights / weights.sum()
+
+    @property
+    def assumption(self) -> str:
+        """In words."""
+        spread = "one cell" if self.cells == 1 else f"{self.cells} cells from 0 to twice that"
+        return (
+            f"iron: rate-independent hysteresis, coercive field {self.coercive_field:g} A/m ({spread}), about the "
+            "device's B(H) as the anhysteretic law"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class IronMemory:
+    """What the iron of one solver remembers: its material with the fields of the cells, and potential (n,) and currents
+    (c,) as they last were."""
+
+    material: PinnedMagnetisation
+    potential: Array
+    currents: Array
+
+
+@dataclass(frozen=True, eq=False)
+class HystereticState(SolvedState):
+    """Coils and iron after one step. Fields in T, gradients in T/m, points (n, 3) or (3,) in m.
+
+    memory: where the next step begins. loss: J, what the iron turned into heat on the way here. iron_linkage (c,), Wb:
+    what the iron adds to the linkages. steps: Newton steps. parts: into which the way was divided.
+    """
+
+    memory: IronMemory
+    iron_linkage: Array
+    loss: float
+    steps: int
+    parts: int = 1
+
+    def flux_linkage(self) -> Array:
+        """Flux linkages (c,) of the coils in Wb, all turns."""
+        return bare_inductance(self.coils) @ self.currents + self.iron_linkage
+
+
+class HysteresisSolver:
+    """A device meshed and assembled once, whose iron remembers what it has been through.
+
+    refinement divides the mesh sizes of the device file. All saturating materials are pinned alike; magnets and linear
+    iron are not. Raises GeometryError and InputError like `fieldmap.solve`.
+
+    Example::
+
+        solver = HysteresisSolver(fieldmap.read_device("drive_unit"), Pinning(100.0), refinement=0.5)
+        memory = solver.demagnetised
+        for currents in sequence:
+            state = solver.step(currents, memory)
+            memory = state.memory
+    """
+
+    def __init__(self, device: Device, pinning: Pinning, refinement: float = 1.0) -> None:
+        self.device, self.pinning = device, pinning
+        require_soft_bodies(device)
+        check_geometry(device)
+        self._mesh = generate_mesh(device, refinement, "auto")
+        self._form = PinnedForm(assemble(self._mesh))
+        coils = device.coils
+        self._unit = self._form.elements.coil_field(lambda x: unit_flux_densities(coils, x))
+
+    def pinned(self, pinning: Pinning) -> "HysteresisSolver":
+        """The same device and mesh with other pinning."""
+        other = object.__new__(HysteresisSolver)
+        other.device, other.pinning = self.device, pinning
+        other._mesh, other._form, other._unit = self._mesh, self._form, self._unit
+        return other
+
+    @cached_property
+    def demagnetised(self) -> IronMemory:
+        """The iron without currents and before it has been through anything."""
+        materials = [self.device.materials[body.material] for body in self.device.bodies]
+        soft = np.array([isinstance(material, SaturatingMaterial) for material in materials])
+        remanence = np.array(
+            [m.remanence if isinstance(m, PermanentMagnet) else np.zeros(3) for m in materials]
+        )
+        law, count = self._mesh.body, self._form.elements.count
+        material = PinnedMagnetisation(
+            law,
+            law_tables(materials),
+            remanence[law][None],
+            mu_0 * soft[:, None] * self.pinning.fields,
+            self.pinning.weights,
+            np.zeros((len(law), 4, self.pinning.cells, 3)),
+        )
+        return IronMemory(material, np.zeros(count), np.zeros(len(self.device.coils)))
+
+    @property
+    def surface_faces(self) -> int:
+        """Number of charged faces."""
+        return len(self._form.iron.surface.areas)
+
+    def step(self, currents: ArrayLike, memory: IronMemory, tolerance: float = 1e-3) -> HystereticState:
+        """The state at currents (c,) in A, to which they go straight from those of `memory`.
+
+        What the iron remembers changes once in a step: currents that turn back must do so between steps. Where Newton's
+        method fails, the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
+        """
+        values = checked_currents(currents, self.device.coil_names)
+        if not (np.isfinite(tolerance) and 0 < tolerance < 1):
+            must = "must lie between 0 and 1"
+            raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
+        return self._reach(values, memory, tolerance * _RESIDUAL_PER_TOLERANCE, _MOST_HALVINGS)
+
+    def _reach(self, currents: Array, memory: IronMemory, residual: float, halvings: int) -> HystereticState:
+        try:
+            return self._at(currents, memory, residual)
+        except NotConverged:
+            if halvings == 0:
+                raise
+        first = self._reach(0.5 * (currents + memory.currents), memory, residual, halvings - 1)
+        second = self._reach(currents, first.memory, residual, halvings - 1)
+        sums: dict[str, Any] = {
+            name: getattr(first, name) + getattr(second, name) for name in ("loss", "steps", "parts")
+        }
+        return HystereticState(**{**second.__dict__, **sums})
+
+    def _at(self, currents: Array, memory: IronMemory, residual: float) -> HystereticState:
+        constant = np.einsum("c,ced->ed", currents, self._unit.constant)
+        field = CoilField(constant[None], (currents @ self._unit.bubble)[None])
+        elements, before = self._form.elements, memory.material
+        state = self._form.solve(before, field, residual, memory.potential[:, None])
+        h, _, polarisation, _ = elements.evaluated(state.potential[:, 0], field, 0, before)
+        after = before.after(h)
+        volume = elements.volume
+        return HystereticState(
+            self.device.coils,
+            currents,
+            self._mesh,
+            state,
+            IronMemory(after, state.potential[:, 0], currents),
+            self._linkage(polarisation),
+            before.dissipated(after, volume) / mu_0,
+            state.iron.iterations,
+        )
+
+    def _linkage(self, polarisation: Array) -> Array:
+        """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (5)."""
+        unit = self._form.elements.coil_field_at_points(self._unit)
+        weight = 0.25 * self._form.elements.volume / mu_0
+        return np.einsum("e,ceqd,eqd->c", weight, unit, polarisation, optimize=True)

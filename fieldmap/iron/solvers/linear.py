@@ -1,0 +1,163 @@
+"""The public door: a device with linear iron, solved for one ampere in every coil."""
+
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.model import Device
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.permeability import BodyProperties, body_properties, straight_laws
+from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import AssembledIron, assemble
+from fieldmap.iron.quantities.linkage import linkage_and_coenergy
+from fieldmap.iron.report import SolverReport
+from fieldmap.iron.solution import LinearSolution
+from fieldmap.iron.stages import Progress, Stages
+from fieldmap.sources import unit_flux_densities
+from fieldmap.typing import Array
+
+FORMS = ("auto", "potential", "flux")
+# The algebraic error is kept this far below the requested one.
+_RESIDUAL_PER_TOLERANCE = 1e-4
+
+
+def solve_linear(
+    device: Device,
+    mu_r: float | None = None,
+    tolerance: float = 1e-3,
+    progress: Progress | None = None,
+    refinement: float = 1.0,
+    form: str = "auto",
+    symmetry: str = "auto",
+) -> LinearSolution:
+    """Solve a device with iron of constant permeability, once per coil (and once for its magnets' remanence).
+
+    mu_r: relative permeability of all soft iron; None: the device file's own, for a B-H table its initial slope.
+    tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
+    the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
+    form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
+    potential where it may be used. The two err to opposite sides in closed magnetic circuits. symmetry: "auto" uses
+    the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron.md. Raises GeometryError
+    if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with the
+    residual history.
+
+    >>> import fieldmap as fm
+    >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"), mu_r=1000.0)
+    >>> unit.report.magnetic_bodies, unit.report.residual < 1e-7
+    (1, True)
+    """
+    check_arguments(tolerance, refinement, form)
+    stages = Stages(progress)
+    stages.next("checking the geometry", 0.0)
+    check_geometry(device)
+    properties = body_properties(device, mu_r)
+    if not device.bodies:
+        stages.done()
+        return coils_alone(device, stages.seconds)
+    form = chosen_form(form, properties)
+    stages.next("meshing the iron", 0.02)
+    mesh = generate_mesh(device, refinement, symmetry)
+    stages.next("mutual potentials of the faces", 0.1)
+    iron = assemble(mesh)
+    stages.next("coil fields and solution", 0.5)
+    solution = solved_in_form(device, form_on(iron, form), properties, tolerance, stages)
+    stages.done()
+    return solution
+
+
+def form_on(iron: AssembledIron, form: str) -> ConvexForm[Any]:
+    """The potential or the flux form on a mesh."""
+    return PotentialForm(iron) if form == "potential" else FluxForm(iron)
+
+
+def solved_in_form(
+    device: Device, problem: ConvexForm[Any], properties: BodyProperties, tolerance: float, stages: Stages
+) -> LinearSolution:
+    """One form on one mesh."""
+    iron = problem.iron
+    state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
+    report = SolverReport(
+        form="potential" if isinstance(problem, PotentialForm) else "flux",
+        tetrahedra=len(iron.mesh.tets),
+        surface_faces=len(iron.surface.areas),
+        charged_faces=len(state.faces.areas),
+        unknowns=problem.elements.count,
+        magnetic_bodies=iron.magnetic_bodies,
+        iterations=state.iterations,
+        residual=state.residuals[-1],
+        matrix_bytes=iron.mutual.bytes,
+        storage=iron.mutual.storage,
+        seconds=stages.seconds,
+        assumptions=properties.assumptions + geometry_notes(device),
+        symmetry=iron.symmetry,
+    )
+    has_remanence = bool(properties.remanence.any())
+    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, device.sections)
+
+
+def _solve(
+    device: Device, problem: ConvexForm[Any], properties: BodyProperties, tolerance: float
+) -> tuple[IronState, Array]:
+    """State and flux linkages in one form."""
+    elements, body = problem.elements, problem.iron.mesh.body
+    field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x))
+    sources = len(device.coils)
+    remanence = np.zeros((sources, len(body), 3))
+    if properties.remanence.any():
+        # The remanence is a source of its own, without any coil.
+        field = elements.with_nothing(field)
+        remanence = np.concatenate([remanence, properties.remanence[body][None]])
+    material = Magnetisation(body, straight_laws(properties.mu_r), remanence)
+    solved = problem.solve_linear(material, field, tolerance)
+    strength = elements.strength_at_points(solved.potential, field, material)
+    coils = elements.coil_field_at_points(field)
+    linkage, _ = linkage_and_coenergy(elements.volume, material, strength, coils, coils[:sources])
+    return solved.iron, linkage
+
+
+def chosen_form(form: str, properties: BodyProperties) -> str:
+    """The form that "auto" stands for with these materials. Raises InputError where a form may not be used."""
+    weakest = float(properties.mu_r.min())
+    if form == "auto":
+        return "potential" if weakest >= 1 else "flux"
+    if form == "potential" and weakest < 1:
+        raise InputError(
+            Problem(
+                "solve_linear, form",
+                "the potential form needs mu_r >= 1 in every body",
+                f"mu_r = {weakest:g}",
+                'use form="flux" or form="auto"',
+            )
+        )
+    return form
+
+
+def check_arguments(tolerance: float, refinement: float, form: str) -> None:
+    """Raise InputError for arguments of `solve_linear` that cannot be meant."""
+    problems = []
+    if not (np.isfinite(tolerance) and 0 < tolerance < 1):
+        problems.append(
+            Problem("solve_linear, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
+        )
+    if not (np.isfinite(refinement) and refinement > 0):
+        problems.append(
+            Problem("solve_linear, refinement", "must be a finite number > 0", repr(refinement), "try 1.0")
+        )
+    if form not in FORMS:
+        problems.append(
+            Problem("solve_linear, form", f"must be one of {', '.join(FORMS)}", repr(form), 'try "auto"')
+        )
+    if problems:
+        raise InputError(*problems)
+
+
+def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
+    """The solution of a device without iron."""
+    none = ("no iron: the field of the coils alone",)
+    report = SolverReport("coils", 0, 0, 0, 0, 0, 0, 0.0, 0, seconds, none)
+    return LinearSolution(device.coils, None, None, False, report)

@@ -1,0 +1,261 @@
+"""The public door to saturating iron: one state of the device at given currents."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.device.model import Device, PermanentMagnet
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.element_fields import PotentialField
+from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.iron.error.estimate import ErrorEstimate, workspace_surface
+from fieldmap.iron.error.nonlinear import Complement, state_error
+from fieldmap.iron.error.residual import ResidualEstimate
+from fieldmap.iron.galerkin import GalerkinModel, project
+from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.nonlinear_solution import NonlinearSolution
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.quantities.air import checked_currents
+from fieldmap.iron.quantities.linkage import iron_differential_inductance, linkage_and_coenergy
+from fieldmap.iron.report import SolverReport
+from fieldmap.iron.soft_bodies import material_assumptions, require_soft_bodies
+from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
+from fieldmap.iron.stages import Progress, Stages
+from fieldmap.iron.state_images import StateImage, state_images
+from fieldmap.sources import unit_flux_densities
+from fieldmap.sources.inductance import bare_inductance
+from fieldmap.typing import Array
+
+# Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
+_RESIDUAL_PER_TOLERANCE = 1e-3
+# The gap between the forms is not asked for more than two digits.
+_RESIDUAL_OF_COMPLEMENT = 1e-2
+# Ratio of the mesh sizes of a state and of the one that it is compared with.
+_COARSER = 1.4
+
+
+class NonlinearSolver:
+    """A device meshed and assembled once, for any number of current states.
+
+    refinement divides the mesh sizes of the device file; symmetry: "auto" uses the mirror planes of the iron, "none"
+    does not look for them. Raises GeometryError and InputError like `solve`.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        refinement: float = 1.0,
+        progress: Progress | None = None,
+        symmetry: str = "auto",
+    ) -> None:
+        self.device = device
+        self._progress, self._refinement, self._symmetry = progress, refinement, symmetry
+        require_soft_bodies(device)
+        stages = Stages(progress)
+        stages.next("checking the geometry", 0.0)
+        check_geometry(device)
+        stages.next("meshing the iron", 0.02)
+        mesh = generate_mesh(device, refinement, symmetry)
+        stages.next("mutual potentials of the faces", 0.1)
+        self._iron = assemble(mesh)
+        stages.next("air operator", 0.4)
+        self._form = PotentialForm(self._iron)
+        stages.next("field of the coils in the iron", 0.5)
+        coils = device.coils
+        self._unit = self._form.elements.coil_field(lambda x: unit_flux_densities(coils, x))
+        stages.done("assembled")
+        self._seconds = stages.seconds
+        materials = [device.materials[body.material] for body in device.bodies]
+        remanence = [m.remanence if isinstance(m, PermanentMagnet) else np.zeros(3) for m in materials]
+        self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
+
+    def solve(
+        self,
+        currents: ArrayLike,
+        tolerance: float = 1e-3,
+        start: "NonlinearSolution | Array | None" = None,
+    ) -> NonlinearSolution:
+        """The state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
+        (n,)) or from zero.
+
+        Where Newton's method fails, the state is approached in steps of the currents; `report.continuation` names
+        them. Raises InputError for bad arguments, NotConverged with the residual history once that has failed too.
+        """
+        values = checked_currents(currents, self.device.coil_names)
+        if not (np.isfinite(tolerance) and 0 < tolerance < 1):
+            raise InputError(
+                Problem("solve, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
+            )
+        field = self.coil_field(values)
+        stages = Stages(self._progress)
+        stages.next("Newton iteration", 0.6)
+        begin = start.state.potential if isinstance(start, NonlinearSolution) else start
+        begin = begin if begin is None else begin.reshape(-1, 1)
+        sources = Sources(self._material, field)
+        residual = tolerance * _RESIDUAL_PER_TOLERANCE
+        state, shares = solve_with_continuation(self._form, sources, residual, begin)
+        stages.done()
+        report = self._report(
+            state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
+        )
+        coils, mesh, sections = self.device.coils, self._iron.mesh, self.device.sections
+        return NonlinearSolution(coils, values, mesh, state, report, *self._linked(state, field), sections)
+
+    def _linked(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
+        """What the iron adds to the flux linkages (c,), Wb, and to the co-energy, J."""
+        elements, material = self._form.elements, self._material
+        linkage, coenergy = linkage_and_coenergy(
+            elements.volume,
+            material,
+            elements.strength_at_points(state.potential, field, material),
+            elements.coil_field_at_points(field),
+            elements.coil_field_at_points(self._unit),
+        )
+        return linkage[:, 0], float(coenergy[0])
+
+    @property
+    def surface(self) -> ChargedFaces:
+        """The charged faces, whose densities are those of the states and of the modes of `project`."""
+        return self._iron.surface
+
+    @property
+    def unknowns(self) -> int:
+        """Number of nodes."""
+        return self._form.elements.count
+
+    @cached_property
+    def images(self) -> tuple[StateImage, ...]:
+        """What turns a state of this solver into others without solving: the symmetry of its mesh, which has one if
+        the solver was made with symmetry "auto". Exact up to rounding."""
+        magnets = bool(self._material.remanence.any())
+        return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
+
+    def project(self, basis: Array) -> GalerkinModel:
+        """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`."""
+        return project(self._form, self._material, self._unit, basis)
+
+    def residual_estimate(self, currents: Array, potential: Array, basis: Array) -> ResidualEstimate:
+        """What tells how far states on nodal potentials `basis` (n, r) are from the solver's, with the tangent of the
+        state of currents (c,) and potential (n,)."""
+        return ResidualEstimate(self._form, self._material, self.coil_field(currents), potential, basis)
+
+    def charge_density(self, potential: Array) -> Array:
+        """Charge (k, s) per area of `surface`, T, for nodal potentials (n, k)."""
+        return self._form.charge_density(potential)
+
+    def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
+        """The tangent at a state, iron and air, on nodal potentials (n, k): symmetric and positive."""
+        tangent = self._form.tangent(self._material, self.coil_field(currents), potential)
+        return lambda values: tangent @ values + self._form.air(values)
+
+    def coil_field(self, currents: Array) -> CoilField:
+        """The coils' field in the iron at currents (c,), as the forms take it."""
+        constant = np.einsum("c,ced->ed", currents, self._unit.constant)
+        return CoilField(constant[None], (currents @ self._unit.bubble)[None])
+
+    def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
+        """Derivatives (c, c) in H of the flux linkages by the currents at a state of this solver; symmetric.
+
+        Where the iron saturates it is less than linkage per current. tolerance: of the linear solve. Raises
+        InputError for a state of another solver, NotConverged.
+        """
+        inside = state.state.iron.inside
+        if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
+            remedy = "pass what this solver's own solve returned"
+            raise InputError(
+                Problem("differential_inductance, state", "must be a state of this solver", "another", remedy)
+            )
+        added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
+        return bare_inductance(self.device.coils) + added
+
+    def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
+        """How far a state of this solver is from the truth in the workspace (`fieldmap.iron.error.estimate`).
+
+        Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser; both are kept for
+        further states. Raises InputError if the device has no workspace, NotConverged as `solve`.
+        """
+        workspace_surface(self.device)
+        stages, field = Stages(self._progress), self.coil_field(solution.currents)
+        stages.next("flux form", 0.3)
+        residual = tolerance * _RESIDUAL_OF_COMPLEMENT
+        complement = self._complement.solve(self._material, field, solution.state.potential, residual)
+        stages.next("coarser mesh", 0.6)
+        coarser = self._coarser.solve(solution.currents, tolerance).state.iron
+        stages.done("error estimated")
+        return state_error(self.device, solution.currents, solution.state.iron, coarser, complement)
+
+    @cached_property
+    def _assumptions(self) -> tuple[str, ...]:
+        return material_assumptions(self.device) + geometry_notes(self.device)
+
+    @cached_property
+    def _complement(self) -> Complement:
+        return Complement(self._iron)
+
+    @cached_property
+    def _coarser(self) -> "NonlinearSolver":
+        return NonlinearSolver(self.device, self._refinement / _COARSER, symmetry=self._symmetry)
+
+    def _report(
+        self, state: PotentialState, seconds: dict[str, float], shares: tuple[float, ...]
+    ) -> SolverReport:
+        low, high = self._material.tables.range_h[:, self._material.law]
+        largest = state.largest_h[0]
+        return SolverReport(
+            form="potential",
+            tetrahedra=len(self._iron.mesh.tets),
+            surface_faces=len(self._iron.surface.areas),
+            charged_faces=len(self._iron.surface.areas),
+            unknowns=self._form.elements.count,
+            magnetic_bodies=self._iron.magnetic_bodies,
+            iterations=state.iron.iterations,
+            residual=state.iron.residuals[-1],
+            matrix_bytes=self._iron.mutual.bytes,
+            storage=self._iron.mutual.storage,
+            seconds=seconds,
+            assumptions=self._assumptions,
+            symmetry=self._iron.symmetry,
+            largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
+            beyond_table=int((largest > high).sum()),
+            below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),
+            continuation=shares,
+        )
+
+
+def solve(
+    device: Device,
+    currents: ArrayLike,
+    tolerance: float = 1e-3,
+    progress: Progress | None = None,
+    refinement: float = 1.0,
+    estimate: bool = False,
+    symmetry: str = "auto",
+) -> NonlinearSolution:
+    """Solve a device with nonlinear iron at currents (c,) in A.
+
+    Second-order potential form, Newton's method with exact line search (docs/theory/iron.md). tolerance bounds the
+    algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. symmetry: "auto"
+    uses the mirror planes of the iron, "none" does not look for them. With `estimate`,
+    `report.error` tells how far the field in the workspace is from the truth, see `NonlinearSolver.estimate_error`;
+    that takes about as long again. For many currents make a `NonlinearSolver` once. Raises GeometryError if bodies,
+    windings and workspace do not fit together, InputError for bad arguments or a body without a B(H) law,
+    NotConverged with the residual history.
+
+    >>> import fieldmap as fm
+    >>> state = fm.solve(fm.read_device("loop_and_sphere"), currents=[1.0])
+    >>> print(f"{1e3 * state.field([0.0, 0.0, -0.014])[2]:.2f} mT")
+    1.01 mT
+    """
+    if estimate:
+        workspace_surface(device)
+    solver = NonlinearSolver(device, refinement, progress, symmetry)
+    solution = solver.solve(currents, tolerance)
+    error = solver.estimate_error(solution, tolerance) if estimate else None
+    return replace(solution, report=replace(solution.report, error=error))

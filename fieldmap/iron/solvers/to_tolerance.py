@@ -1,0 +1,86 @@
+"""The public door to linear iron on a mesh that is refined until the estimated error is small enough."""
+
+from dataclasses import replace
+
+from fieldmap.device.model import Device
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.iron.elements.permeability import body_properties
+from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
+from fieldmap.iron.error.refinement import Level
+from fieldmap.iron.geometry.checks import check_geometry
+from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import assemble, fits_into_memory
+from fieldmap.iron.solution import LinearSolution
+from fieldmap.iron.solvers.linear import check_arguments, coils_alone
+from fieldmap.iron.stages import Progress, Stages
+
+# Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
+START = 0.7
+_MOST_LEVELS = 8
+
+
+def solve_to_tolerance(
+    device: Device,
+    tolerance: float = 1e-3,
+    mu_r: float | None = None,
+    progress: Progress | None = None,
+    gradient_tolerance: float | None = None,
+) -> LinearSolution:
+    """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
+
+    tolerance: of the flux density, relative to its largest value in the workspace for each coil;
+    gradient_tolerance: of the gradient, 3 x tolerance if None. Elements get smaller where the field in the workspace
+    depends on it (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the last,
+    and adds up what charges constant on each face leave out (`fieldmap.iron.error.estimate`); `report.refinement` tells
+    the faces and estimates of all meshes. Raises NotConverged with the estimates so far when the next mesh would not
+    fit into memory, otherwise as `solve_linear`.
+    """
+    check_arguments(tolerance, 1.0, "auto")
+    check_geometry(device)
+    points = workspace_surface(device)
+    properties = body_properties(device, mu_r)
+    if not device.bodies:
+        return coils_alone(device, {})
+    limit = 3 * tolerance if gradient_tolerance is None else gradient_tolerance
+    stages, history, sizes = Stages(progress), [], None
+    coarser: LinearSolution | None = None
+    for number in range(_MOST_LEVELS):
+        stages.next(f"mesh {number + 1}", number / _MOST_LEVELS)
+        mesh = generate_mesh(device, START, local=sizes)
+        if not fits_into_memory(mesh):
+            break
+        iron = assemble(mesh)
+        level = Level.solved(device, iron, properties, points, tolerance, stages)
+        if coarser is not None:
+            shares = level.face_shares.total
+            error = estimate_error(points, level.solution, coarser, level.complement, shares)
+            history.append((len(iron.surface.areas), error))
+            if error.flux_density <= tolerance and error.gradient <= limit:
+                stages.done(str(error))
+                return _with_error(level.solution, error, history)
+        so_far = f"{history[-1][1].flux_density:.2g} at" if history else "none yet at"
+        message = f"estimate {so_far} {len(iron.surface.areas)} faces; where they must be smaller"
+        stages.next(message, (number + 0.7) / _MOST_LEVELS)
+        sizes, coarser = level.next_sizes(min(tolerance, limit / 3)), level.solution
+    raise _not_converged(device, tolerance, limit, history)
+
+
+def _not_converged(
+    device: Device, tolerance: float, limit: float, history: list[tuple[int, ErrorEstimate]]
+) -> NotConverged:
+    return NotConverged(
+        Problem(
+            f"device '{device.name}'",
+            f"the estimated error must fall to {tolerance:g} (gradient {limit:g}) on a mesh that fits into memory",
+            ", ".join(f"{error.flux_density:.2g}" for _, error in history) or "no estimate",
+            "loosen the tolerance, or give the bodies that matter smaller mesh sizes and the others larger ones",
+        ),
+        residuals=tuple(error.flux_density for _, error in history),
+    )
+
+
+def _with_error(
+    solution: LinearSolution, error: ErrorEstimate, history: list[tuple[int, ErrorEstimate]]
+) -> LinearSolution:
+    refinement = tuple((faces, estimate.flux_density) for faces, estimate in history)
+    return replace(solution, report=replace(solution.report, error=error, refinement=refinement))

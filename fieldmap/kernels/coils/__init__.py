@@ -1,0 +1,1 @@
+"""Compiled field integrals of windings: arcs, bars, rings, sheets and loops."""

@@ -1,0 +1,151 @@
+"""Field integrals of a circular arc of rectangular section: slices summed over the azimuth.
+
+Frame of an arc: its centre is the origin, its middle on the first axis; |azimuth| <= span <= pi/2, r1 <= r <= r2,
+heights h1 > h2 of the field point over the section's ends; current counter-clockwise, density 1. Results lack the
+factor mu0/(4 pi) times the density. An arc alone is no closed current: its field is of use only in the sum over a
+closed path.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from fieldmap.kernels.coils.elementary import exp
+from fieldmap.kernels.coils.quadrature import even_points, graded_points, section_distance
+from fieldmap.kernels.coils.slice import arc_slice, arc_slice_gradient
+from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
+from fieldmap.typing import Array
+
+MOST_EVEN = 16
+MOST_AZIMUTHS = 128  # two panels of the longest rule
+_NEAREST = 1e-9  # of the outer radius: a point on the very surface is treated as that far from it
+
+
+@numba.njit(cache=True, error_model="numpy")
+def even_azimuths(span: float) -> Array:
+    """table (3, 25): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span.
+
+    The last column holds cos(span), sin(span), 4 sin(span/2).
+    """
+    table = np.empty((3, 25))
+    table[0, 24], table[1, 24], table[2, 24] = math.cos(span), math.sin(span), 4.0 * math.sin(0.5 * span)
+    for n, first in ((8, 0), (16, 8)):
+        start = gauss_start(n)
+        for k in range(n):
+            table[0, first + k] = math.cos(span * GAUSS_NODES[start + k])
+            table[1, first + k] = math.sin(span * GAUSS_NODES[start + k])
+            table[2, first + k] = span * GAUSS_WEIGHTS[start + k]
+    return table
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float:
+    """(|z-1| + |z+1|)/2 of the integrand's singularity, z in units of the half angle, eq. (22).
+
+    cp, cm: cosines of the angles from the point to the ends; nearness2: (distance / 2)^2 / (rho r);
+    chords: 4 sin(half angle / 2).
+    """
+    depth2 = 4.0 * nearness2 / (1.0 + nearness2 / 3.0)
+    ends = math.sqrt(2.0 * (1.0 - cp) + depth2) + math.sqrt(2.0 * (1.0 - cm) + depth2)
+    return ends / chords
+
+
+@numba.njit(cache=True, error_model="numpy")
+def graded_panel(
+    azimuths: Array, first: int, t1: float, t2: float, kappa: float, cosine: float, sine: float, limits: Array
+) -> int:
+    """Fill azimuths (3, :) from `first` with points graded towards the field point; returns where they end.
+
+    The azimuth psi from the point has tan(psi/2) = kappa sinh(w) in [t1, t2]; (cosine, sine) is the azimuth of the
+    point itself in the frame of the result.
+    """
+    w1, w2 = math.asinh(t1 / kappa), math.asinh(t2 / kappa)
+    middle, half = 0.5 * (w1 + w2), 0.5 * (w2 - w1)
+    n = graded_points(half, limits)
+    start = gauss_start(n)
+    for k in range(n):
+        e = exp(middle + half * GAUSS_NODES[start + k])
+        t = 0.5 * kappa * (e - 1.0 / e)
+        turn = 1.0 / (1.0 + t * t)
+        c, s = (1.0 - t * t) * turn, 2.0 * t * turn
+        azimuths[0, first + k] = cosine * c - sine * s
+        azimuths[1, first + k] = sine * c + cosine * s
+        azimuths[2, first + k] = half * GAUSS_WEIGHTS[start + k] * kappa * (e + 1.0 / e) * turn
+    return first + n
+
+
+@numba.njit(cache=True, error_model="numpy")
+def arc_azimuths(
+    px: float, py: float, arc: Array, h1: float, h2: float, even: Array, limits: Array, azimuths: Array
+) -> int:
+    """Choose the azimuths for a field point (px, py) of the arc's frame; fill azimuths (3, :); returns how many."""
+    r1, r2 = arc[5], arc[6]
+    rho = math.sqrt(px * px + py * py)
+    cosine, sine = 1.0, 0.0
+    if rho > 0.0:
+        cosine, sine = px / rho, py / rho
+    distance, inside = section_distance(rho, r1, r2, h1, h2)
+    distance = max(distance, _NEAREST * r2)
+    nearness2 = 0.25 * distance * distance / max(rho * min(max(rho, r1), r2), 1e-300)
+    c0, s0 = even[0, 24], even[1, 24]
+    # angles from the point to the ends: span - theta and -span - theta
+    cp, sp = c0 * cosine + s0 * sine, s0 * cosine - c0 * sine
+    cm, sm = c0 * cosine - s0 * sine, -s0 * cosine - c0 * sine
+    within = cosine > c0
+    if not (inside and within):
+        n = even_points(_arc_ellipse(cp, cm, nearness2, even[2, 24]), limits, MOST_EVEN)
+        if n == 0 and min(cp, cm) < -0.98:
+            n = MOST_EVEN  # opposite the arc: far from it by construction
+        if n > 0:
+            first = 0 if n == 8 else 8
+            for k in range(n):
+                azimuths[0, k] = even[0, first + k]
+                azimuths[1, k] = even[1, first + k]
+                azimuths[2, k] = even[2, first + k]
+            return n
+    kappa = math.sqrt(nearness2 / (1.0 + nearness2))
+    low, high = sm / (1.0 + cm), sp / (1.0 + cp)
+    if inside and within:
+        n = graded_panel(azimuths, 0, low, 0.0, kappa, cosine, sine, limits)
+        return graded_panel(azimuths, n, 0.0, high, kappa, cosine, sine, limits)
+    return graded_panel(azimuths, 0, low, high, kappa, cosine, sine, limits)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def arc_sum(
+    azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
+) -> tuple[float, float, float]:
+    """Field integrals along the axes of the arc's frame."""
+    bx, by, bz = 0.0, 0.0, 0.0
+    for k in range(n):
+        c, s, weight = azimuths[0, k], azimuths[1, k], azimuths[2, k]
+        outward, axial = arc_slice(px * c + py * s, py * c - px * s, r1, r2, h1, h2)
+        bx += weight * c * outward
+        by += weight * s * outward
+        bz += weight * axial
+    return bx, by, bz
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+def arc_sum_gradient(
+    azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Field integrals (3) and the derivatives of the in-plane ones along the axes of the arc's frame, row by row."""
+    bx, by, bz = 0.0, 0.0, 0.0
+    g00, g01, g02, g10, g11, g12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        c, s, weight = azimuths[0, k], azimuths[1, k], azimuths[2, k]
+        outward, axial, dX, dv, dz = arc_slice_gradient(px * c + py * s, py * c - px * s, r1, r2, h1, h2)
+        wc, ws = weight * c, weight * s
+        d0, d1 = c * dX - s * dv, s * dX + c * dv
+        bx += wc * outward
+        by += ws * outward
+        bz += weight * axial
+        g00 += wc * d0
+        g01 += wc * d1
+        g02 += wc * dz
+        g10 += ws * d0
+        g11 += ws * d1
+        g12 += ws * dz
+    return bx, by, bz, g00, g01, g02, g10, g11, g12

@@ -1,0 +1,102 @@
+"""Flux density and gradient of a circular current loop, centre at the origin, axis along z, per ampere.
+
+The formulas of docs/theory/coils.md (6)-(10): complete elliptic integrals rearranged so that nothing cancels
+on the axis, near it, or far away. Singular on the wire (infinite or not a number there).
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from fieldmap.kernels.coils.elliptic import complete_integrals
+from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
+from fieldmap.kernels.constants import MU0_OVER_2PI
+from fieldmap.typing import Array
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
+    """(B_rho / rho, B_z) of a loop of radius a at (rho, z), T/A and T/(m A)."""
+    a2, rho2, z2 = a * a, rho * rho, z * z
+    q2 = (a + rho) ** 2 + z2
+    d2 = (a - rho) ** 2 + z2
+    k, s = complete_integrals(4.0 * a * rho / q2, math.sqrt(d2 / q2))
+    inverse = 1.0 / q2
+    factor = MU0_OVER_2PI * k * a2 / (math.sqrt(q2) * d2)
+    radial = factor * z * inverse * (4.0 - 16.0 * (a2 + rho2 + z2) * inverse * s)
+    axial = factor * (
+        2.0 * (a2 + z2 - rho2) * inverse + 16.0 * (rho2 + z2 - a2) * rho2 * inverse * inverse * s
+    )
+    return radial, axial
+
+
+@numba.njit(cache=True, error_model="numpy", forceinline=True)
+def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
+    """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of a loop of radius a at (rho, z)."""
+    a2, rho2, z2 = a * a, rho * rho, z * z
+    r2 = rho2 + z2
+    q2 = (a + rho) ** 2 + z2
+    d2 = (a - rho) ** 2 + z2
+    k, s = complete_integrals(4.0 * a * rho / q2, math.sqrt(d2 / q2))
+    inverse = 1.0 / q2
+    factor = MU0_OVER_2PI * k * a2 / (math.sqrt(q2) * d2)
+    radial = factor * z * inverse * (4.0 - 16.0 * (a2 + r2) * inverse * s)
+    axial = factor * (2.0 * (a2 + z2 - rho2) * inverse + 16.0 * (r2 - a2) * rho2 * inverse * inverse * s)
+    steep = factor * inverse / d2
+    p = 6.0 * a2 * (rho2 - z2) - 7.0 * a2 * a2 + r2 * r2
+    first = r2 * (5.0 * rho2 - 3.0 * z2) - a2 * (3.0 * a2 + 2.0 * rho2 + 6.0 * z2)
+    dz = steep * z * (2.0 * first * inverse - 16.0 * p * rho2 * inverse * inverse * s)
+    e = a2 * (a2 * (a2 - rho2 + 2.0 * z2) - rho2 * rho2 - 12.0 * rho2 * z2 + z2 * z2) + rho2 * r2 * r2
+    second = a2 * (a2 - 2.0 * r2) + r2 * (rho2 - 3.0 * z2)
+    drho = steep * 4.0 * rho * inverse * (second - 4.0 * e * inverse * s)
+    return radial, axial, dz, drho
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _loop_block(a: float, rho: Array, z: Array, radial: Array, axial: Array) -> None:
+    for i in range(len(rho)):
+        radial[i], axial[i] = loop_meridian(a, rho[i], z[i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _loop_gradient_block(
+    a: float, rho: Array, z: Array, radial: Array, axial: Array, dz: Array, drho: Array
+) -> None:
+    for i in range(len(rho)):
+        radial[i], axial[i], dz[i], drho[i] = loop_meridian_gradient(a, rho[i], z[i])
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def loop_flux_density(points: Array, radius: float) -> Array:
+    """B (n, 3) in T/A at points (n, 3) in m."""
+    count = len(points)
+    field = np.empty((count, 3))
+    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+        first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
+        here, B = points[first:last], field[first:last]
+        work = np.empty((4, last - first))
+        rho, z, radial, axial = work[0], work[1], work[2], work[3]
+        to_meridian(here, rho, z)
+        _loop_block(radius, rho, z, radial, axial)
+        for i in range(last - first):
+            set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
+    return field
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def loop_flux_density_and_gradient(points: Array, radius: float) -> tuple[Array, Array]:
+    """B (n, 3) in T/A at points (n, 3) in m and its gradient (n, 3, 3) in T/(m A)."""
+    count = len(points)
+    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
+    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+        first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
+        here, B, G = points[first:last], field[first:last], gradient[first:last]
+        work = np.empty((6, last - first))
+        rho, z, radial, axial, dz, drho = work[0], work[1], work[2], work[3], work[4], work[5]
+        to_meridian(here, rho, z)
+        _loop_gradient_block(radius, rho, z, radial, axial, dz, drho)
+        for i in range(last - first):
+            set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
+            set_gradient(G[i], here[i, 0], here[i, 1], radial[i], dz[i], drho[i], 0.0)
+    return field, gradient

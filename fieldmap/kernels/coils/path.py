@@ -1,0 +1,301 @@
+"""Flux density and gradient of a closed plane winding of rectangular section: arcs and bars, per ampere-turn.
+
+Frame: winding in |z| <= height/2, axis along z. arcs (n, 8): centre x, y, unit vector to the middle of the arc x, y,
+half angle, inner and outer radius, +1 for counter-clockwise current or -1. bars (n, 5): middle x, y, unit vector of
+the current x, y, half length. `thickness` is the width of the winding in its plane, the same for all pieces.
+The current density is uniform. The gradient uses curl B = mu0 J, so that it holds for closed paths only.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_azimuths, arc_sum, arc_sum_gradient, even_azimuths
+from fieldmap.kernels.coils.bar import bar_integrals, bar_integrals_gradient, bar_points
+from fieldmap.kernels.coils.filament import far_arc, far_bar, far_distance
+from fieldmap.kernels.coils.quadrature import rule_limits
+from fieldmap.kernels.constants import MU0_OVER_4PI
+from fieldmap.typing import Array
+
+_CHUNK = 32  # points that share one work array
+_SEAM = 1e-9  # overlap of the pieces, so that no point inside the winding falls between two of them
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_arc(
+    B: Array,
+    arc: Array,
+    x: float,
+    y: float,
+    h1: float,
+    h2: float,
+    even: Array,
+    limits: Array,
+    azimuths: Array,
+) -> None:
+    """Add one arc's field integral to B (3,)."""
+    px, py = x - arc[0], y - arc[1]
+    mx, my = arc[2], arc[3]
+    px, py = px * mx + py * my, py * mx - px * my
+    n = arc_azimuths(px, py, arc, h1, h2, even, limits, azimuths)
+    bx, by, bz = arc_sum(azimuths, n, px, py, arc[5], arc[6], h1, h2)
+    B[0] += arc[7] * (mx * bx - my * by)
+    B[1] += arc[7] * (my * bx + mx * by)
+    B[2] += arc[7] * bz
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_bar(
+    B: Array, bar: Array, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
+) -> None:
+    """Add one bar's field integral to B (3,)."""
+    tx, ty = bar[2], bar[3]
+    px, py = x - bar[0], y - bar[1]
+    v, X = px * tx + py * ty, px * ty - py * tx
+    outward, axial = bar_integrals(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, limits)
+    B[0] += ty * outward
+    B[1] -= tx * outward
+    B[2] += axial
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_in_plane_gradient(
+    G: Array, ax: float, ay: float, g00: float, g01: float, g02: float, g10: float, g11: float, g12: float
+) -> None:
+    """Add d(in-plane field)/d(a, b, z), a = (ax, ay), b = (-ay, ax), to the first two rows of G (3, 3)."""
+    # rows to x, y
+    x0, x1, x2 = ax * g00 - ay * g10, ax * g01 - ay * g11, ax * g02 - ay * g12
+    y0, y1, y2 = ay * g00 + ax * g10, ay * g01 + ax * g11, ay * g02 + ax * g12
+    G[0, 0] += x0 * ax - x1 * ay
+    G[0, 1] += x0 * ay + x1 * ax
+    G[0, 2] += x2
+    G[1, 0] += y0 * ax - y1 * ay
+    G[1, 1] += y0 * ay + y1 * ax
+    G[1, 2] += y2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_arc_gradient(
+    B: Array,
+    G: Array,
+    arc: Array,
+    x: float,
+    y: float,
+    h1: float,
+    h2: float,
+    even: Array,
+    limits: Array,
+    azimuths: Array,
+) -> None:
+    """Add one arc's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
+    px, py = x - arc[0], y - arc[1]
+    mx, my = arc[2], arc[3]
+    px, py = px * mx + py * my, py * mx - px * my
+    n = arc_azimuths(px, py, arc, h1, h2, even, limits, azimuths)
+    r = arc_sum_gradient(azimuths, n, px, py, arc[5], arc[6], h1, h2)
+    s = arc[7]
+    B[0] += s * (mx * r[0] - my * r[1])
+    B[1] += s * (my * r[0] + mx * r[1])
+    B[2] += s * r[2]
+    add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_bar_gradient(
+    B: Array,
+    G: Array,
+    bar: Array,
+    half_thickness: float,
+    x: float,
+    y: float,
+    h1: float,
+    h2: float,
+    limits: Array,
+) -> None:
+    """Add one bar's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
+    tx, ty = bar[2], bar[3]
+    px, py = x - bar[0], y - bar[1]
+    v, X = px * tx + py * ty, px * ty - py * tx
+    r = bar_integrals_gradient(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, limits)
+    B[0] += ty * r[0]
+    B[1] -= tx * r[0]
+    B[2] += r[1]
+    add_in_plane_gradient(G, ty, -tx, r[2], r[3], r[4], 0.0, 0.0, 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def current_direction(
+    arcs: Array, bars: Array, half_thickness: float, x: float, y: float
+) -> tuple[float, float]:
+    """Unit vector of the current at a point of the winding's plane region, or (0, 0) outside the winding."""
+    for k in range(len(bars)):
+        tx, ty = bars[k, 2], bars[k, 3]
+        px, py = x - bars[k, 0], y - bars[k, 1]
+        if abs(px * tx + py * ty) <= bars[k, 4] and abs(px * ty - py * tx) < half_thickness:
+            return tx, ty
+    for k in range(len(arcs)):
+        px, py = x - arcs[k, 0], y - arcs[k, 1]
+        rho = math.sqrt(px * px + py * py)
+        within = px * arcs[k, 2] + py * arcs[k, 3] >= rho * (math.cos(arcs[k, 4]) - _SEAM)
+        if within and arcs[k, 5] < rho < arcs[k, 6]:
+            return -arcs[k, 7] * py / rho, arcs[k, 7] * px / rho
+    return 0.0, 0.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[float, float, float, float]:
+    """Of the bounding box of the path's pieces: middle x, y; half diagonal; a quarter of its area in the plane."""
+    low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
+    for k in range(len(arcs)):
+        low_x, high_x = min(low_x, arcs[k, 0] - arcs[k, 6]), max(high_x, arcs[k, 0] + arcs[k, 6])
+        low_y, high_y = min(low_y, arcs[k, 1] - arcs[k, 6]), max(high_y, arcs[k, 1] + arcs[k, 6])
+    for k in range(len(bars)):
+        across = abs(bars[k, 4] * bars[k, 2]) + 0.5 * thickness
+        along = abs(bars[k, 4] * bars[k, 3]) + 0.5 * thickness
+        low_x, high_x = min(low_x, bars[k, 0] - across), max(high_x, bars[k, 0] + across)
+        low_y, high_y = min(low_y, bars[k, 1] - along), max(high_y, bars[k, 1] + along)
+    width, depth = high_x - low_x, high_y - low_y
+    size = 0.5 * math.sqrt(width * width + depth * depth + height * height)
+    return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size, 0.25 * width * depth
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_far(
+    B: Array,
+    G: Array,
+    arcs: Array,
+    bars: Array,
+    half_thickness: float,
+    x: float,
+    y: float,
+    h1: float,
+    h2: float,
+    gap: float,
+    even: Array,
+    limits: Array,
+    azimuths: Array,
+    digits: float,
+) -> None:
+    """Add the field integrals and in-plane gradients of all pieces, seen from `gap` or more away."""
+    t = half_thickness
+    for k in range(len(arcs)):
+        arc = arcs[k]
+        px, py = x - arc[0], y - arc[1]
+        mx, my, s = arc[2], arc[3], arc[7]
+        px, py = px * mx + py * my, py * mx - px * my
+        n = arc_azimuths(px, py, arc, h1, h2, even[k], limits, azimuths)
+        r = far_arc(azimuths, n, px, py, arc[5], arc[6], h1, h2, gap, digits)
+        B[0] += s * (mx * r[0] - my * r[1])
+        B[1] += s * (my * r[0] + mx * r[1])
+        B[2] += s * r[2]
+        add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
+    for k in range(len(bars)):
+        tx, ty, half = bars[k, 2], bars[k, 3], bars[k, 4]
+        px, py = x - bars[k, 0], y - bars[k, 1]
+        v, X = px * tx + py * ty, px * ty - py * tx
+        n = bar_points(v - half, v + half, X, -t, t, h1, h2, limits)
+        n = 32 if n == 0 else n
+        q = far_bar(n, v - half, v + half, X, -t, t, h1, h2, gap, digits)
+        B[0] += ty * q[0]
+        B[1] -= tx * q[0]
+        B[2] += q[1]
+        add_in_plane_gradient(G, ty, -tx, q[2], q[3], q[4], 0.0, 0.0, 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _even_tables(arcs: Array) -> Array:
+    tables = np.empty((len(arcs), 3, 25))
+    for k in range(len(arcs)):
+        tables[k] = even_azimuths(arcs[k, 4])
+    return tables
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _close_gradient(
+    G: Array, arcs: Array, bars: Array, half_thickness: float, x: float, y: float, h1: float, h2: float
+) -> None:
+    """Fill the last row of G from div B = 0 and curl B = mu0 J, in units of mu0/(4 pi) times the density."""
+    jx, jy = 0.0, 0.0
+    if h1 > 0.0 and h2 < 0.0:
+        jx, jy = current_direction(arcs, bars, half_thickness, x, y)
+    G[2, 0] = G[0, 2] - 4.0 * math.pi * jy
+    G[2, 1] = G[1, 2] + 4.0 * math.pi * jx
+    G[2, 2] = -G[0, 0] - G[1, 1]
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def path_flux_density(
+    points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
+) -> Array:
+    """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
+    count = len(points)
+    field = np.zeros((count, 3))
+    factor = MU0_OVER_4PI / (thickness * height)
+    limits, even = rule_limits(digits), _even_tables(arcs)
+    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
+    far = far_distance(size, thickness * height * quarter, digits)
+    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
+        azimuths, unused = np.empty((3, MOST_AZIMUTHS)), np.empty((3, 3))
+        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            h1, h2 = z + 0.5 * height, z - 0.5 * height
+            distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
+            if distance > far:
+                gap = distance - size
+                add_far(
+                    field[i],
+                    unused,
+                    arcs,
+                    bars,
+                    0.5 * thickness,
+                    x,
+                    y,
+                    h1,
+                    h2,
+                    gap,
+                    even,
+                    limits,
+                    azimuths,
+                    digits,
+                )
+                field[i] *= factor
+                continue
+            for k in range(len(arcs)):
+                add_arc(field[i], arcs[k], x, y, h1, h2, even[k], limits, azimuths)
+            for k in range(len(bars)):
+                add_bar(field[i], bars[k], 0.5 * thickness, x, y, h1, h2, limits)
+            field[i] *= factor
+    return field
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def path_flux_density_and_gradient(
+    points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
+) -> tuple[Array, Array]:
+    """B (n, 3) in T and its gradient (n, 3, 3) in T/m per ampere-turn."""
+    count = len(points)
+    field, gradient = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    factor = MU0_OVER_4PI / (thickness * height)
+    limits, even = rule_limits(digits), _even_tables(arcs)
+    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
+    far = far_distance(size, thickness * height * quarter, digits)
+    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
+        azimuths = np.empty((3, MOST_AZIMUTHS))
+        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            h1, h2 = z + 0.5 * height, z - 0.5 * height
+            B, G = field[i], gradient[i]
+            distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
+            if distance > far:
+                gap = distance - size
+                add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, gap, even, limits, azimuths, digits)
+            else:
+                for k in range(len(arcs)):
+                    add_arc_gradient(B, G, arcs[k], x, y, h1, h2, even[k], limits, azimuths)
+                for k in range(len(bars)):
+                    add_bar_gradient(B, G, bars[k], 0.5 * thickness, x, y, h1, h2, limits)
+            _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
+            field[i] *= factor
+            gradient[i] *= factor
+    return field, gradient

@@ -1,0 +1,1 @@
+"""Compiled controllers, instruments and identification, sample by sample."""

@@ -1,0 +1,1 @@
+"""Compiled parts of the iron solver: charged triangles, element loops, material laws, far blocks."""

@@ -1,0 +1,222 @@
+"""Vectors and matrices at the four points of second-order tetrahedra, tested with the gradients of the shape functions.
+
+Points, nodes and shape functions are those of `fieldmap.kernels.iron.quadratic_potential`.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from fieldmap.kernels.iron.magnetisation_law import flux_density
+from fieldmap.kernels.iron.quadratic_potential import _shape_gradients
+
+
+@njit(cache=True, parallel=True)
+def tested_vectors(values, gradients, volume):
+    """Element vectors (e, 10) of int v . grad N_i for v = `values` (e, 4, 3) at the points.
+
+    gradients (e, 4, 3) of the barycentric coordinates; volume (e,).
+    """
+    out = np.zeros((len(values), 10))
+    for e in prange(len(values)):
+        d = np.empty((10, 3))
+        for q in range(4):
+            _shape_gradients(q, gradients[e], d)
+            w = 0.25 * volume[e]
+            x, y, z = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
+            for i in range(10):
+                out[e, i] += d[i, 0] * x + d[i, 1] * y + d[i, 2] * z
+    return out
+
+
+@njit(cache=True, parallel=True)
+def tested_matrices(values, gradients, volume):
+    """Element matrices (e, 10, 10) of int grad N_i . D grad N_j for symmetric D = `values` (e, 4, 6) at the points.
+
+    The six numbers are xx, xy, xz, yy, yz, zz; otherwise as `tested_vectors`.
+    """
+    out = np.zeros((len(values), 10, 10))
+    for e in prange(len(values)):
+        d, image = np.empty((10, 3)), np.empty((10, 3))
+        for q in range(4):
+            _shape_gradients(q, gradients[e], d)
+            w = 0.25 * volume[e]
+            xx, xy, xz = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
+            yy, yz, zz = w * values[e, q, 3], w * values[e, q, 4], w * values[e, q, 5]
+            for i in range(10):
+                image[i, 0] = xx * d[i, 0] + xy * d[i, 1] + xz * d[i, 2]
+                image[i, 1] = xy * d[i, 0] + yy * d[i, 1] + yz * d[i, 2]
+                image[i, 2] = xz * d[i, 0] + yz * d[i, 1] + zz * d[i, 2]
+            for i in range(10):
+                for j in range(i + 1):
+                    out[e, i, j] += image[i, 0] * d[j, 0] + image[i, 1] * d[j, 1] + image[i, 2] * d[j, 2]
+        for i in range(10):
+            for j in range(i):
+                out[e, j, i] = out[e, i, j]
+    return out
+
+
+_STEPS, _INNER_STEPS = 60, 60
+_CLOSE, _INNER_CLOSE = 1e-12, 1e-15
+_LEAST = 1e-13
+
+
+@njit(cache=True, inline="always")
+def _norm(x, y, z):
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@njit(cache=True)
+def _polarisation(s, law, offset, knots, coefficients):
+    """j and dj/ds at s >= 0 without hysteresis."""
+    b, slope = flux_density(s, law, offset, knots, coefficients)
+    return b - s, slope - 1.0
+
+
+@njit(cache=True)
+def _chord(p, law, offset, knots, coefficients):
+    """Size of a reversible field, and dj/ds and j/s there."""
+    s = _norm(p[0], p[1], p[2])
+    j, slope = _polarisation(s, law, offset, knots, coefficients)
+    return s, slope, j / s if s > 1e-30 else slope
+
+
+@njit(cache=True)
+def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
+    """s >= 0 with j(s) + mu s = wanted, by Newton's method between two bounds."""
+    low, high, s = 0.0, math.inf, guess
+    for _ in range(_INNER_STEPS):
+        j, slope = _polarisation(s, law, offset, knots, coefficients)
+        rest = j + mu * s - wanted
+        if abs(rest) <= _INNER_CLOSE * wanted:
+            break
+        if rest > 0.0:
+            high = s
+        else:
+            low = s
+        new = s - rest / (slope + mu)
+        if not low <= new <= high:
+            new = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        if new == s:
+            break
+        s = new
+    return s
+
+
+@njit(cache=True)
+def _straight(h, p, kappa, share, law, offset, knots, coefficients, r):
+    """Fill r with the field straight towards h, as in one dimension; J(p), the size of r, and mu there."""
+    _, _, chord = _chord(p, law, offset, knots, coefficients)
+    jx, jy, jz = chord * p[0], chord * p[1], chord * p[2]
+    for i in range(3):
+        r[i] = h[i] - share * (h[i] - p[i])
+    s, _, chord = _chord(r, law, offset, knots, coefficients)
+    return jx, jy, jz, s, max(_norm(chord * r[0] - jx, chord * r[1] - jy, chord * r[2] - jz) / kappa, _LEAST)
+
+
+@njit(cache=True)
+def _moved(h, p, kappa, law, offset, knots, coefficients, r):
+    """Fill r (3,) with the new reversible field of a cell and return mu; 0 where it stays, infinity if kappa is 0.
+
+    1/|h - r| is nearly linear in mu, which Newton's method makes use of (More and Sorensen 1983).
+    """
+    if kappa == 0.0:
+        r[0], r[1], r[2] = h[0], h[1], h[2]
+        return math.inf
+    away = _norm(h[0] - p[0], h[1] - p[1], h[2] - p[2])
+    if away <= kappa:
+        r[0], r[1], r[2] = p[0], p[1], p[2]
+        return 0.0
+    jx, jy, jz, s, mu = _straight(h, p, kappa, kappa / away, law, offset, knots, coefficients, r)
+    low, high = 0.0, math.inf
+    for _ in range(_STEPS):
+        qx, qy, qz = jx + mu * h[0], jy + mu * h[1], jz + mu * h[2]
+        q = _norm(qx, qy, qz)
+        if q < 1e-30:
+            s, factor = 0.0, 0.0
+        else:
+            s = _drawn_back(q, mu, s, law, offset, knots, coefficients)
+            factor = s / q
+        r[0], r[1], r[2] = factor * qx, factor * qy, factor * qz
+        dx, dy, dz = h[0] - r[0], h[1] - r[1], h[2] - r[2]
+        d = _norm(dx, dy, dz)
+        if abs(d - kappa) <= _CLOSE * kappa or mu <= _LEAST:
+            break
+        if d > kappa:
+            low = mu
+        else:
+            high = mu
+        j, slope = _polarisation(s, law, offset, knots, coefficients)
+        chord = j / s if s > 1e-30 else slope
+        along = (dx * r[0] + dy * r[1] + dz * r[2]) / s if s > 1e-30 else 0.0
+        pull = (d * d - along * along) / (chord + mu) + along * along / (slope + mu)
+        new = mu + (1.0 / kappa - 1.0 / d) * d * d * d / pull
+        if not low < new < high:
+            new = 0.5 * (low + high) if high < math.inf else 4.0 * mu
+        if abs(new - mu) <= 1e-15 * mu:
+            break
+        mu = max(new, _LEAST)
+    return mu
+
+
+@njit(cache=True, error_model="numpy")
+def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent, r):
+    """Add up one point: polarisation (3,), tangent (6,) = dj/dh in the order xx, xy, xz, yy, yz, zz."""
+    polarisation[:] = 0.0
+    tangent[:] = 0.0
+    e, n = np.empty(3), np.empty(3)
+    for k in range(weights.size):
+        mu = _moved(h, previous[k], pinning[k], law, offset, knots, coefficients, r)
+        s, slope, chord = _chord(r, law, offset, knots, coefficients)
+        for i in range(3):
+            polarisation[i] += weights[k] * chord * r[i]
+            e[i] = r[i] / s if s > 1e-30 else 0.0
+        if mu == 0.0:
+            continue
+        across, extra, push = chord, slope - chord, 0.0
+        n[:] = 0.0
+        if mu < math.inf:
+            across_share, along_share = chord / (chord + mu), slope / (slope + mu)
+            across, extra = mu * across_share, mu * (along_share - across_share)
+            for i in range(3):
+                n[i] = (h[i] - r[i]) / pinning[k]
+            ne = n[0] * e[0] + n[1] * e[1] + n[2] * e[2]
+            push = 1.0 / ((1.0 - ne * ne) / (chord + mu) + ne * ne / (slope + mu))
+            for i in range(3):
+                n[i] = across_share * n[i] + (along_share - across_share) * ne * e[i]
+        place = 0
+        for i in range(3):
+            for m in range(i, 3):
+                value = extra * e[i] * e[m] + push * n[i] * n[m]
+                tangent[place] += weights[k] * (value + across if i == m else value)
+                place += 1
+
+
+@njit(cache=True, parallel=True)
+def respond(h, previous, pinning, weights, law, offset, knots, coefficients):
+    """Polarisation (p, 3) in T and its derivative (p, 6) by h at points that remember `previous` (p, k, 3).
+
+    h (p, 3), mu0 H in T. pinning (l, k): pinning fields of the cells in each law, T; weights (k,), their sum 1; law
+    (p,) and the tables of `fieldmap.kernels.iron.magnetisation_law`. Derivatives in the order xx, xy, xz, yy, yz, zz.
+    """
+    count = len(h)
+    polarisation, tangent = np.empty((count, 3)), np.empty((count, 6))
+    for i in prange(count):
+        r = np.empty(3)
+        kappa = pinning[law[i]]
+        _respond(
+            h[i], previous[i], kappa, weights, law[i], offset, knots, coefficients, polarisation[i], tangent[i], r
+        )  # fmt: skip
+    return polarisation, tangent
+
+
+@njit(cache=True, parallel=True)
+def advance(h, previous, pinning, weights, law, offset, knots, coefficients):
+    """What the cells remember (p, k, 3) after h (p, 3); arguments as for `respond`."""
+    out = np.empty_like(previous)
+    for i in prange(len(h)):
+        for k in range(weights.size):
+            kappa = pinning[law[i], k]
+            _moved(h[i], previous[i, k], kappa, law[i], offset, knots, coefficients, out[i, k])
+    return out

@@ -1,0 +1,262 @@
+"""Element loops of the second-order flux form: linear flux density per tetrahedron, from potentials on its faces.
+
+Flux density and field strength are linear in each element and held by their values at the four points of the degree-2
+rule (Stroud T3:2-1), which integrates their products exactly. The outward flux of B through face f (opposite corner
+f, outward area vector S_f), weighted by the barycentric coordinate of corner c, is
+
+    x_fc = sum_q C_fcq S_f . B_q                                                                       (C: `SHAPE`)
+
+and a potential l on the faces together with a mean p in the element makes the field strength
+
+    h_q = t_q + (4 / V) (p D_q - sum_fc C_fcq S_f l_fc),      D_q = sum_fc C_fcq S_f,
+
+with the p that makes div B = 0, that is sum_q D_q . b(h_q) = 0: one equation with one increasing function.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from fieldmap.kernels.iron.magnetisation_law import flux_density
+
+# Corners of the face opposite corner f, in the order of its three potentials.
+CORNERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+_MAX_STEPS = 200
+
+
+def _shape() -> np.ndarray:
+    """C (12, 4): flux moments through unit area vectors of flux densities of value one at one of the four points."""
+    b = (5.0 - math.sqrt(5.0)) / 20.0
+    at_corners = np.linalg.inv(np.full((4, 4), b) + (1.0 - 4.0 * b) * np.eye(4))
+    moments = (np.ones((3, 3)) + np.eye(3)) / 12.0
+    return np.ascontiguousarray(np.concatenate([moments @ at_corners[face] for face in CORNERS]))
+
+
+SHAPE = _shape()
+
+
+@njit(cache=True, inline="always")
+def _divergence(shape, area, d):
+    """Fill d (4, 3) with D_q."""
+    for q in range(4):
+        for k in range(3):
+            d[q, k] = 0.0
+        for f in range(4):
+            c = shape[3 * f, q] + shape[3 * f + 1, q] + shape[3 * f + 2, q]
+            for k in range(3):
+                d[q, k] += c * area[f, k]
+
+
+@njit(cache=True, inline="always")
+def _drive(potential, dofs, t, shape, area, scale, r):
+    """Fill r (4, 3) with t_q - scale sum_fc C_fcq S_f l_fc. The mean of l is left out: p takes it up."""
+    mean = 0.0
+    for i in range(12):
+        mean += potential[dofs[i]] / 12.0
+    for q in range(4):
+        for k in range(3):
+            r[q, k] = t[q, k]
+        for f in range(4):
+            c = 0.0
+            for i in range(3 * f, 3 * f + 3):
+                c += shape[i, q] * (potential[dofs[i]] - mean)
+            for k in range(3):
+                r[q, k] -= scale * c * area[f, k]
+
+
+@njit(cache=True)
+def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
+    """sum_q D_q . b(h_q) at h_q = r_q + scale p D_q, its derivative by p, and sum_q |D_q| |b_q|."""
+    total, slope, size = 0.0, 0.0, 0.0
+    for q in range(4):
+        hx, hy, hz = (
+            r[q, 0] + scale * p * d[q, 0],
+            r[q, 1] + scale * p * d[q, 1],
+            r[q, 2] + scale * p * d[q, 2],
+        )
+        h = math.sqrt(hx * hx + hy * hy + hz * hz)
+        b, rise = flux_density(h, law, offset, knots, coefficients)
+        m = b / h if h > 1e-30 else rise
+        along = d[q, 0] * hx + d[q, 1] * hy + d[q, 2] * hz
+        square = d[q, 0] * d[q, 0] + d[q, 1] * d[q, 1] + d[q, 2] * d[q, 2]
+        total += m * along
+        slope += scale * m * square
+        if h > 1e-30:
+            slope += scale * (rise - m) * along * along / (h * h)
+        size += math.sqrt(square) * b
+    return total, slope, size
+
+
+@njit(cache=True)
+def _balance(r, d, scale, law, offset, knots, coefficients):
+    """The p that makes div B = 0: Newton's method inside the shrinking bracket of the root, bisection where it is slow.
+
+    At a knee of the B-H law Newton alone can jump from one side to the other and hardly gain.
+    """
+    p, low, high, last = 0.0, -np.inf, np.inf, np.inf
+    for _ in range(_MAX_STEPS):
+        total, slope, size = _net_flux(p, r, d, scale, law, offset, knots, coefficients)
+        if abs(total) <= 1e-14 * size:
+            return p
+        if total > 0.0:
+            high = p
+        else:
+            low = p
+        following = p - total / slope
+        bracketed = high - low < np.inf
+        if bracketed and not (low < following < high and abs(following - p) < 0.5 * last):
+            following = 0.5 * (low + high)
+        last = abs(following - p)
+        if following == p:
+            return p
+        p = following
+    return p
+
+
+@njit(cache=True, inline="always")
+def _strength(potential, dofs, t, shape, area, volume, d, h, law, offset, knots, coefficients):
+    """Fill d (4, 3) with D_q and h (4, 3) with the field strength at the points of one element."""
+    scale = 4.0 / volume
+    _divergence(shape, area, d)
+    _drive(potential, dofs, t, shape, area, scale, h)
+    p = _balance(h, d, scale, law, offset, knots, coefficients)
+    for q in range(4):
+        for k in range(3):
+            h[q, k] += scale * p * d[q, k]
+
+
+@njit(cache=True, inline="always")
+def _solenoidal(t, d, out):
+    """Fill out (4, 3) with the part of t (4, 3) that is free of divergence: what flows if the iron is air."""
+    total, square = 0.0, 0.0
+    for q in range(4):
+        for k in range(3):
+            total += d[q, k] * t[q, k]
+            square += d[q, k] * d[q, k]
+    for q in range(4):
+        for k in range(3):
+            out[q, k] = t[q, k] - total / square * d[q, k]
+
+
+@njit(cache=True, parallel=True)
+def residual(potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients):
+    """Element vectors (e, 12): outward moments of the flux density, less those of the coil field if the iron were air.
+
+    potential (n,): values of the face potentials at the faces' corners; t (e, 4, 3): coil field at the points;
+    shape: `SHAPE`; area (e, 4, 3), volume (e,); dofs (e, 12): numbers of the elements' potentials; law (e,),
+    remanence (e, 3) and the tables of `fieldmap.kernels.iron.magnetisation_law`.
+    """
+    count = dofs.shape[0]
+    out = np.zeros((count, 12))
+    for e in prange(count):
+        d, h, air = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+        _strength(
+            potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
+        )
+        _solenoidal(t[e], d, air)
+        for q in range(4):
+            size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            m = b / size if size > 1e-30 else slope
+            bx = m * h[q, 0] + remanence[e, 0] - air[q, 0]
+            by = m * h[q, 1] + remanence[e, 1] - air[q, 1]
+            bz = m * h[q, 2] + remanence[e, 2] - air[q, 2]
+            for f in range(4):
+                flow = area[e, f, 0] * bx + area[e, f, 1] * by + area[e, f, 2] * bz
+                for i in range(3 * f, 3 * f + 3):
+                    out[e, i] += shape[i, q] * flow
+    return out
+
+
+@njit(cache=True, parallel=True)
+def tangent(potential, t, shape, area, volume, dofs, law, offset, knots, coefficients):
+    """Element matrices (e, 12, 12): minus the derivative of the outward moments by the face potentials.
+
+    Symmetric; zero for equal potentials on all faces, positive otherwise. Arguments as for `residual`.
+    """
+    count = dofs.shape[0]
+    out = np.zeros((count, 12, 12))
+    for e in prange(count):
+        d, h = np.empty((4, 3)), np.empty((4, 3))
+        _strength(
+            potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
+        )
+        scale = 4.0 / volume[e]
+        pair = np.empty((4, 4))
+        along = np.empty(4)
+        for q in range(4):
+            size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            m = b / size if size > 1e-30 else slope
+            extra = (slope - m) / (size * size) if size > 1e-30 else 0.0
+            for f in range(4):
+                along[f] = area[e, f, 0] * h[q, 0] + area[e, f, 1] * h[q, 1] + area[e, f, 2] * h[q, 2]
+            for f in range(4):
+                for g in range(4):
+                    dot = (
+                        area[e, f, 0] * area[e, g, 0]
+                        + area[e, f, 1] * area[e, g, 1]
+                        + area[e, f, 2] * area[e, g, 2]
+                    )
+                    pair[f, g] = scale * (m * dot + extra * along[f] * along[g])
+            for i in range(12):
+                for j in range(12):
+                    out[e, i, j] += shape[i, q] * shape[j, q] * pair[i // 3, j // 3]
+        _remove_net_flux(out[e])
+    return out
+
+
+@njit(cache=True, inline="always")
+def _remove_net_flux(matrix):
+    """N -> N - N 1 1^T N / (1^T N 1): the mean p answers whatever the faces do."""
+    row = np.zeros(12)
+    total = 0.0
+    for i in range(12):
+        for j in range(12):
+            row[i] += matrix[i, j]
+        total += row[i]
+    for i in range(12):
+        for j in range(12):
+            matrix[i, j] -= row[i] * row[j] / total
+
+
+@njit(cache=True, parallel=True)
+def strength(potential, t, shape, area, volume, dofs, law, offset, knots, coefficients):
+    """Field strength mu0 H (e, 4, 3) at the points of every element; arguments as for `residual`."""
+    count = dofs.shape[0]
+    out = np.empty((count, 4, 3))
+    for e in prange(count):
+        d = np.empty((4, 3))
+        _strength(
+            potential,
+            dofs[e],
+            t[e],
+            shape,
+            area[e],
+            volume[e],
+            d,
+            out[e],
+            law[e],
+            offset,
+            knots,
+            coefficients,
+        )
+    return out
+
+
+@njit(cache=True, parallel=True)
+def mean_fields(potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients):
+    """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points."""
+    h = strength(potential, t, shape, area, volume, dofs, law, offset, knots, coefficients)
+    count = dofs.shape[0]
+    mean, largest = np.zeros((count, 3)), np.zeros(count)
+    for e in prange(count):
+        for q in range(4):
+            size = math.sqrt(h[e, q, 0] ** 2 + h[e, q, 1] ** 2 + h[e, q, 2] ** 2)
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            m = b / size if size > 1e-30 else slope
+            largest[e] = max(largest[e], size)
+            for k in range(3):
+                mean[e, k] += 0.25 * (m * h[e, q, k] + remanence[e, k])
+    return mean, largest

@@ -1,0 +1,150 @@
+"""Mean potentials between two sets of charged triangles: the matrix of the iron solver, whole or a block of it."""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from fieldmap.kernels.iron.charged_triangle import triangle_potential
+
+_INVERSE_4PI = 1.0 / (4.0 * math.pi)
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def _mean_potential(points, weights, corners, normal):
+    """Weighted mean over points (q, 3) of the potential of one triangle, by closed form."""
+    total = 0.0
+    for q in range(weights.size):
+        total += weights[q] * triangle_potential(points[q, 0], points[q, 1], points[q, 2], corners, normal)
+    return total
+
+
+@njit(cache=True, fastmath=True)
+def _far_row(i, stop, far, other_far, sums):
+    """Fill sums (3 stop,) with the sum of 1/|p - q| over the three points p of triangle i, for the points q of the
+    other set's triangles below `stop`. No branches over contiguous arrays: the compiler turns it into vector code."""
+    for q in range(3 * stop):
+        sums[q] = 0.0
+    x, y, z = other_far[0], other_far[1], other_far[2]
+    for p in range(3 * i, 3 * i + 3):
+        px, py, pz = far[0, p], far[1, p], far[2, p]
+        for q in range(3 * stop):
+            dx, dy, dz = px - x[q], py - y[q], pz - z[q]
+            # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
+            sums[q] += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + 1e-60)
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def separation(i, j, one, other):
+    """Squared distance of the centres of two triangles, and the sum of their radii."""
+    centres, radii, other_centres, other_radii = one[3], one[4], other[3], other[4]
+    x = centres[i, 0] - other_centres[j, 0]
+    y = centres[i, 1] - other_centres[j, 1]
+    z = centres[i, 2] - other_centres[j, 2]
+    return x * x + y * y + z * z, radii[i] + other_radii[j]
+
+
+@njit(cache=True, fastmath=True)
+def close_pair(i, j, apart, one, other):
+    """Mean potential between close triangles, times 4 pi. `apart`: their circles do not overlap, and the outer rule
+    belongs to the smaller one, over which the potential of the other varies less."""
+    corners, normals, areas, _, _, near, near_weights, touch, touch_weights = one
+    other_corners, other_normals, other_areas, _, _, other_near, _, other_touch, _ = other
+    if not apart:
+        return 0.5 * (
+            _mean_potential(touch[i], touch_weights, other_corners[j], other_normals[j]) / other_areas[j]
+            + _mean_potential(other_touch[j], touch_weights, corners[i], normals[i]) / areas[i]
+        )
+    if areas[i] < other_areas[j]:
+        return _mean_potential(near[i], near_weights, other_corners[j], other_normals[j]) / other_areas[j]
+    return _mean_potential(other_near[j], near_weights, corners[i], normals[i]) / areas[i]
+
+
+@njit(cache=True, fastmath=True)
+def _fill_row(i, stop, one, other, reach, sums, w):
+    """w[i, j] for j < stop, from the point sums of `_far_row` and closed forms near by."""
+    for j in range(stop):
+        distance2, size = separation(i, j, one, other)
+        if distance2 > (reach * size) ** 2:
+            value = (sums[3 * j] + sums[3 * j + 1] + sums[3 * j + 2]) / 9.0
+        else:
+            value = close_pair(i, j, distance2 > size * size, one, other)
+        w[i, j] = value * _INVERSE_4PI
+
+
+@njit(cache=True, parallel=True, fastmath=True)
+def mutual_potential(one, one_far, other, other_far, reach, symmetric):
+    """W (n, n) in 1/m: W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set
+    of unit charge on triangle j of the other; for one set symmetric, positive definite.
+
+    one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
+    centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
+    pairs whose inner integral is done in closed form. far (3, 3 n): x, y and z of the points of the degree-2 rule,
+    triangle by triangle. Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap
+    use the `touch` rule, whose outer integrand has a kink. symmetric: the lower triangle is computed and copied.
+    """
+    n = one[2].size
+    w = np.empty((n, n))
+    # Rows k and n - 1 - k together cost the same for every k, so the threads share a triangle evenly.
+    for k in prange((n + 1) // 2):
+        sums = np.empty(3 * n)
+        # The loop's own index is unsigned; its difference from n would be a float.
+        low = np.int64(k)
+        for i in (low, n - 1 - low):
+            stop = i + 1 if symmetric else n
+            _far_row(i, stop, one_far, other_far, sums)
+            _fill_row(i, stop, one, other, reach, sums, w)
+    if symmetric:
+        for i in prange(n):
+            for j in range(i + 1, n):
+                w[i, j] = w[j, i]
+    return w
+
+
+_INVERSE_36PI = _INVERSE_4PI / 9.0
+
+
+@njit(cache=True, fastmath=True)
+def _far_pair(i, j, x, y, z):
+    """Sum of 1/|p - q| over the three points of each triangle; x, y, z (3, n)."""
+    total = 0.0
+    for p in range(3):
+        for q in range(3):
+            dx, dy, dz = x[p, i] - x[q, j], y[p, i] - y[q, j], z[p, i] - z[q, j]
+            total += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+    return total
+
+
+@njit(cache=True, parallel=True, fastmath=True)
+def fill_near_blocks(blocks, offset, number, faces, x, y, z, reach, data):
+    """data[offset[k] + ...] = block k (rows, columns) of W in 1/m. blocks (b, 4): first and last + 1 of rows and
+    columns; number (n,): of the faces in the whole matrix, which then has the same entries; x, y, z (3, n): points of
+    the degree-2 rule; faces: a set of triangles as in `mutual_potential`, and reach."""
+    for k in prange(blocks.shape[0]):
+        place = offset[k]
+        for i in range(blocks[k, 0], blocks[k, 1]):
+            for j in range(blocks[k, 2], blocks[k, 3]):
+                distance2, size = separation(i, j, faces, faces)
+                if distance2 > (reach * size) ** 2:
+                    value = _INVERSE_36PI * _far_pair(i, j, x, y, z)
+                else:
+                    # Of two triangles of one size the number decides which gets the outer rule.
+                    a, b = (i, j) if number[i] > number[j] else (j, i)
+                    value = _INVERSE_4PI * close_pair(a, b, distance2 > size * size, faces, faces)
+                data[place] = value
+                place += 1
+
+
+@njit(cache=True, fastmath=True)
+def entry(i, j, leaf, start, block_of_leaves, offset, data, x, y, z):
+    """W_ij from the stored near blocks, by the far rule where there is none.
+
+    leaf (n,): leaf of every face; start (l + 1,): first face of every leaf; block_of_leaves (l, l): number of the near
+    block of two leaves, the later one first, or -1.
+    """
+    a, b = max(i, j), min(i, j)
+    k = block_of_leaves[leaf[a], leaf[b]]
+    if k < 0:
+        return _INVERSE_36PI * _far_pair(a, b, x, y, z)
+    columns = start[leaf[b] + 1] - start[leaf[b]]
+    return float(data[offset[k] + (a - start[leaf[a]]) * columns + b - start[leaf[b]]])

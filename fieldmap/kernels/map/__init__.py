@@ -1,0 +1,1 @@
+"""Compiled evaluation of maps: interpolants, the current model, and the inverse."""

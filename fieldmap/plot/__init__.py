@@ -1,0 +1,12 @@
+"""Pictures of devices and maps, figures of the thesis.
+
+Depends on: device, levitation (forces), iron (meshes of bodies that are no simple shape), adapters, thesis; pyvista and
+matplotlib, of which this room is the only door. Nothing else imports it.
+"""
+
+from fieldmap.plot.picture import save_picture
+from fieldmap.plot.scene import device_scene
+from fieldmap.plot.scenes import SCENES, make_scene, save_scene
+from fieldmap.plot.shown import Shown
+
+__all__ = ["SCENES", "Shown", "device_scene", "make_scene", "save_picture", "save_scene"]

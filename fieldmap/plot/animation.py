@@ -1,0 +1,205 @@
+"""A recorded run as a moving picture: the machine with its currents, the body from near, and a time stamp."""
+
+import os
+import textwrap
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from PIL import Image
+
+from fieldmap.errors import FieldmapError, Problem
+from fieldmap.plot.bodies import body_surface
+from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.picture import core_bounds, look_at
+from fieldmap.plot.rendering import require_renderer
+from fieldmap.plot.rulers import INK, add_rulers
+from fieldmap.plot.scene import COLOUR_MAP, IRON, MM, workspace_outline
+from fieldmap.plot.trajectory import ShownRun, body_parts, outline, path_samples
+from fieldmap.plot.windings import winding_surface
+from fieldmap.typing import Array
+
+WINDOW, FRAMES_PER_SECOND, MOST_SECONDS = (960, 576), 12, 10.0
+CURRENT = "current, A"
+_PANELS, _FONT = 2, 9
+
+
+def save_animation(
+    run: ShownRun,
+    path: str | Path,
+    progress: Callable[[str, float], None] | None = None,
+    frames: int | None = None,
+    window: tuple[int, int] = WINDOW,
+) -> Path:
+    """Write a run as .gif or .mp4 of ten seconds at most; a longer run goes faster, and the picture says how much.
+
+    frames: how many pictures, twelve a second unless given. window: their size, for .mp4 multiples of 16. Raises
+    FieldmapError where .mp4 is asked for and imageio-ffmpeg is not installed (an optional extra), or on a machine
+    without OpenGL.
+    """
+    target = Path(path)
+    write = _write_gif if target.suffix == ".gif" else _mp4_writer()
+    seconds = float(np.clip(run.time[-1] - run.time[0], 1.0, MOST_SECONDS))
+    count = max(2, round(FRAMES_PER_SECOND * seconds)) if frames is None else frames
+    pictures = _pictures(run, count, seconds, window)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
+    try:
+        write(partial, _counted(pictures, count, progress), count / seconds, window)
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+    return target
+
+
+def _counted(
+    pictures: Iterator[Any], count: int, progress: Callable[[str, float], None] | None
+) -> Iterator[Any]:
+    for k, picture in enumerate(pictures):
+        if progress is not None:
+            progress("drawing", k / count)
+        yield picture
+
+
+def _write_gif(path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]) -> None:
+    frames = [
+        Image.fromarray(picture).quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        for picture in pictures
+    ]
+    frames[0].save(
+        path,
+        save_all=True,
+        append_images=frames[1:],
+        duration=round(1000 / per_second),
+        loop=0,
+        optimize=False,
+    )
+
+
+def _mp4_writer() -> Callable[[Path, Iterator[Any], float, tuple[int, int]], None]:
+    try:
+        from imageio_ffmpeg import write_frames
+    except ImportError as error:
+        remedy = "pip install 'fieldmap[video]', or save a .gif"
+        where = "fieldmap.plot.save_animation"
+        raise FieldmapError(
+            Problem(where, "imageio-ffmpeg must be installed for .mp4", str(error), remedy)
+        ) from None
+
+    def write(path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]) -> None:
+        # yuv420p is what browsers and players take.
+        encoder = write_frames(
+            str(path), window, fps=per_second, codec="libx264", pix_fmt_out="yuv420p", quality=7
+        )
+        encoder.send(None)
+        for picture in pictures:
+            encoder.send(np.ascontiguousarray(picture))
+        encoder.close()
+
+    return write
+
+
+def _pictures(run: ShownRun, count: int, seconds: float, window: tuple[int, int]) -> Iterator[Any]:
+    """Images (height, width, 3) of 8 bits, evenly spaced in time."""
+    require_renderer()
+    scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window), border=False)
+    scene.background_color = pv.Color("white")
+    scene.enable_anti_aliasing("msaa", multi_samples=4)
+    moments = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count)).clip(
+        0, len(run.time) - 1
+    )
+    moving = _build(scene, run, (run.time[-1] - run.time[0]) / seconds)
+    for k in moments:
+        moving(int(k))
+        yield scene.screenshot(None, return_img=True)
+    scene.close()
+
+
+def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], None]:
+    """Draw everything once, and return what moves it to a sample."""
+    scene.subplot(0, 0)
+    coils = _add_machine(scene, run)
+    bodies = [scene.add_mesh(surface, **look) for surface, look in body_parts(run)]
+    look_at(scene, core_bounds(run.device), margin=0.3, panels=_PANELS)
+    slower = "" if np.isclose(speed, 1.0) else f"\nshown {speed:.3g} times as fast as it happens"
+    words = textwrap.fill(run.title, 48) + slower
+    scene.add_text(words, position=(0.04, 0.03), viewport=True, font_size=_FONT, color=INK)
+    scene.subplot(0, 1)
+    samples, points = path_samples(run), MM * run.position[path_samples(run)]
+    trail = _add_near(scene, run, points)
+    # The path lies inside the body, so that is an outline here.
+    magnet, look = body_parts(run)[0]
+    bodies.append(scene.add_mesh(outline(magnet), color=look["color"], line_width=2, lighting=False))
+
+    def move(k: int) -> None:
+        for surface, current in zip(coils, run.currents[k], strict=True):
+            surface[CURRENT] = np.full(surface.n_points, current)
+        for actor in bodies:
+            actor.user_matrix = run.pose(k)
+        # What is still to come lies in one point.
+        trail.points = np.where((samples <= k)[:, None], points, MM * run.position[k])
+        scene.subplot(0, 1)
+        scene.add_text(
+            _stamp(run, k), position=(0.03, 0.93), viewport=True, font_size=_FONT, color=INK, name="stamp"
+        )
+
+    return move
+
+
+def _stamp(run: ShownRun, k: int) -> str:
+    x, y, z = MM * run.position[k]
+    event = f"   {run.event}" if run.event and k == len(run.time) - 1 else ""
+    return f"t = {run.time[k]:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:.2f} mm{event}"
+
+
+def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
+    """Iron, workspace, and the coils with their current as colour; returns the coils."""
+    for body in run.device.bodies:
+        scene.add_mesh(
+            body_surface(run.device, body),
+            color=IRON,
+            ambient=0.35,
+            smooth_shading=True,
+            split_sharp_edges=True,
+        )
+    if run.device.workspace is not None:
+        scene.add_mesh(workspace_outline(run.device.workspace), color=INK, line_width=1.5, lighting=False)
+    settings = colour_bar(CURRENT, run.currents)
+    settings["scalar_bar_args"] |= {
+        "title_font_size": 16,
+        "label_font_size": 14,
+        "position_y": 0.22,
+        "height": 0.4,
+        "position_x": 0.84,
+    }
+    surfaces: list[pv.PolyData] = []
+    for coil in run.device.coils:
+        surface = winding_surface(coil)
+        surface[CURRENT] = np.zeros(surface.n_points)
+        scene.add_mesh(
+            surface,
+            scalars=CURRENT,
+            cmap=COLOUR_MAP,
+            ambient=0.6,
+            diffuse=0.5,
+            show_scalar_bar=not surfaces,
+            **settings,
+        )
+        surfaces.append(surface)
+    return surfaces
+
+
+def _add_near(scene: pv.Plotter, run: ShownRun, points: Array) -> pv.PolyData:
+    """The path that was asked for, rulers round all places of the magnet, and the path so far, which is returned."""
+    reach = np.array(body_parts(run)[0][0].bounds).reshape(3, 2)
+    room = np.column_stack([points.min(axis=0) + reach[:, 0], points.max(axis=0) + reach[:, 1]])
+    scene.add_mesh(pv.Box(tuple(room.ravel())).extract_all_edges(), color=INK, line_width=1, opacity=0.25)
+    add_rulers(scene, font_size=13, spread=1.7)
+    look_at(scene, np.array(scene.bounds).reshape(3, 2), margin=0.3, panels=_PANELS)
+    wanted = MM * run.wanted[path_samples(run)]
+    scene.add_mesh(pv.lines_from_points(wanted), color="#9aa3ab", line_width=1.5, lighting=False)
+    trail = pv.lines_from_points(points)
+    scene.add_mesh(trail, color="#D55E00", line_width=4, render_lines_as_tubes=True, lighting=False)
+    return trail

@@ -1,0 +1,52 @@
+"""Where the magnet rests over both direction signals, as a surface: signals in %, places in mm, colour the current."""
+
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+
+from fieldmap.levitation import EquilibriumSurface
+from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.rulers import INK
+from fieldmap.plot.scene import COLOUR_MAP, MM
+from fieldmap.plot.shown import Shown
+
+LEVEL = "current, A"
+PERCENT = 100.0
+COORDINATES = {"x": 0, "y": 1}
+
+
+def shift_titles(quantity: str) -> tuple[str, str, str]:
+    """Of the three axes of the scene."""
+    return "x signal, %", "y signal, %", f"{quantity}, mm"
+
+
+def add_shift(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
+    """The surface of one coordinate, its grid of signals, and the mean current as colour."""
+    shown.need("surface")
+    assert shown.surface is not None
+    surface = shift_surface(shown.surface, quantity)
+    # One current everywhere needs no scale of colours.
+    level = surface[LEVEL]
+    look: dict[str, Any] = {"color": "#9db7c9"}
+    if np.ptp(level) > 1e-6 * np.abs(level).max():
+        look = {"scalars": LEVEL, "cmap": COLOUR_MAP, **colour_bar(LEVEL, level)}
+    scene.add_mesh(surface, lighting=False, **look)
+    scene.add_mesh(surface.extract_all_edges(), color=INK, line_width=1.5, lighting=False)
+
+
+def shift_surface(surface: EquilibriumSurface, quantity: str) -> pv.PolyData:
+    """Signals in % and a coordinate in mm as points, the mean current in A as point data; holes where there is none."""
+    x, y = np.meshgrid(PERCENT * surface.x_signals, PERCENT * surface.y_signals, indexing="ij")
+    height = MM * surface.positions[..., COORDINATES[quantity]]
+    index = np.arange(x.size).reshape(x.shape)
+    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(
+        -1, 4
+    )
+    known = np.isfinite(height.ravel())
+    corners = corners[known[corners].all(axis=1)]
+    points = np.column_stack([x.ravel(), y.ravel(), np.nan_to_num(height.ravel())])
+    faces = np.column_stack([np.full(len(corners), 4), corners])
+    mesh = pv.PolyData(points, faces=faces.ravel())
+    mesh[LEVEL] = np.nan_to_num(surface.levels.ravel())
+    return mesh.clean()

@@ -1,0 +1,63 @@
+"""The force on the payload's magnet in the box, and where it balances the weight. Lengths in mm."""
+
+import numpy as np
+import pyvista as pv
+
+from fieldmap.levitation.conventions import GRAVITY
+from fieldmap.levitation.dipole import dipole_force
+from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.scene import COLOUR_MAP, MM, add_magnet
+from fieldmap.plot.shown import Shown
+from fieldmap.typing import Array
+
+TITLE = "force, mN"
+NET = "net force, mN"
+_PLACES = (7, 3, 7)
+
+
+def add_forces(scene: pv.Plotter, shown: Shown) -> None:
+    """Arrows of the magnetic force on the payload's magnet, moment upwards, on a grid of its places."""
+    shown.need("field", "lower", "payload")
+    places = places_in_box(shown)
+    _add_arrows(scene, places, magnetic_force(shown, places), TITLE, shown)
+
+
+def add_equilibrium(scene: pv.Plotter, shown: Shown) -> None:
+    """The magnet where it is in balance, and around it magnetic force and weight together."""
+    shown.need("field", "lower", "payload", "equilibrium")
+    assert shown.payload is not None
+    places = places_in_box(shown)
+    weight = np.array([0.0, 0.0, -shown.payload.mass * GRAVITY])
+    _add_arrows(scene, places, magnetic_force(shown, places) + weight, NET, shown)
+    add_magnet(scene, shown.payload.magnet, MM * np.asarray(shown.equilibrium))
+
+
+def places_in_box(shown: Shown) -> Array:
+    """Points (n, 3), m, in layers of constant y."""
+    lower, upper = np.asarray(shown.lower, dtype=float), np.asarray(shown.upper, dtype=float)
+    axes = [
+        low + (np.arange(n) + 0.5) / n * (high - low)
+        for low, high, n in zip(lower, upper, _PLACES, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def magnetic_force(shown: Shown, places: Array) -> Array:
+    """Force (n, 3), N, on a dipole with the payload's moment, vertical, upwards where the lift is."""
+    assert shown.payload is not None
+    force = dipole_force(np.array([0.0, 0.0, shown.payload.moment]), shown.gradient_at(places))
+    return force if force[:, 2].sum() >= 0 else -force
+
+
+def _add_arrows(scene: pv.Plotter, places: Array, force: Array, title: str, shown: Shown) -> None:
+    size = np.linalg.norm(force, axis=1)
+    cloud = pv.PolyData(MM * places)
+    cloud["direction"] = force
+    cloud[title] = 1e3 * size
+    # The longest arrow spans the distance of two places.
+    size_of_box = np.asarray(shown.upper, dtype=float) - np.asarray(shown.lower, dtype=float)
+    room = MM * float(np.min(size_of_box / np.array(_PLACES)))
+    arrows = cloud.glyph(
+        orient="direction", scale=title, factor=1.3 * room / (1e3 * size.max()), geom=pv.Arrow()
+    )
+    scene.add_mesh(arrows, scalars=title, cmap=COLOUR_MAP, ambient=0.4, **colour_bar(title, 1e3 * size))

@@ -1,0 +1,161 @@
+"""What a map answers each time a slider moves: field, force and equilibrium at new currents. Nothing is drawn."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_positive
+from fieldmap.device.current_division import divide_currents
+from fieldmap.device.model import Payload
+from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
+from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
+from fieldmap.lookup import FieldMap
+from fieldmap.typing import Array
+
+
+@dataclass(frozen=True)
+class Control:
+    """One slider. unit: "A", "1" or "mm"; value: where it begins."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class LiveAnswer:
+    """What there is at currents (n_coils,), A.
+
+    flux_density (n, 3), T, at the points that were asked for; force (3,), N, on the magnet at `place` (3,), m; lift:
+    its vertical part over the weight; equilibrium, or None; words: where it is, or why there is none.
+    """
+
+    currents: Array
+    flux_density: Array
+    place: Array
+    force: Array
+    lift: float
+    equilibrium: Equilibrium | None
+    words: str
+
+
+class LiveMap:
+    """A map behind sliders: the currents of its coils, or the signals of the division it was made for, and a height.
+
+    field_map: an opened map. payload: the magnet, upright. points (n, 3), m: where the field is asked for.
+    current_limit: ends of the sliders of a linear map, A; of a map of saturating iron they are its domain. force_scale:
+    what every force is multiplied by, 1 unless a calibration says otherwise. Raises InputError for a payload that is
+    none or a limit that is not positive.
+
+    >>> live = LiveMap(open_map("maps/out/division.h5"), device.payload, points)       # doctest: +SKIP
+    >>> live.answer([control.value for control in live.controls]).lift                 # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        field_map: FieldMap,
+        payload: Payload | None,
+        points: ArrayLike,
+        current_limit: float = 3.0,
+        force_scale: float = 1.0,
+    ) -> None:
+        check_positive("LiveMap", current_limit=current_limit, force_scale=force_scale)
+        if payload is None:
+            remedy = "add a [payload] table to the device, or name one with --payload-of"
+            raise InputError(Problem("LiveMap(payload)", "must be a payload", "none", remedy))
+        self.field_map, self.points = field_map, np.asarray(points, dtype=float)
+        # A force that is larger by a factor lifts the same as a moment that is.
+        self.weight = payload.mass * GRAVITY
+        self._payload = Payload(payload.mass, force_scale * payload.moment)
+        low, high = field_map.lower[2], field_map.upper[2]
+        height = Control("magnet z", "mm", 1e3 * low, 1e3 * high, 1e3 * (0.4 * low + 0.6 * high))
+        begin = self._start(1e-3 * height.value)
+        self._currents, driven = _controls(field_map, begin, current_limit)
+        self.controls = (*driven, height)
+        self._last: Array | None = None
+        # Found once, and needed where there is no equilibrium.
+        field_map.jump()
+
+    def _place(self, height: float) -> Array:
+        lower, upper = self.field_map.lower, self.field_map.upper
+        return np.array([*(0.5 * (lower + upper))[:2], np.clip(height, lower[2], upper[2])])
+
+    def _start(self, height: float) -> Array:
+        """The map's reference currents; in a linear map as many times as carries the weight at a height."""
+        reference = np.array(self.field_map.info.reference_current, dtype=float)
+        if self.field_map.info.reduced_model is not None:
+            return reference
+        slope = self.field_map.gradient(self._place(height), reference)[2, 2]
+        return reference * self.weight / (self._payload.moment * abs(slope)) if slope else reference
+
+    def currents(self, values: ArrayLike) -> Array:
+        """Currents (n_coils,), A, at the values of `controls`."""
+        return self._currents(np.asarray(values, dtype=float)[:-1])
+
+    def answer(self, values: ArrayLike) -> LiveAnswer:
+        """Everything at the values of `controls`; NaN for the field beyond a map's currents, with words that say so.
+
+        The equilibrium is looked for from the last one first.
+        """
+        amperes, height = self.currents(values), 1e-3 * float(np.asarray(values, dtype=float)[-1])
+        place = self._place(height)
+        try:
+            field = self.field_map.at(amperes)
+            flux = field.field(self.points)
+            gradient = field.gradient(place)
+        except OutsideMapError as error:
+            nothing = np.full(3, np.nan)
+            return LiveAnswer(
+                amperes, np.full(self.points.shape, np.nan), place, nothing, np.nan, None, _short(error)
+            )
+        found, words = self._equilibrium(amperes)
+        up = 1.0 if found is None else float(np.sign(found.moment[2]))
+        force = dipole_force(np.array([0.0, 0.0, up * self._payload.moment]), gradient)
+        force = -force if found is None and force[2] < 0 else force
+        return LiveAnswer(amperes, flux, place, force, float(force[2]) / self.weight, found, words)
+
+    def _equilibrium(self, amperes: Array) -> tuple[Equilibrium | None, str]:
+        try:
+            found = find_equilibrium(self.field_map, amperes, self._payload, self._last)
+        except NoEquilibrium as error:
+            self._last = None
+            return None, _short(error)
+        self._last = found.position
+        x, y, z = 1e3 * found.position
+        held = [axis for axis, stable in found.stable_axes.items() if stable]
+        return found, f"floats at ({x:.2f}, {y:.2f}, {z:.2f}) mm, stable along {', '.join(held) or 'no axis'}"
+
+
+def _controls(
+    field_map: FieldMap, begin: Array, limit: float
+) -> tuple[Callable[[Array], Array], tuple[Control, ...]]:
+    """What turns the sliders' values into currents, and the sliders."""
+    model, count = field_map.info.reduced_model, len(field_map.coil_names)
+    if model is not None and model.division_exponent.size:
+        n = float(model.division_exponent[0])
+        names: tuple[str, ...] = ("lift u", "x signal", "y signal")
+        lower, upper, begin = model.lower, model.upper, np.array([begin.mean(), 0.0, 0.0])
+        controls = _sliders(names, ("A", "1", "1"), lower, upper, begin)
+        return lambda values: divide_currents(values[0], values[1], values[2], n), controls
+    names = tuple(f"coil {name}" for name in field_map.coil_names)
+    lower = np.full(count, -limit) if model is None else model.lower
+    upper = np.full(count, limit) if model is None else model.upper
+    return np.copy, _sliders(names, ("A",) * count, lower, upper, begin)
+
+
+def _sliders(
+    names: tuple[str, ...], units: tuple[str, ...], lower: Array, upper: Array, begin: Array
+) -> tuple[Control, ...]:
+    ends = zip(lower.tolist(), upper.tolist(), np.clip(begin, lower, upper).tolist(), strict=True)
+    return tuple(Control(name, unit, *three) for name, unit, three in zip(names, units, ends, strict=True))
+
+
+def _short(error: FieldmapError) -> str:
+    problem = error.problems[0]
+    if isinstance(error, NoEquilibrium):
+        return "no equilibrium in the box: " + problem.received.split(";")[0]
+    return f"{problem.where} {problem.must_hold}"

@@ -1,0 +1,95 @@
+"""The picture of a device: all of it on the left, coils, workspace and field on the right."""
+
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import ArrayLike
+
+from fieldmap.device.model import Device
+from fieldmap.plot.rendering import require_renderer
+from fieldmap.plot.rulers import INK
+from fieldmap.plot.scene import SceneField, device_scene, workspace_outline
+from fieldmap.plot.windings import winding_surface
+from fieldmap.typing import Array
+
+_PANELS = 2
+# The viewer stands in front (-y), a little to the right and above.
+_VIEW = np.array([0.42, -1.0, 0.27])
+FROM_ABOVE = np.array([0.42, -1.0, 0.75])
+
+
+def save_picture(
+    path: str | Path,
+    device: Device,
+    field: SceneField | None = None,
+    currents: ArrayLike | None = None,
+    magnet_at: ArrayLike | None = None,
+    caption: str = "",
+    window_size: tuple[int, int] = (2000, 1240),
+) -> Path:
+    """Draw a device in two panels and save it as PNG; arguments as in `device_scene`; caption: a line below the field.
+
+    >>> import fieldmap                                                           # doctest: +SKIP
+    >>> save_picture("drive_unit.png", fieldmap.read_device("drive_unit"))        # doctest: +SKIP
+    PosixPath('drive_unit.png')
+    """
+    require_renderer()
+    scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window_size), border=False)
+    scene.subplot(0, 0)
+    device_scene(device, magnet_at=magnet_at, plotter=scene)
+    look_at(scene, _bounds(scene), margin=0.14, panels=_PANELS)
+    scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
+    scene.subplot(0, 1)
+    device_scene(device, field, currents, magnet_at, axes=False, plotter=scene)
+    look_at(scene, core_bounds(device), panels=_PANELS)
+    if field is not None:
+        words = _words(device, currents) + (f"\n{caption}" if caption else "")
+        scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
+    scene.screenshot(str(path))
+    scene.close()
+    return Path(path)
+
+
+def _bounds(scene: pv.Plotter) -> Array:
+    return np.array(scene.bounds).reshape(3, 2)
+
+
+def core_bounds(device: Device) -> Array:
+    """Box (3, 2), mm, of the coils and the workspace: what the right panel shows."""
+    boxes = [np.array(winding_surface(coil).bounds).reshape(3, 2) for coil in device.coils]
+    if device.workspace is not None:
+        boxes.append(np.array(workspace_outline(device.workspace).bounds).reshape(3, 2))
+    together = np.array(boxes)
+    return np.column_stack([together[:, :, 0].min(axis=0), together[:, :, 1].max(axis=0)])
+
+
+def look_at(
+    scene: pv.Plotter, bounds: Array, margin: float = 0.06, panels: int = 1, view: Array = _VIEW
+) -> None:
+    """Parallel projection from the front that just holds the box (3, 2); panels: into which the window is divided.
+
+    view (3,): towards the viewer.
+    """
+    forward = -view / np.linalg.norm(view)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T
+    across, along = corners @ right, corners @ up
+    middle = 0.5 * (across.min() + across.max()) * right + 0.5 * (along.min() + along.max()) * up
+    width, height = scene.window_size[0] / panels, scene.window_size[1]
+    scene.camera.parallel_projection = True
+    scene.camera.focal_point = tuple(middle)
+    scene.camera.position = tuple(middle - 10.0 * np.ptp(bounds) * forward)
+    scene.camera.up = (0.0, 0.0, 1.0)
+    # Half the height of the view.
+    scene.camera.parallel_scale = 0.5 * (1.0 + margin) * max(np.ptp(along), np.ptp(across) * height / width)
+    scene.renderer.ResetCameraClippingRange()
+
+
+def _words(device: Device, currents: ArrayLike | None) -> str:
+    amperes = np.ones(len(device.coils)) if currents is None else np.asarray(currents, dtype=float)
+    if np.ptp(amperes) == 0.0:
+        return f"{amperes[0]:g} A in each of {len(amperes)} coils"
+    return ", ".join(f"{coil.name}: {value:g} A" for coil, value in zip(device.coils, amperes, strict=True))

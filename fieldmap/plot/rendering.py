@@ -1,0 +1,69 @@
+"""Whether this machine can draw without a screen."""
+
+import os
+import subprocess
+import sys
+from functools import lru_cache
+
+import pyvista as pv
+from vtkmodules.vtkCommonCore import vtkLogger
+
+from fieldmap.errors import FieldmapError, Problem
+
+_PROGRAM = (
+    "import pyvista; p = pyvista.Plotter(off_screen=True); p.add_mesh(pyvista.Box()); p.screenshot(None)"
+)
+
+
+# What VTK draws with where there is no screen: by the graphics driver, or by Mesa in memory.
+_WITHOUT_SCREEN = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
+_CHOICE = "VTK_DEFAULT_OPENGL_WINDOW"
+
+
+@lru_cache(maxsize=1)
+def can_render() -> bool:
+    """Draw a box in another process: without OpenGL the renderer does not fail, it takes its process down.
+
+    A second or two, once, and only on a Linux machine without a display. What draws there is then chosen for this
+    process too (by VTK's own variable of the environment), so that VTK does not look for a screen first and complain.
+    """
+    if sys.platform != "linux" or os.environ.get("DISPLAY"):
+        return True
+    given = os.environ.get(_CHOICE)
+    for choice in (given,) if given else _WITHOUT_SCREEN:
+        environment = {**os.environ, _CHOICE: choice}
+        program = [sys.executable, "-c", _PROGRAM]
+        tried = subprocess.run(program, capture_output=True, timeout=120, check=False, env=environment)
+        if tried.returncode == 0:
+            os.environ[_CHOICE] = choice
+            return True
+    return False
+
+
+def require_renderer() -> None:
+    """Raise FieldmapError where nothing can be drawn."""
+    # With a display that is gone (an old DISPLAY) VTK complains and then draws without it all the same.
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
+    if not can_render():
+        raise FieldmapError(
+            Problem(
+                "fieldmap.plot",
+                "the machine must offer OpenGL",
+                "neither a display nor EGL nor OSMesa",
+                "install EGL (Debian: libegl1) or OSMesa (libosmesa6), or draw on another machine",
+            )
+        )
+
+
+def require_window(scene: pv.Plotter) -> None:
+    """Raise FieldmapError where a scene that shall be looked at has no screen to appear on."""
+    kind = scene.render_window.GetClassName() if scene.render_window is not None else ""
+    if kind in _WITHOUT_SCREEN:
+        raise FieldmapError(
+            Problem(
+                "fieldmap.plot",
+                "a window needs a screen",
+                f"none (DISPLAY is {os.environ.get('DISPLAY') or 'not set'})",
+                "add --save FILE.png, or .html for a page that turns in a browser",
+            )
+        )

@@ -1,0 +1,81 @@
+"""Pictures of simulated runs."""
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from fieldmap.plot.figures import COLOURS
+
+_LABELS = ("x, mm", "y, mm", "depth, mm")
+_ABOVE: dict[str, Any] = {
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "fontsize": 8,
+    "ncols": 6,
+    "frameon": False,
+    "borderaxespad": 0.1,
+}
+
+
+def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
+    """References, true and seen positions of each axis, and the currents, over time.
+
+    runs: of each run `time` (r,), s, `wanted`, `true` and `seen` (r, 3), mm, `currents` (r, n), A, `event`, what ended
+    it or "", and where there are any `coil_names`. More than one run: true positions only, one line each.
+    """
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    axes = figure.subplots(4, 1, sharex=True)
+    many = len(runs) > 1
+    for run in runs:
+        time = run["time"]
+        for k, axis in enumerate(axes[:3]):
+            if not many:
+                axis.plot(time, run["seen"][:, k], color="0.75", linewidth=0.6, label="seen")
+            axis.plot(
+                time,
+                run["true"][:, k],
+                linewidth=0.8 if many else 1.2,
+                alpha=0.6 if many else 1.0,
+                label="true",
+            )
+        names = run.get("coil_names", range(1, run["currents"].shape[1] + 1))
+        for coil, current in enumerate(run["currents"].T):
+            colour = COLOURS[coil % len(COLOURS)]
+            axes[3].plot(
+                time,
+                current,
+                color=colour,
+                linewidth=0.7,
+                alpha=0.3 if many else 1.0,
+                label=f"coil {names[coil]}" if run is runs[0] else None,
+            )
+        if run["event"]:
+            axes[2].annotate(run["event"], (time[-1], run["true"][-1, 2]), fontsize=8, ha="right")
+    for k, axis in enumerate(axes[:3]):
+        axis.plot(
+            runs[0]["time"],
+            runs[0]["wanted"][:, k],
+            color="black",
+            linewidth=0.8,
+            linestyle="--",
+            label="asked",
+        )
+        axis.set_ylabel(_LABELS[k])
+        axis.grid(True, alpha=0.3)
+    axes[2].invert_yaxis()
+    if not many:
+        # Above the axes: inside there is a curve everywhere.
+        axes[0].legend(**_ABOVE)
+    axes[3].set_ylabel("currents, A")
+    axes[3].legend(**_ABOVE)
+    axes[3].set_xlabel("time, s")
+    axes[3].grid(True, alpha=0.3)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def save_run_figure(path: str | Path, title: str, runs: list[dict[str, Any]]) -> Path:
+    """Draw `run_figure` and save it by the suffix of the path: PNG, SVG or PDF."""
+    run_figure(title, runs).savefig(path, dpi=150)
+    return Path(path)

@@ -1,0 +1,196 @@
+"""A device, its workspace and the field in it, as one PyVista scene."""
+
+from typing import Any, Final, Protocol
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import ArrayLike
+
+from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
+from fieldmap.plot.bodies import MM, body_surface
+from fieldmap.plot.rendering import require_renderer
+from fieldmap.plot.rulers import INK, add_rulers, label_step
+from fieldmap.plot.windings import current_arrow, winding_surface
+from fieldmap.typing import Array
+
+IRON = "#c5ccd3"
+COPPER = "#e08a4e"
+CURRENT = "#ffd34d"
+MAGNET = "#e0402f"
+COLOUR_MAP: Final = "viridis"
+
+
+class SceneField(Protocol):
+    """What can be drawn: a field in a box, such as an opened map."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower corner of the box (3,), m."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper corner of the box (3,), m."""
+
+    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """B (n, 3), T."""
+
+
+def device_scene(
+    device: Device,
+    field: SceneField | None = None,
+    currents: ArrayLike | None = None,
+    magnet_at: ArrayLike | None = None,
+    hide: tuple[str, ...] = (),
+    axes: bool = True,
+    plotter: pv.Plotter | None = None,
+    window_size: tuple[int, int] = (1200, 1200),
+    iron_opacity: float = 1.0,
+) -> pv.Plotter:
+    """Draw coils with the sense of their current, iron, the workspace box and, if given, |B| on slices of a map.
+
+    field: an opened map, drawn at currents (n_coils,) in A, 1 A each by default. magnet_at (3,), m: where to
+    draw the payload's magnet. hide: names of bodies to leave out. axes: rulers in mm. plotter: draw into this
+    one; otherwise a new off-screen plotter. Lengths in the scene are millimetres.
+
+    Returns the plotter; save with `.screenshot("device.png")`, look at it with `.show()`. Raises FieldmapError on
+    a machine without OpenGL.
+
+    Example::
+
+        device = fieldmap.read_device("drive_unit")
+        device_scene(device).screenshot("drive_unit.png")
+    """
+    require_renderer()
+    scene = plotter if plotter is not None else pv.Plotter(off_screen=True, window_size=list(window_size))
+    scene.background_color = pv.Color("white")
+    for body in device.bodies:
+        if body.name not in hide:
+            _add_solid(scene, body_surface(device, body), IRON, iron_opacity)
+    for coil in device.coils:
+        _add_solid(scene, winding_surface(coil), COPPER)
+        scene.add_mesh(current_arrow(coil), color=CURRENT, ambient=0.4, smooth_shading=True)
+    if device.workspace is not None:
+        outline = workspace_outline(device.workspace)
+        scene.add_mesh(outline, color=INK, line_width=2.5, lighting=False)
+    if field is not None:
+        amperes = np.ones(len(device.coils)) if currents is None else np.asarray(currents, dtype=float)
+        _add_slices(scene, field, amperes)
+    if magnet_at is not None and device.payload is not None:
+        add_magnet(scene, device.payload.magnet, MM * np.asarray(magnet_at, dtype=float))
+    if axes:
+        add_rulers(scene)
+    scene.enable_anti_aliasing("ssaa")
+    return scene
+
+
+def _add_solid(scene: pv.Plotter, surface: pv.PolyData, colour: str, opacity: float = 1.0) -> None:
+    scene.add_mesh(
+        surface,
+        color=colour,
+        opacity=opacity,
+        smooth_shading=True,
+        split_sharp_edges=True,
+        feature_angle=35.0,
+        ambient=0.35,
+        diffuse=0.75,
+        specular=0.15,
+        specular_power=25.0,
+    )
+    edges = surface.clean().extract_feature_edges(
+        feature_angle=35.0, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+    )
+    if edges.n_points:
+        scene.add_mesh(edges, color=INK, line_width=1.5, opacity=0.55)
+
+
+def workspace_outline(space: Workspace) -> pv.PolyData:
+    """Edges of the workspace, mm."""
+    if isinstance(space, WorkspaceBox):
+        return pv.Box(tuple(MM * np.column_stack([space.lower, space.upper]).ravel())).extract_all_edges()
+    return pv.Cylinder(
+        center=MM * (space.base + np.array([0.0, 0.0, space.height / 2])),
+        direction=(0, 0, 1),
+        radius=MM * space.radius,
+        height=MM * space.height,
+        resolution=64,
+    ).extract_feature_edges(feature_angle=35.0)
+
+
+def _add_slices(scene: pv.Plotter, field: SceneField, currents: Array) -> None:
+    """|B| in mT on the planes x = middle and y = middle of the map's box."""
+    slices = slice_planes(field, currents)
+    values = np.concatenate([plane["|B|"] for plane in slices])
+    step = label_step(float(np.ptp(values)))
+    limits = (step * np.floor(values.min() / step), step * np.ceil(values.max() / step))
+    bar: Any = _SCALAR_BAR | {"n_labels": int(np.rint((limits[1] - limits[0]) / step)) + 1}
+    for plane in slices:
+        scene.add_mesh(
+            plane,
+            scalars="|B|",
+            cmap=COLOUR_MAP,
+            clim=limits,
+            lighting=False,
+            show_scalar_bar=plane is slices[0],
+            scalar_bar_args=bar,
+        )
+
+
+_SCALAR_BAR: dict[str, Any] = {
+    # Not |B|: the text renderer takes | for a column break.
+    "title": "B, mT",
+    "vertical": True,
+    "height": 0.45,
+    "width": 0.06,
+    "position_x": 0.86,
+    "position_y": 0.08,
+    "fmt": "%.1f",
+    "color": INK,
+    "title_font_size": 30,
+    "label_font_size": 26,
+}
+
+
+def slice_planes(field: SceneField, currents: Array, points: int = 81) -> list[pv.StructuredGrid]:
+    """Planes x = middle and y = middle of the field's box, in mm, with |B| in mT as point data "|B|"."""
+    lower, upper = np.asarray(field.lower), np.asarray(field.upper)
+    inset = 1e-9 * (upper - lower)
+    x, y, z = (np.linspace(a, b, points) for a, b in zip(lower + inset, upper - inset, strict=True))
+    middle = 0.5 * (lower + upper)
+    planes = []
+    for across in ((x, np.array([middle[1]])), (np.array([middle[0]]), y)):
+        mesh = np.meshgrid(*across, z, indexing="ij")
+        at = np.stack([axis.ravel() for axis in mesh], axis=1)
+        grid = pv.StructuredGrid(*(MM * axis for axis in mesh))
+        strength = MM * np.linalg.norm(field.field(at, currents), axis=1)
+        # VTK counts points with the first index fastest.
+        grid["|B|"] = strength.reshape(mesh[0].shape).ravel(order="F")
+        planes.append(grid)
+    return planes
+
+
+def add_magnet(scene: pv.Plotter, magnet: Any, at: Array) -> None:
+    """The payload's magnet with its centre at (3,), mm, and an arrow along its moment."""
+    shape = magnet_surface(magnet)
+    if shape is None:
+        return
+    half = 0.5 * (shape.bounds[5] - shape.bounds[4])
+    _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
+    arrow = pv.Arrow(
+        start=at + np.array([0.0, 0.0, half]), direction=(0, 0, 1), scale=2.0 * half, shaft_radius=0.06
+    )
+    scene.add_mesh(arrow, color=MAGNET)
+
+
+def magnet_surface(magnet: Any) -> pv.PolyData | None:
+    """A payload's magnet about the origin, upright, mm; None where there is none."""
+    match magnet:
+        case MagnetCylinder(diameter, height):
+            return pv.Cylinder(
+                direction=(0, 0, 1), radius=MM * diameter / 2, height=MM * height, resolution=64
+            )
+        case MagnetSphere(diameter):
+            return pv.Sphere(radius=MM * diameter / 2)
+        case MagnetBlock(size):
+            x, y, z = (MM * edge / 2 for edge in size)
+            return pv.Box((-x, x, -y, y, -z, z))
+    return None

@@ -1,0 +1,98 @@
+"""A recorded run: the path of the levitated body, and the body itself where it was. Lengths in mm."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fieldmap.device.model import Device
+from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.rulers import INK
+from fieldmap.plot.scene import COLOUR_MAP, MAGNET, MM, magnet_surface
+from fieldmap.plot.shown import Shown
+from fieldmap.typing import Array
+
+TIME = "time, s"
+_POINTS = 2000
+"""Of the path that is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownRun:
+    """Signals of one run: time (r,), s; position of the centre of mass (r, 3), m; quaternion (r, 4), body to map, w
+    first; currents (r, n), A; wanted (r, 3): where the centre of mass should be, m. body: radius and height of a
+    cylinder about the centre of mass, m, or None. event: what ended it, or ""."""
+
+    title: str
+    device: Device
+    time: Array
+    position: Array
+    quaternion: Array
+    currents: Array
+    wanted: Array
+    body: tuple[float, float] | None
+    event: str
+
+    def pose(self, k: int) -> Array:
+        """Matrix (4, 4) that puts the body, drawn about the origin in mm, where it was at sample k."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix()
+        matrix[:3, 3] = MM * self.position[k]
+        return matrix
+
+
+def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
+    """What the body looks like, about the origin, upright, mm, and how it is drawn."""
+    parts: list[tuple[pv.PolyData, dict[str, Any]]] = []
+    payload = run.device.payload
+    surface = None if payload is None else magnet_surface(payload.magnet)
+    if surface is not None:
+        parts.append(
+            (surface, {"color": MAGNET, "ambient": 0.3, "smooth_shading": True, "split_sharp_edges": True})
+        )
+    if run.body is not None:
+        radius, height = run.body
+        case = pv.Cylinder(direction=(0, 0, 1), radius=MM * radius, height=MM * height, resolution=64)
+        parts.append((case, {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}))
+    return parts or [(pv.Sphere(radius=1.0), {"color": MAGNET})]
+
+
+def path_samples(run: ShownRun) -> NDArray[np.int64]:
+    """Samples of which the drawn path consists."""
+    return np.unique(np.linspace(0, len(run.time) - 1, min(_POINTS, len(run.time))).astype(np.int64))
+
+
+def add_path(scene: pv.Plotter, shown: Shown) -> None:
+    """The path, coloured by time, the path that was asked for, and the magnet at the end as an outline."""
+    shown.need("run")
+    run = shown.run
+    assert run is not None
+    samples = path_samples(run)
+    path = pv.lines_from_points(MM * run.position[samples])
+    path[TIME] = run.time[samples]
+    settings = colour_bar(TIME, run.time[samples])
+    scene.add_mesh(
+        path,
+        scalars=TIME,
+        cmap=COLOUR_MAP,
+        line_width=5,
+        render_lines_as_tubes=True,
+        lighting=False,
+        **settings,
+    )
+    scene.add_mesh(pv.lines_from_points(MM * run.wanted[samples]), color=INK, line_width=2, lighting=False)
+    magnet = outline(body_parts(run)[0][0]).transform(run.pose(-1), inplace=False)
+    scene.add_mesh(magnet, color=MAGNET, line_width=2, lighting=False)
+
+
+def outline(surface: pv.PolyData) -> pv.PolyData:
+    """Its edges: what stands in the way of nothing. Of a sphere three circles."""
+    edges = surface.clean().extract_feature_edges(
+        feature_angle=35.0, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+    )
+    if edges.n_points:
+        return edges
+    return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in ("x", "y", "z")])

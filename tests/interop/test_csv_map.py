@@ -1,0 +1,72 @@
+"""A map as a CSV table: its numbers are those of the map, and a map fitted to them is the same field."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import InputError
+from fieldmap.interop import fit_map, read_measurements, write_csv
+from fieldmap.lookup import interpolate
+
+CURRENTS = np.array([1.5, 0.5, -1.0, 2.0, 0.0, 1.0])
+
+
+def table(path):
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def test_coil_by_coil(ring, tmp_path):
+    path = write_csv(ring.map, tmp_path / "ring.csv")
+    rows = table(path)
+    nodes = ring.grid.points()
+    assert len(rows) == 6 * len(nodes)
+    exact, slope = ring.fields(nodes)
+    for number in (0, len(nodes) + 5, 6 * len(nodes) - 1):
+        coil, node = divmod(number, len(nodes))
+        row = rows[number]
+        np.testing.assert_allclose([float(row[f"{axis}_m"]) for axis in "xyz"], nodes[node], atol=1e-15)
+        assert [float(row[f"I_{name}_A"]) for name in "123456"] == np.eye(6)[coil].tolist()
+        ours = [float(row[f"B{axis}_T"]) for axis in "xyz"]
+        np.testing.assert_allclose(ours, exact[coil, node], atol=1e-5 * np.abs(exact).max())
+        ours = [[float(row[f"dB{i}_d{j}_T_per_m"]) for j in "xyz"] for i in "xyz"]
+        np.testing.assert_allclose(ours, slope[coil, node], atol=1e-4 * np.abs(slope).max())
+    assert path.read_text().splitlines()[2].startswith("# frame: right-handed, z up")
+
+
+def test_numbers_read_back_to_the_last_bit(ring, tmp_path):
+    read = read_measurements(write_csv(ring.map, tmp_path / "ring.csv", CURRENTS))
+    assert read.coil_names == ("fixed",)
+    np.testing.assert_array_equal(read.currents, 1.0)
+    inside = np.clip(read.points, ring.map.lower, ring.map.upper)
+    np.testing.assert_array_equal(read.flux_density, ring.map.field(inside, CURRENTS))
+    words = (tmp_path / "ring.csv").read_text().splitlines()[4]
+    assert words.startswith("# I_fixed_A = 1 stands for 1.5 A in coil 1, 0.5 A in coil 2")
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_imported_again_it_is_the_same_field(ring, tmp_path, fixed):
+    path = write_csv(ring.map, tmp_path / "ring.csv", CURRENTS if fixed else None)
+    measured = fit_map(read_measurements(path), spacing=0.005)
+    again = interpolate(measured.data)
+    assert again.coil_names == (("fixed",) if fixed else ring.map.coil_names)
+    rng = np.random.default_rng(3)
+    points = ring.map.lower + rng.random((300, 3)) * (ring.map.upper - ring.map.lower)
+    for currents in (CURRENTS, np.ones(6)):
+        if fixed and currents is not CURRENTS:
+            continue
+        flux, slope = again.field_and_gradient(points, np.ones(1) if fixed else currents)
+        wanted, steep = ring.map.field_and_gradient(points, currents)
+        assert np.abs(flux - wanted).max() < 4e-5 * np.abs(wanted).max()
+        assert np.abs(slope - steep).max() < 1e-3 * np.abs(steep).max()
+    # What the fit leaves is stated, and as small as it is.
+    assert measured.report.residual < 1e-5 * np.abs(wanted).max()
+
+
+def test_currents_that_do_not_fit(ring, tmp_path):
+    with pytest.raises(InputError):
+        write_csv(ring.map, tmp_path / "ring.csv", [1.0, 2.0])
+    with pytest.raises(InputError, match="can be written"):
+        write_csv(ring.map, tmp_path / "nowhere" / "ring.csv")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,158 @@
+"""Maps from readings against the field that was read, with and without noise; their files; mag_manip and back."""
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import InputError, MapFileError
+from fieldmap.interop import (
+    Measurements,
+    fit_map,
+    read_mag_manip,
+    read_measurements,
+    write_mag_manip,
+)
+from fieldmap.lookup import interpolate, open_map
+from fieldmap.store import write_map
+
+NAMES = tuple("123456")
+
+
+def readings(ring, n, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    points = ring.map.lower + rng.random((n, 3)) * (ring.map.upper - ring.map.lower)
+    points[:8] = np.stack(np.meshgrid(*zip(ring.map.lower, ring.map.upper, strict=True)), axis=-1).reshape(
+        -1, 3
+    )
+    currents = rng.uniform(-2, 2, (n, 6))
+    flux = np.einsum("cni,nc->ni", ring.fields(points)[0], currents)
+    return Measurements(NAMES, points, currents, flux + noise * rng.normal(size=(n, 3)))
+
+
+def errors(ring, measured, currents, n=500):
+    """Largest differences from the true field and gradient, and the largest of these."""
+    rng = np.random.default_rng(9)
+    points = ring.map.lower + rng.random((n, 3)) * (ring.map.upper - ring.map.lower)
+    m = interpolate(measured.data)
+    exact = [np.einsum("c...,c->...", part, currents) for part in ring.fields(points)]
+    ours = m.field_and_gradient(points, currents)
+    return [np.abs(a - b).max() for a, b in zip(ours, exact, strict=True)], [np.abs(b).max() for b in exact]
+
+
+def test_without_noise_the_field_is_found(ring):
+    measured = fit_map(readings(ring, 800, 0.0), 0.005)
+    (flux, slope), (largest, steepest) = errors(ring, measured, np.ones(6))
+    assert flux < 4e-5 * largest
+    assert slope < 1e-3 * steepest
+    assert measured.report.degree >= 8
+
+
+def test_noise_is_taken_out_and_stated(ring):
+    noise = 20e-6
+    measured = fit_map(readings(ring, 2000, noise), 0.005)
+    report = measured.report
+    assert report.residual == pytest.approx(noise, rel=0.1)
+    assert noise < report.held_out < 1.3 * noise
+    assert report.held_out < report.held_out_worst < 7 * noise
+    (flux, slope), _ = errors(ring, measured, np.ones(6))
+    # Standard errors hold with all coils at their reference currents, here 2 A: six coils at 1 A err by less.
+    assert flux < report.standard_error.flux_density < 20 * flux
+    assert slope < report.standard_error.gradient < 40 * slope
+    # Four times the readings, half the error.
+    better = fit_map(readings(ring, 8000, noise, seed=1), 0.005, degree=report.degree)
+    ratio = report.standard_error.flux_density / better.report.standard_error.flux_density
+    assert ratio == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_measured_map_goes_through_the_file_and_says_what_it_is(ring, tmp_path):
+    measured = fit_map(readings(ring, 500, 1e-6), 0.01)
+    opened = open_map(write_map(tmp_path / "measured.h5", measured.data))
+    np.testing.assert_array_equal(
+        opened.field([0, 0, -0.1], np.ones(6)), interpolate(measured.data).field([0, 0, -0.1], np.ones(6))
+    )
+    record = opened.info.provenance
+    assert record.solver_report["held_out_T"] == measured.report.held_out
+    assert any("no currents and no iron inside" in text for text in record.assumptions)
+
+
+def test_coils_that_cannot_be_told_apart(ring):
+    some = readings(ring, 400, 0.0)
+    same = Measurements(NAMES, some.points, np.ones((400, 6)), some.flux_density)
+    with pytest.raises(InputError, match="tell the coils apart"):
+        fit_map(same, 0.01, degree=4)
+    with pytest.raises(InputError, match="9 readings"):
+        fit_map(Measurements(NAMES, some.points[:9], some.currents[:9], some.flux_density[:9]), 0.01)
+    with pytest.raises(InputError, match="spacing > 0"):
+        fit_map(some, 0.0)
+    with pytest.raises(InputError, match=r"flux_density.*NaN"):
+        Measurements(NAMES, some.points, some.currents, np.full((400, 3), np.nan))
+
+
+HEADER = "Bz_mT,x_mm,y_mm,z_m,Bx_uT,By_T,I_left_A,I_the right one_A\n"
+
+
+def test_units_and_columns_of_a_file(tmp_path):
+    (tmp_path / "read.csv").write_text(HEADER + "1.5, 10, -20, 0.03, 7, 2e-3, 1, -2\n\n2,0,0,0,0,0,0.5,0\n")
+    found = read_measurements(tmp_path / "read.csv")
+    assert found.coil_names == ("left", "the right one")
+    np.testing.assert_allclose(found.points[0], [0.01, -0.02, 0.03])
+    np.testing.assert_allclose(found.flux_density[0], [7e-6, 2e-3, 1.5e-3])
+    np.testing.assert_array_equal(found.currents, [[1, -2], [0.5, 0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["empty file"]),
+        ("x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n1,2,3,4,5,6\n", ["missing: I_NAME_A"]),
+        (HEADER.replace("Bz_mT", "Bz_G"), ["unknown: Bz_G", "missing: Bz"]),
+        (HEADER.replace("y_mm", "x_m"), ["twice: x_m", "missing: y"]),
+        (
+            HEADER + "1,2,3\n1,2,3,4,five,6,nan,8\n",
+            [":2: must have 8 cells", ":3.*Bx_uT.*'five'", ":3.*I_left_A"],
+        ),
+    ],
+)
+def test_every_mistake_of_a_file_is_named(tmp_path, text, words):
+    (tmp_path / "read.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_measurements(tmp_path / "read.csv")
+    for word in words:
+        with pytest.raises(InputError, match=word):
+            raise caught.value
+    with pytest.raises(InputError, match="CSV file"):
+        read_measurements(tmp_path / "none.csv")
+
+
+def test_mag_manip_there_and_back(ring, tmp_path):
+    yaml = pytest.importorskip("yaml")
+    path = write_mag_manip(ring.map, tmp_path / "ring.yaml")
+    content = yaml.load(path.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    keys = list(content["vfields"])
+    assert keys == sorted(keys)
+    # As mag_manip reads it: index (i dim_y + j) dim_z + k, position min + i (max - min)/(dim - 1).
+    entry = content["vfields"][keys[2]]
+    i, j, k = 3, 7, 11
+    at = (i * entry["dim_y"] + j) * entry["dim_z"] + k
+    place = [
+        entry[f"min_{a}"] + n * (entry[f"max_{a}"] - entry[f"min_{a}"]) / (entry[f"dim_{a}"] - 1)
+        for a, n in zip("xyz", (i, j, k), strict=True)
+    ]
+    np.testing.assert_allclose(
+        entry["data"][at], ring.fields(np.array([place]))[0][2, 0], rtol=1e-6, atol=1e-10
+    )
+    assert len(entry["data"]) == 9 * 9 * 13
+    back = read_mag_manip(write_mag_manip(ring.map, tmp_path / "coarse.yaml", spacing=0.008))
+    assert back.data.coil_names == ("coil_00", "coil_01", "coil_02", "coil_03", "coil_04", "coil_05")
+    (flux, slope), (largest, steepest) = errors(ring, back, np.array([1.0, -1, 2, 0, 1, 1]))
+    assert flux < 4e-5 * largest
+    assert slope < 1e-3 * steepest
+
+
+def test_files_that_are_not_mag_manip(tmp_path, ring):
+    pytest.importorskip("yaml")
+    for text in ("name: x\n", "vfields: {a: {dim_x: 2}}\n", ": :\n  - [", "- 1\n"):
+        (tmp_path / "bad.yaml").write_text(text)
+        with pytest.raises(MapFileError, match="mag_manip file with vfields"):
+            read_mag_manip(tmp_path / "bad.yaml")
+    with pytest.raises(InputError, match="greater than 0"):
+        write_mag_manip(ring.map, tmp_path / "ring.yaml", spacing=-1.0)

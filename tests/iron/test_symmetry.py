@@ -1,0 +1,206 @@
+"""Symmetry groups of devices against point groups whose order is known, and against the fields of the coils."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.device.model import (
+    Body,
+    Box,
+    CircularCoil,
+    Cylinder,
+    Device,
+    ExtrudedPolygon,
+    LinearMaterial,
+    Part,
+    PathCoil,
+    PermanentMagnet,
+    Placement,
+    RevolvedProfile,
+    Ring,
+    RoundedRectangleCoil,
+    Sphere,
+    StepFile,
+)
+from fieldmap.iron.symmetry import find_symmetry
+from fieldmap.iron.symmetry.group import multiplication_table
+from fieldmap.sources import unit_flux_density
+
+MATERIALS = {"iron": LinearMaterial("iron", 100.0), "steel": LinearMaterial("steel", 200.0)}
+
+
+def turn(axis, degrees):
+    """Rotation matrix by Rodrigues's formula."""
+    k = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    angle = np.radians(degrees)
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+SKEW = Placement(np.array([0.01, -0.02, 0.03]), turn([1, 2, 3], 47.0))
+
+
+def body(*parts, material="iron", name="b", size=0.005):
+    return Body(name, material, tuple(Part(s, p) if not isinstance(s, Part) else s for s, p in parts), size)
+
+
+def device(*bodies, coils=()):
+    return Device("d", "", tuple(coils), tuple(bodies), MATERIALS)
+
+
+def ring_of(count, radius, shape=None, start=0.0):
+    angles = np.radians(start) + 2 * np.pi * np.arange(count) / count
+    places = [np.array([radius * np.cos(a), radius * np.sin(a), 0.0]) for a in angles]
+    return [body((shape or Cylinder(0.005, 0.02), Placement(p)), name=f"b{k}") for k, p in enumerate(places)]
+
+
+HEXAGON = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 3 * np.arange(6)]) * 0.02
+L_SHAPE = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]) * 0.01
+
+
+@pytest.mark.parametrize("place", [Placement(), SKEW])
+@pytest.mark.parametrize(
+    ("shape", "order"),
+    [
+        (Box((0.01, 0.02, 0.03)), 8),  # D2h
+        (Box((0.02, 0.02, 0.03)), 16),  # D4h
+        (Box((0.02, 0.02, 0.02)), 48),  # Oh
+        (ExtrudedPolygon(HEXAGON, 0.01), 24),  # D6h
+        (ExtrudedPolygon(L_SHAPE, 0.01), 2),  # Cs: the plane half way up
+        (Cylinder(0.01, 0.02), 8),  # infinitely many; D2h is used
+        (RevolvedProfile(np.array([[0, 0], [2, 0], [1, 1], [0, 1]]) * 0.01), 4),  # frustum: C2v is used
+        (Sphere(0.01), 8),
+        (Ring(0.01, 0.02, 0.01), 8),
+    ],
+)
+def test_order_of_a_single_shape(shape, order, place):
+    group = find_symmetry(device(body((shape, place))))
+    assert group.order == order
+    table = multiplication_table(group.matrices)
+    assert table is not None
+    assert all(len(set(row)) == order for row in table)
+
+
+def test_the_matrices_form_a_group_to_rounding():
+    group = find_symmetry(fm.read_device("disk_six_cores"))
+    table = multiplication_table(group.matrices)
+    products = np.einsum("aij,bjk->abik", group.matrices, group.matrices)
+    assert np.abs(products - group.matrices[table]).max() < 1e-15
+    assert np.abs(group.matrices @ np.swapaxes(group.matrices, 1, 2) - np.eye(3)).max() < 1e-15
+
+
+@pytest.mark.parametrize(("count", "order"), [(2, 8), (3, 12), (5, 20), (6, 24)])
+def test_rings_of_cylinders(count, order):
+    group = find_symmetry(device(*ring_of(count, 0.03)))
+    assert group.order == order  # D_nh
+    assert str(group).startswith(f"{count}-fold axis z") or count == 2
+
+
+def test_a_pinwheel_has_rotations_and_no_upright_mirror():
+    """Boxes turned by 20 degrees out of the radial direction: C4h."""
+    bodies = [
+        body(
+            (Box((0.02, 0.004, 0.01)), Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a + 20)))
+        )
+        for a in (0, 90, 180, 270)
+    ]
+    group = find_symmetry(device(*bodies))
+    assert group.order == 8
+    assert sum(operation.is_mirror for operation in group.operations) == 1
+
+
+def test_material_size_and_place_of_one_body_break_the_symmetry():
+    bodies = ring_of(6, 0.03)
+    assert find_symmetry(device(*bodies)).order == 24
+    other = replace(bodies[0], material="steel")
+    assert find_symmetry(device(other, *bodies[1:])).order == 4  # C2v: y = 0 and the plane half way up
+    finer = replace(bodies[0], mesh_size=0.004)
+    assert find_symmetry(device(finer, *bodies[1:])).order == 4
+    moved = body((Cylinder(0.005, 0.02), Placement(np.array([0.03001, 0, 0]))))
+    assert find_symmetry(device(moved, *bodies[1:])).order == 4
+    rounded = body((Cylinder(0.005, 0.02), Placement(np.array([0.03 + 2e-9, 0, 0]))))
+    assert find_symmetry(device(rounded, *bodies[1:])).order == 24
+
+
+def test_order_of_parts_counts_only_between_adding_and_cutting():
+    hole = Part(Cylinder(0.002, 0.01), Placement(np.array([0.006, 0, 0])), "cut")
+    twin = Part(Cylinder(0.002, 0.01), Placement(np.array([-0.006, 0, 0])), "cut")
+    plate = Part(Box((0.03, 0.02, 0.01)))
+    both = Body("b", "iron", (plate, hole, twin), 0.005)
+    assert find_symmetry(device(both)).order == 8
+    filled = Body("b", "iron", (plate, hole, twin, Part(hole.shape, hole.placement)), 0.005)
+    assert find_symmetry(device(filled)).order == 4
+
+
+def test_step_bodies_have_no_symmetry_of_their_own(tmp_path):
+    solid = StepFile(tmp_path / "solid.step", 1e-3)
+    group = find_symmetry(device(body((solid, Placement()))))
+    assert group.order == 1
+    assert "STEP" in group.limits[0]
+    three = [
+        body((solid, Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a)))) for a in (0, 120, 240)
+    ]
+    assert str(find_symmetry(device(*three))) == "3-fold axis z"
+
+
+COILS = (
+    CircularCoil("round", 0.01, 0.012, 0.01, 100, placement=SKEW),
+    RoundedRectangleCoil(
+        "square", 0.01, 0.006, 0.004, 0.002, 0.01, 50, -1, Placement(np.array([0, 0.05, 0]))
+    ),
+    PathCoil("path", np.array([[0, 0], [2, 0], [0, 1]]) * 0.01, 0.002, 0.001, 0.01, 70),
+)
+
+
+def test_coils_and_the_sense_of_their_currents_against_their_fields():
+    """A coil's field must be carried onto that of its image: B is an axial vector field."""
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    coils = []
+    for coil in COILS:
+        place = coil.placement
+        # The mirror image, with the frame made right-handed by reversing the local x axis.
+        frame = mirror @ place.rotation @ mirror
+        extra = {"corners": coil.corners[::-1] * [-1.0, 1.0]} if isinstance(coil, PathCoil) else {}
+        image = replace(coil, placement=Placement(mirror @ place.position + [0.4, 0, 0], frame), **extra)
+        coils += [coil, replace(image, name=coil.name + " image")]
+    bodies = [body((Sphere(0.003), Placement(np.array([x, 0.03, 0.001])))) for x in (0.1, 0.3)]
+    iron = [*bodies, body((Box((0.01, 0.02, 0.03)), Placement(np.array([0.2, 0, 0]))))]
+    group = find_symmetry(device(*iron, coils=coils))
+    assert str(group) == "mirror x = 200 mm"
+    points = np.random.default_rng(1).uniform(-0.05, 0.05, (20, 3)) + [0.1, 0, 0.1]
+    operation = group.operations[1]
+    assert operation.coils == (1, 0, 3, 2, 5, 4)
+    for coil, image, sign in zip(coils, operation.coils, operation.coil_signs, strict=True):
+        there = unit_flux_density(coils[image], operation(points))
+        moved = operation.handedness * unit_flux_density(coil, points) @ operation.matrix.T
+        assert sign * there == pytest.approx(moved, rel=1e-9, abs=1e-12)
+
+
+def test_shipped_devices():
+    unit = find_symmetry(fm.read_device("drive_unit"))
+    assert str(unit) == "mirror y = 0"
+    names = fm.read_device("drive_unit").coil_names
+    assert [names[k] for k in unit.operations[1].coils] == ["3", "2", "1", "6", "5", "4"]
+    assert unit.operations[1].coil_signs == (-1,) * 6
+    cores = find_symmetry(fm.read_device("disk_six_cores"))
+    assert str(cores) == "6-fold axis z with 6 mirror planes"
+    # Its square windings are not turned about the axis with the cores: a third of the operations maps them.
+    assert sum(operation.coils is not None for operation in cores.operations) == 4
+
+
+def test_remanence_is_an_axial_vector():
+    magnets = {
+        "up": PermanentMagnet("up", np.array([0, 0, 1.0]), 1.05),
+        "down": PermanentMagnet("down", np.array([0, 0, -1.0]), 1.05),
+    }
+    blocks = [
+        body((Box((0.01, 0.02, 0.03)), Placement(np.array([x, 0, 0]))), material=m, name=m)
+        for x, m in ((0.02, "up"), (-0.02, "down"))
+    ]
+    group = find_symmetry(Device("d", "", (), tuple(blocks), magnets))
+    assert group.order == 8
+    # Kept: what exchanges the blocks and turns a moment along z over, and what does neither.
+    kept = {str(operation) for operation in group.operations if operation.keeps_magnets}
+    assert kept == {"identity", "mirror x = 0", "mirror z = 15 mm", "rotation by 180 deg about axis y"}

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+import pyvista as pv
+
+import fieldmap
+from fieldmap.errors import FieldmapError
+from fieldmap.plot import device_scene, save_picture
+from fieldmap.plot.rendering import can_render, require_renderer
+from fieldmap.plot.rulers import label_step, round_numbers
+from fieldmap.plot.scene import slice_planes
+
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
+
+
+class Ramp:
+    """|B| = 2 mT per mm of depth, straight down; blind to x and y."""
+
+    coil_names = ("loop",)
+    lower, upper = np.array([-0.004, -0.004, -0.03]), np.array([0.004, 0.004, -0.02])
+
+    def field(self, points, currents):
+        return currents[0] * np.column_stack([0 * points[:, 0], 0 * points[:, 1], 2.0 * points[:, 2]])
+
+
+@pytest.fixture
+def device():
+    return fieldmap.read_device("loop_and_sphere")
+
+
+def test_slices_hold_the_size_of_the_field_at_their_points():
+    planes = slice_planes(Ramp(), np.array([1.0]), points=5)
+    for plane in planes:
+        np.testing.assert_allclose(plane["|B|"], np.abs(2.0 * plane.points[:, 2]), rtol=1e-6)
+    assert planes[0].bounds[2:4] == (0.0, 0.0)
+    assert planes[1].bounds[0:2] == (0.0, 0.0)
+
+
+@needs_opengl
+def test_the_scene_spans_the_device_in_millimetres(device):
+    scene = device_scene(device, axes=False)
+    coil = device.coils[0]
+    reach = 1e3 * coil.outer_radius
+    x_low, x_high, *_ = scene.bounds
+    scene.close()
+    # The arrow runs less than 4 mm outside the winding.
+    assert reach <= x_high < reach + 4.0
+    assert -reach - 4.0 < x_low <= -reach + 0.1
+
+
+@needs_opengl
+def test_every_coil_and_body_is_drawn():
+    device = fieldmap.read_device("disk_six_cores")
+    scene = device_scene(device, axes=False, hide=("disk",))
+    low, high = scene.bounds[4:]
+    scene.close()
+    lowest = min(1e3 * (c.placement.position[2] - c.height / 2) for c in device.coils)
+    workspace = 1e3 * device.workspace.lower[2]
+    assert low == pytest.approx(min(lowest, workspace), abs=0.1)
+    assert high == pytest.approx(46.0, abs=0.1)  # top of the cores, Appendix A-3
+
+
+@needs_opengl
+def test_a_picture_is_not_blank(device, tmp_path):
+    path = save_picture(tmp_path / "device.png", device, Ramp(), [1.0], window_size=(600, 360))
+    pixels = pv.read(path)["PNGImage"].reshape(360, 600, -1)[:, :, :3].astype(int)
+    left, right = pixels[:, :300], pixels[:, 300:]
+    for panel in (left, right):
+        assert 0.02 < np.mean(panel.sum(axis=2) < 750) < 0.9
+    copper = (pixels[:, :, 0] > pixels[:, :, 2] + 60) & (pixels[:, :, 1] > pixels[:, :, 2])
+    assert copper.sum() > 500
+    # The colours of the slice and its bar are in the right panel only.
+    green = (pixels[:, :, 1] > pixels[:, :, 0] + 40) & (pixels[:, :, 1] > 100)
+    assert green[:, 300:].sum() > 100
+    assert green[:, :300].sum() == 0
+
+
+def test_labels_are_round_numbers():
+    assert [label_step(span) for span in (511.0, 60.0, 3.3, 0.2)] == pytest.approx([100.0, 10.0, 1.0, 0.05])
+    assert round_numbers(-339.0, 172.0, 100.0).tolist() == [-300.0, -200.0, -100.0, 0.0, 100.0]
+
+
+def test_without_opengl_there_is_a_message_and_no_crash(monkeypatch):
+    monkeypatch.setattr("fieldmap.plot.rendering.can_render", lambda: False)
+    with pytest.raises(FieldmapError, match="libegl1"):
+        require_renderer()

@@ -1,0 +1,329 @@
+"""Scenes: what is drawn has the numbers of the field, and the pictures have content, colours and a colour bar."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import pyvista as pv
+
+import fieldmap
+from fieldmap.cli import main
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.levitation import EquilibriumSurface
+from fieldmap.plot import web_page
+from fieldmap.plot.colours import colour_bar, colour_bar_by_decades
+from fieldmap.plot.difference import FieldDifference, check_same_coils, common_box
+from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
+from fieldmap.plot.field_lines import TITLE, field_lines
+from fieldmap.plot.forces import magnetic_force, places_in_box
+from fieldmap.plot.iron_field import TITLE as IRON_TITLE
+from fieldmap.plot.iron_field import iron_elements
+from fieldmap.plot.rendering import can_render
+from fieldmap.plot.scenes import SCENES, axes_of, make_scene, save_scene
+from fieldmap.plot.shown import Shown, element_flux_density
+from fieldmap.plot.trajectory import ShownRun
+from fieldmap.plot.volumes import QUANTITIES, sampled_box
+
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
+LOWER, UPPER = np.array([-0.004, -0.004, -0.020]), np.array([0.004, 0.004, -0.012])
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """The loop and its iron sphere at 2 A."""
+    device = fieldmap.read_device("loop_and_sphere")
+    unit = fieldmap.solve_linear(device)
+    currents = np.array([2.0])
+    payload = fieldmap.read_device("single_electromagnet").payload
+    return Shown(
+        "loop and sphere, 2 A",
+        device,
+        unit,
+        currents,
+        LOWER,
+        UPPER,
+        everywhere=True,
+        mesh=unit.mesh,
+        flux_density=element_flux_density(unit, currents),
+        payload=payload,
+        equilibrium=np.array([0.0, 0.0, -0.014]),
+        surface=tilted_plane(),
+        run=falling(payload),
+    )
+
+
+def falling(payload):
+    """3 mm down in a second."""
+    time = np.linspace(0.0, 1.0, 20)
+    position = np.column_stack([0 * time, 0 * time, -0.012 - 0.003 * time])
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
+    device = replace(fieldmap.read_device("loop_and_sphere"), payload=payload)
+    return ShownRun("falling", device, time, position, upright, time[:, None], position, None, "")
+
+
+def tilted_plane():
+    """x = 20 mm times the x signal, the current rising with y; no place for one corner."""
+    x, y = np.linspace(-0.3, 0.3, 5), np.linspace(-0.2, 0.2, 4)
+    positions = np.zeros((5, 4, 3))
+    positions[..., 0] = 0.02 * x[:, None]
+    levels = 1.5 + y[None, :] + 0.0 * x[:, None]
+    positions[0, 0] = levels[0, 0] = np.nan
+    return EquilibriumSurface(x, y, positions, levels, np.isfinite(levels), 1.0, ())
+
+
+class Quadratic:
+    """B_z = 3 z^2 - 1.5 (x^2 + y^2), harmonic: every derivative is known."""
+
+    def field(self, points, currents):
+        x, y, z = points.T
+        return currents[0] * np.column_stack([-3 * x * z, -3 * y * z, 3 * z**2 - 1.5 * (x**2 + y**2)])
+
+    def gradient(self, points, currents):
+        x, y, z = points.T
+        zero = 0 * x
+        rows = [[-3 * z, zero, -3 * x], [zero, -3 * z, -3 * y], [-3 * x, -3 * y, 6 * z]]
+        return currents[0] * np.moveaxis(np.array(rows), 2, 0)
+
+
+@pytest.fixture
+def simple():
+    payload = fieldmap.read_device("drive_unit").payload
+    return Shown(
+        "simple", None, Quadratic(), np.array([1.0]), -0.02 + 0 * LOWER, 0.02 + 0 * LOWER, payload=payload
+    )
+
+
+def pixels(path):
+    picture = pv.read(path)
+    width, height, _ = picture.dimensions
+    return picture["PNGImage"].reshape(height, width, -1)[:, :, :3].astype(int)
+
+
+def coloured(image):
+    """Share of the picture that is neither white nor grey."""
+    return float(np.mean(image.max(axis=2) - image.min(axis=2) > 40))
+
+
+@needs_opengl
+@pytest.mark.parametrize("what", SCENES)
+def test_every_scene_has_content(shown, what, tmp_path):
+    scene = make_scene(shown, what, window=(400, 320))
+    bars = list(scene.scalar_bars.keys())
+    image = pixels(save_scene(scene, tmp_path / f"{what}.png"))
+    scene.close()
+    assert 0.005 < np.mean(image.sum(axis=2) < 740) < 0.9
+    assert len(bars) == (0 if what in ("device", "mesh") else 1)
+    if bars:
+        assert coloured(image) > 0.005
+        # The colour bar stands on the right, where the scene does not reach.
+        right = image[:, int(0.86 * image.shape[1]) :]
+        assert coloured(right) > 0.02
+    if bars:
+        assert bars[0].strip().endswith(("T", "mN", "mT/m", " A", " s"))
+
+
+@pytest.mark.parametrize(
+    ("name", "formula"),
+    [
+        ("B", lambda x, y, z: np.sqrt(9 * (x**2 + y**2) * z**2 + (3 * z**2 - 1.5 * (x**2 + y**2)) ** 2)),
+        ("Bz", lambda x, y, z: 3 * z**2 - 1.5 * (x**2 + y**2)),
+        ("gradB", lambda x, y, z: np.sqrt(54 * z**2 + 18 * (x**2 + y**2))),
+    ],
+)
+def test_quantities_are_those_of_the_field(simple, name, formula):
+    box = sampled_box(simple, QUANTITIES[name], 5)
+    x, y, z = 1e-3 * np.asarray(box.points).T
+    np.testing.assert_allclose(box[QUANTITIES[name].title], 1e3 * formula(x, y, z), rtol=1e-6, atol=1e-12)
+
+
+def test_the_force_is_that_of_a_vertical_dipole(simple):
+    places = places_in_box(simple)
+    force = magnetic_force(simple, places)
+    x, y, z = places.T
+    by_hand = simple.payload.moment * np.column_stack([-3 * x, -3 * y, 6 * z])
+    np.testing.assert_allclose(np.abs(force), np.abs(by_hand), atol=1e-12)
+
+
+@needs_opengl
+def test_the_magnet_is_drawn_where_it_floats(tmp_path):
+    path = tmp_path / "floating.png"
+    words = ["show", "single_electromagnet", "--what", "equilibrium", "--currents", "1"]
+    assert main([*words, "--save", str(path)]) == 0
+    image = pixels(path)
+    red = (image[:, :, 0] > image[:, :, 1] + 80) & (image[:, :, 0] > image[:, :, 2] + 80)
+    # The sphere floats 44 mm below the core (thesis, Fig. 2-6), in the middle of a box from 30 to 60 mm.
+    assert red.sum() > 300
+    assert np.mean(np.nonzero(red), axis=1) / image.shape[:2] == pytest.approx([0.48, 0.5], abs=0.04)
+
+
+def test_elements_fill_the_iron_and_carry_its_flux(shown):
+    grid = iron_elements(shown)
+    radius = 1e3 * shown.device.bodies[0].parts[0].shape.radius
+    assert grid.volume == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.05)
+    sizes = np.asarray(grid.compute_cell_sizes()["Volume"])
+    mean = (sizes @ shown.flux_density) / sizes.sum()
+    np.testing.assert_allclose(
+        mean, shown.field.flux_density(shown.mesh.body_names[0], shown.currents), rtol=1e-4
+    )
+    np.testing.assert_allclose(grid[IRON_TITLE], np.linalg.norm(shown.flux_density, axis=1))
+
+
+def test_field_lines_follow_the_field(simple):
+    lines = field_lines(simple)
+    assert lines.n_lines > 5
+    steps, along = [], []
+    for k in range(lines.n_lines):
+        points = np.asarray(lines.get_cell(k).points)
+        ahead = np.diff(points, axis=0)
+        size = np.linalg.norm(ahead, axis=1)
+        middle = 5e-4 * (points[1:] + points[:-1])
+        b = simple.flux_density_at(middle)
+        keep = (size > 1e-3) & (np.linalg.norm(b, axis=1) > 1e-5)
+        steps.append(ahead[keep] / size[keep, None])
+        along.append(b[keep] / np.linalg.norm(b[keep], axis=1)[:, None])
+    cosine = np.abs(np.sum(np.concatenate(steps) * np.concatenate(along), axis=1))
+    assert np.median(cosine) > 0.999
+    assert np.percentile(cosine, 5) > 0.97
+    assert (np.asarray(lines[TITLE]) >= 0).all()
+
+
+def test_colour_bars_have_round_limits():
+    bar = colour_bar("B, mT", [3.1, 11.7])
+    assert bar["clim"] == pytest.approx((2.0, 12.0))
+    assert bar["scalar_bar_args"]["n_labels"] == 6
+    assert colour_bar("B, mT", [2.0, 2.0])["clim"][0] < colour_bar("B, mT", [2.0, 2.0])["clim"][1]
+    assert colour_bar_by_decades("B, mT", [0.3, 800.0])["clim"] == pytest.approx((0.1, 1000.0))
+
+
+def test_the_surface_of_rest_holds_signals_places_and_currents():
+    surface = shift_surface(tilted_plane(), "x")
+    assert surface.n_cells == 11
+    x, y, height = np.asarray(surface.points).T
+    np.testing.assert_allclose(height, 0.2 * x, atol=1e-6)  # mm over %
+    np.testing.assert_allclose(surface[LEVEL], 1.5 + 0.01 * y, rtol=1e-6)
+    assert axes_of("shift", "y") == ("x signal, %", "y signal, %", "y, mm")
+
+
+def test_a_difference_is_that_of_both_fields_in_the_box_they_share():
+    first, second = (
+        Quadratic(),
+        SimpleNamespace(
+            field=lambda points, currents: np.ones((len(points), 3)),
+            gradient=lambda points, currents: np.zeros((len(points), 3, 3)),
+        ),
+    )
+    difference = FieldDifference(first, second)
+    points, amperes = np.array([[0.01, 0.0, -0.02]]), np.array([2.0])
+    np.testing.assert_allclose(difference.field(points, amperes), first.field(points, amperes) - 1.0)
+    np.testing.assert_allclose(difference.gradient(points, amperes), first.gradient(points, amperes))
+    box = (np.array([-1.0, -1.0, -2.0]), np.array([1.0, 1.0, -1.0]))
+    lower, upper = common_box(box, (box[0] + 0.5, box[1] + 0.5), ("a", "b"))
+    np.testing.assert_allclose((lower, upper), (box[0] + 0.5, box[1]))
+    with pytest.raises(InputError, match="must share a volume"):
+        common_box(box, (box[0] + [0, 0, 1], box[1] + [0, 0, 1]), ("a", "b"))
+    with pytest.raises(InputError, match="same coils"):
+        check_same_coils(("1", "2"), ("2", "1"), ("a", "b"))
+
+
+@needs_opengl
+def test_a_small_difference_is_drawn_in_microtesla(simple):
+    tiny = replace(simple, currents=np.array([1e-3]))
+    scene = make_scene(tiny, "difference", window=(300, 240))
+    (title,) = scene.scalar_bars.keys()
+    data = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+    scene.close()
+    plane = next(d for d in data if title.strip() in d.array_names)
+    by_hand = 1e6 * np.linalg.norm(tiny.flux_density_at(1e-3 * np.asarray(plane.points, dtype=float)), axis=1)
+    assert title.strip() == "d B, uT"
+    np.testing.assert_allclose(plane[title.strip()], by_hand, rtol=1e-5, atol=1e-6)
+
+
+def test_what_is_not_there_is_named(simple):
+    with pytest.raises(InputError, match="mesh"):
+        make_scene(simple, "iron")
+    with pytest.raises(InputError, match="must be one of device, mesh"):
+        make_scene(simple, "everything")
+    with pytest.raises(InputError, match="must be one of B, Bz, gradB"):
+        make_scene(simple, "slices", "H")
+
+
+@needs_opengl
+def test_a_file_for_paraview(shown, tmp_path):
+    scene = make_scene(shown, "iron")
+    blocks = pv.read(save_scene(scene, tmp_path / "iron.vtm"))
+    scene.close()
+    surface = next(block for block in blocks if IRON_TITLE in block.array_names)
+    assert surface[IRON_TITLE].max() == pytest.approx(
+        np.linalg.norm(shown.flux_density, axis=1).max(), rel=1e-6
+    )
+
+
+@needs_opengl
+def test_a_page_for_a_browser(shown, tmp_path):
+    pytest.importorskip("trame_vtk")
+    scene = make_scene(shown, "iron")
+    path = save_scene(scene, tmp_path / "iron.html", 'loop "and" <sphere>')
+    scene.close()
+    text = path.read_text()
+    assert "<title>loop &quot;and&quot; &lt;sphere&gt;</title>" in text
+    assert "<script src=" not in text
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no Chromium on this machine")
+    picture = tmp_path / "page.png"
+    flags = [
+        "--headless",
+        "--no-sandbox",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+        "--use-gl=angle",
+    ]
+    flags += [
+        "--virtual-time-budget=15000",
+        "--window-size=800,600",
+        f"--user-data-dir={tmp_path / 'profile'}",
+    ]
+    subprocess.run(
+        [browser, *flags, f"--screenshot={picture}", path.as_uri()],
+        capture_output=True,
+        timeout=120,
+        check=True,
+    )
+    image = pixels(picture)
+    # The sphere in the middle and the colour bar on the right, in colours.
+    assert coloured(image) > 0.005
+    assert coloured(image[:, 600:]) > 0.002
+
+
+def test_without_the_viewer_there_is_a_message(monkeypatch):
+    import builtins
+
+    real = builtins.__import__
+
+    def without(name, *rest, **more):
+        if name.startswith("trame_vtk"):
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(FieldmapError, match="pip install"):
+        web_page._tools()
+
+
+@needs_opengl
+def test_the_command(tmp_path, capsys):
+    path = tmp_path / "new" / "loop.png"
+    assert main(["show", "loop_and_sphere", "--what", "iron", "--currents", "2", "--save", str(path)]) == 0
+    assert capsys.readouterr().out.strip() == str(path)
+    assert coloured(pixels(path)) > 0.02
+    assert main(["show", "loop_and_sphere", "--what", "mesh", "--save", str(tmp_path / "mesh.png")]) == 0
+
+
+def test_bad_requests_of_the_command(tmp_path, capsys):
+    assert main(["show", "loop_and_sphere", "--save", str(tmp_path / "picture.bmp")]) == 2
+    assert main(["show", "loop_and_sphere", "--what", "all", "--save", str(tmp_path / "a.png")]) == 2
+    assert main(["show", "nothing_here", "--save", str(tmp_path / "a.png")]) == 2
+    assert list(tmp_path.iterdir()) == []
