@@ -1,6 +1,6 @@
 """Magnetic fields, gradients and forces of coils with soft iron, without finite elements.
 
-The public doors are imported on first use, so that a simulation which only opens a map
+The public functions are imported on first use. A simulation that only opens a map therefore
 never loads the mesher or magpylib.
 """
 
@@ -19,10 +19,9 @@ if TYPE_CHECKING:
     from fieldmap.levitation import find_equilibrium as find_equilibrium
     from fieldmap.lookup import open_map as open_map
     from fieldmap.maps import generate as generate
+    from fieldmap.provenance import __version__ as __version__
 
-__version__ = "0.1.0"
-
-_DOORS = {
+_PUBLIC = {
     "read_device": "fieldmap.device",
     "solve_linear": "fieldmap.iron",
     "solve_to_tolerance": "fieldmap.iron",
@@ -31,15 +30,16 @@ _DOORS = {
     "open_map": "fieldmap.lookup",
     "find_equilibrium": "fieldmap.levitation",
     "simulate": "fieldmap.dynamics",
+    "__version__": "fieldmap.provenance",
 }
-_ROOMS = ("control", "dynamics", "instruments")
-__all__ = [*_DOORS, *_ROOMS, "__version__"]
+_PACKAGES = ("control", "dynamics", "instruments")
+__all__ = [*_PUBLIC, *_PACKAGES]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _DOORS:
-        return getattr(import_module(_DOORS[name]), name)
-    if name in _ROOMS:
+    if name in _PUBLIC:
+        return getattr(import_module(_PUBLIC[name]), name)
+    if name in _PACKAGES:
         return import_module(f"fieldmap.{name}")
     raise AttributeError(f"module 'fieldmap' has no attribute {name!r}")
 

@@ -10,15 +10,15 @@ from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
-import fieldmap
 from fieldmap.shipped import PACKAGE
 
+__version__ = "0.1.0"
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "netgen-mesher", "pydantic", "pymetis")
 
 
 def library_versions(*more: str) -> dict[str, str]:
     """Versions of fieldmap, of Python, of every library that decides numbers, and of `more` distributions."""
-    versions = {"fieldmap": fieldmap.__version__, "python": platform.python_version()}
+    versions = {"fieldmap": __version__, "python": platform.python_version()}
     for name in (*LIBRARIES, *more):
         try:
             versions[name] = version(name)
