@@ -24,6 +24,7 @@ from fieldmap.plot.figures import save_curves
 from fieldmap.thesis import Curves, attempt_rows
 from fieldmap.thesis.figures import CAPTIONS
 from fieldmap.thesis.kept import keeping
+from fieldmap.thesis.printed import figure_numbers
 from fieldmap.thesis.registry import ROWS
 
 
@@ -104,7 +105,9 @@ def figures(folder: Path, maps: Path, rows: Sequence[str]) -> Iterator[Picture]:
                 yield Picture(section, "", result.part, command, lambda _, why=result.problem: why)
             for number, curves in enumerate(result.curves, start=1):
                 file, draw = f"{result.part}_{number}.png", partial(_save, curves)
-                yield Picture(section, file, curves.title, command, draw, curves.remark, curves.figures)
+                yield Picture(
+                    section, file, curves.title, command, draw, curves.remark, figure_numbers(curves.title)
+                )
 
 
 def _save(curves: Curves, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Figures given as data (fieldmap.thesis.Curves) drawn by matplotlib: no window, no global state."""
+"""Figures given as data (fieldmap.curves) drawn by matplotlib: no window, no global state."""
 
 from pathlib import Path
 from typing import Any
@@ -9,16 +9,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
-from fieldmap.thesis.curves import Curves, Series
+from fieldmap.curves import Curves, Series
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 # Okabe and Ito's colours, which the colour-blind tell apart; the pale yellow one is left out.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
-_LINES = {"ours": "-", "thesis": "--", "measured": "-.", "asked": "-"}
-_MARKS = {"ours": "o", "thesis": "s", "measured": "x", "asked": "."}
+_LINES = {"ours": "-", "published": "--", "measured": "-.", "asked": "-"}
+_MARKS = {"ours": "o", "published": "s", "measured": "x", "asked": "."}
 # Hollow, so that ours shows through where both agree; heavy, so that a single cross is seen upon lines.
 _MARK_STYLES: dict[str, dict[str, Any]] = {
-    "thesis": {"markersize": 9, "markerfacecolor": "none"},
+    "published": {"markersize": 9, "markerfacecolor": "none"},
     "measured": {"markersize": 8, "markeredgewidth": 1.8},
 }
 _ASKED = "#404040"

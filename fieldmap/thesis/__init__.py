@@ -5,9 +5,9 @@ we make of it lies here, one function per part. `compare` puts the two side by s
 and `view`, each imported when its row is asked for.
 """
 
+from fieldmap.curves import Curves, Series
 from fieldmap.thesis.comparison import Comparison
 from fieldmap.thesis.computation import PartResult, attempt_rows, compare
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import PARTS, ROWS, Answers, Ours, row_names
 
 __all__ = [

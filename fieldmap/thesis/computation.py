@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
 from fieldmap.thesis.comparison import Comparison, compared
-from fieldmap.thesis.curves import Curves
 from fieldmap.thesis.maps_at_hand import FOLDER, MapMissing, opened
-from fieldmap.thesis.printed import PrintedPart, read_part
+from fieldmap.thesis.printed import PrintedPart, figure_numbers, read_part
 from fieldmap.thesis.registry import Answers, function_of, parts_of, row_of
 
 Progress = Callable[[str, float], None]
@@ -120,7 +120,7 @@ def attempt_rows(
 
 def _check_figures(part: str, printed: PrintedPart, curves: Iterable[Curves]) -> None:
     """The list of figures in the documentation is made from the data files, so that no row need be computed for it."""
-    drawn = {number for one in curves for number in one.figures}
+    drawn = {number for one in curves for number in figure_numbers(one.title)}
     if drawn != set(printed.figures):
         odd = ", ".join(sorted(drawn ^ set(printed.figures)))
         raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")

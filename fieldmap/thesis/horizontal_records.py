@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 from fieldmap.control import PID, TransferFunction, simulate_loop, transfer_function
-from fieldmap.thesis.curves import Curves
+from fieldmap.curves import Curves
 from fieldmap.thesis.horizontal import signal_of
 from fieldmap.thesis.linked_runs import Readings, X, answer_of, ours, over_time, run_of
 from fieldmap.thesis.registry import Answers

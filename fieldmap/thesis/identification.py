@@ -23,7 +23,7 @@ from fieldmap.control.identification import (
     pseudo_random_binary,
     root_locus,
 )
-from fieldmap.thesis.curves import Curves, Series
+from fieldmap.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.vertical import identified_plant
 

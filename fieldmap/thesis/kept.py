@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from fieldmap import provenance
+from fieldmap.curves import Curves, Series
 from fieldmap.interop.whole_files import write_whole
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.thesis.comparison import Comparison
 from fieldmap.thesis.computation import PartResult, attempt_part
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.maps_at_hand import FOLDER, map_path
 from fieldmap.thesis.printed import data_file, read_part
 

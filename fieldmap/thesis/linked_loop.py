@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.thesis.curves import Curves, Series
+from fieldmap.curves import Curves, Series
 from fieldmap.thesis.linked_runs import (
     DEPTH,
     VERTICAL_PID,

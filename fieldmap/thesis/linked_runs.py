@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.control import PID, StepMetrics, TransferFunction, simulate_loop
+from fieldmap.curves import Curves, Series
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Ours
 from fieldmap.typing import Array
 
@@ -104,7 +104,7 @@ def over_time(
         series.append(Series(name, one.time[rows], one.seen[rows, axis]))
     first = next(iter(readings.values()))
     rows = _thinned(first.during(begin, end))
-    series += [Series(name, first.time[rows], y[rows], "thesis") for name, y in (models or {}).items()]
+    series += [Series(name, first.time[rows], y[rows], "published") for name, y in (models or {}).items()]
     if asked:
         series += _asked(axis, readings, begin, end)
     return Curves(title, "time (s)", LABELS[axis], tuple(series), remark)

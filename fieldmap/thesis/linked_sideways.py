@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.thesis.curves import Curves
+from fieldmap.curves import Curves
 from fieldmap.thesis.linked_runs import DEPTH, Readings, X, Y, ours, over_time, run_of, with_measured
+from fieldmap.thesis.printed import figure_numbers
 from fieldmap.thesis.registry import Answers
 
 UPWARD = {"reference.0.by_mm": -10.0}
@@ -98,7 +99,7 @@ def _under_pd(inputs: dict[str, Any], x: Readings, negative: Readings, y: Readin
         over_time("Fig. 6-16: y under PD control, 0 to 1 mm and back", Y, {"y": y}),
     ]
     for k, one in enumerate(curves):
-        at = means.get(one.figures[0])
+        at = means.get(figure_numbers(one.title)[0])
         if at is not None:
             curves[k] = with_measured(one, "mean of the rig", *at)
     return curves

@@ -19,7 +19,7 @@ from fieldmap.control import (
     with_output_integral,
     zero_order_hold,
 )
-from fieldmap.thesis.curves import Curves, Series
+from fieldmap.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.vertical import identified_plant, rms_at_rest
 

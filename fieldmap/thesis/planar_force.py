@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.levitation import Fit, HorizontalForce, VerticalForce, fit_horizontal_force, fit_vertical_force
 from fieldmap.planar import (
@@ -16,7 +17,6 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.typing import Array
 
@@ -142,7 +142,7 @@ def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: fl
         lines = (
             Series("computed", 1e3 * x, force(pair, x, z)[:, 0]),
             Series("(4-7), our constants", 1e3 * x, added(fitted, pair, x, z)),
-            Series("(4-7), Table 4-2", 1e3 * x, added(printed, pair, x, z), "thesis"),
+            Series("(4-7), Table 4-2", 1e3 * x, added(printed, pair, x, z), "published"),
         )
         remark = f"{1e3 * depth:g} mm below the pole piece."
         figures.append(Curves(title, "x (mm)", "$F_x$ (N)", lines, remark))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.planar import (
     PlanarSolution,
@@ -17,7 +18,6 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.typing import Array
 
@@ -254,7 +254,7 @@ def _flux_density_along_x(
         series = [piece for line in lines for piece in _line_and_equilibrium(solved, line, window)]
         at = np.array([1e-3 * line.theirs for line in theirs])
         heights = [line.flux_density(solved, x[None])[0] for line, x in zip(theirs, at, strict=True)]
-        series.append(Series(table, 1e3 * at, np.array(heights), "thesis", points=True))
+        series.append(Series(table, 1e3 * at, np.array(heights), "published", points=True))
         figures.append(Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", tuple(series), remark))
     return tuple(figures)
 

@@ -1,5 +1,6 @@
 """What the thesis prints: the data files of thesis/ as frozen data."""
 
+import re
 import tomllib
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -99,6 +100,25 @@ def _entries(entry: dict[str, Any]) -> list[PrintedNumber]:
         )
         for index in np.ndindex(texts.shape)
     ]
+
+
+def figure_numbers(title: str) -> tuple[str, ...]:
+    """Numbers of the thesis's figures that the title of a figure begins with; none where it begins with something else.
+
+    >>> figure_numbers("Figs 2-9, 6-5 to 6-7: shift")
+    ('2-9', '6-5', '6-6', '6-7')
+    """
+    led = re.match(r"Figs?\.? ([\d, to-]+):", title)
+    return tuple(number for part in led[1].split(", ") for number in _each_figure(part)) if led else ()
+
+
+def _each_figure(part: str) -> list[str]:
+    """ "5-6 to 5-8" as single numbers."""
+    first, _, last = part.partition(" to ")
+    if not last:
+        return [first]
+    chapter, begin = first.split("-")
+    return [f"{chapter}-{number}" for number in range(int(begin), int(last.split("-")[1]) + 1)]
 
 
 def half_unit(text: str) -> float:

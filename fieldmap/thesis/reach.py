@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import OutsideMapError
 from fieldmap.levitation import LevitationField, magnet_height, stationary_points, thesis_lift_current
 from fieldmap.lookup import FieldMap, open_map
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.maps_at_hand import map_path
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shift_tables import DRAWN_H, Axis

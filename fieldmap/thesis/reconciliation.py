@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device.current_division import divide_currents
 from fieldmap.levitation import (
     Calibration,
@@ -14,7 +15,6 @@ from fieldmap.levitation import (
     magnet_height,
     thesis_lift_current,
 )
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.reach import EXTRAPOLATED, extended_map
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shifts import payload

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
+from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
-from fieldmap.thesis.curves import Curves
 
 PARTS = {
     "S3": "fieldmap.thesis.magnets:sphere_and_microrobot",

@@ -17,8 +17,8 @@ from fieldmap.control import (
     with_output_integral,
     zero_order_hold,
 )
+from fieldmap.curves import Curves, Series
 from fieldmap.dynamics.scenario.controller_keys import RegulatorKeys
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, Readings, over_time, with_measured
 from fieldmap.typing import Array
 
@@ -54,13 +54,13 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     weight = design.regulator.equilibrium[1]
     estimates = {
         "ours": _of_the_machine(design, quiet),
-        "thesis": filtered_states(design.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference),
+        "published": filtered_states(design.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference),
     }
     shown = run.during(_BEGIN, _END)
     for k in (0, 1):
         series = tuple(
             Series(name, run.time[shown], estimates[kind][shown, k], kind)
-            for name, kind in (("linked machine, without noise", "ours"), ("design model", "thesis"))
+            for name, kind in (("linked machine, without noise", "ours"), ("design model", "published"))
         )
         title = f"Fig. 7-{33 + k}: estimated state $x_{k + 1}$ meanwhile"
         curves.append(Curves(title, "time (s)", ("$x_1$ (V s)", "$x_2$ (V s²)")[k], series))

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron.solvers.hysteresis import HysteresisSolver, Pinning
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import KeptState, StateArchive
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.remanence import Axis, Protocol, prepared, walk
 from fieldmap.thesis.shift_tables import curve

@@ -11,11 +11,11 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
 from fieldmap.interop.whole_files import write_whole
 from fieldmap.thesis.comparison import Comparison, agreeing
 from fieldmap.thesis.computation import PartResult
-from fieldmap.thesis.curves import Curves
 from fieldmap.thesis.registry import ROWS, WITHOUT_PRINTED_NUMBERS, row_names
 from fieldmap.thesis.words import deviation_in_words, minutes, powers, resting_on
 

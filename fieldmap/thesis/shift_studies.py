@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from fieldmap.curves import Curves, Series
 from fieldmap.levitation import (
     GRAVITY,
     MagnetModel,
@@ -16,7 +17,6 @@ from fieldmap.levitation import (
     thesis_lift_current,
 )
 from fieldmap.levitation.sensitivity import Sensitivity
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shift_tables import AXES, DRAWN_H, curve, fields_for, words
 from fieldmap.thesis.shifts import (
@@ -52,7 +52,7 @@ def fits(inputs: dict[str, Any]) -> Answers:
         fine = np.linspace(0.0, signals[-1], 81)
         series = (
             Series(f"measured, {axis}", signals, measured, "measured", points=True),
-            Series(f"printed polynomial, {axis}", fine, printed(fine), "thesis"),
+            Series(f"printed polynomial, {axis}", fine, printed(fine), "published"),
             Series(f"ours, {axis}", fine, ours(fine)),
         )
         number = {"x": "(6-4)", "y": "(6-5)"}[axis]
@@ -83,7 +83,7 @@ def limits(inputs: dict[str, Any]) -> Answers:
         )
         series.append(Series(f"n = {n:g}", signals, found[1].largest))
     end = max(float(inputs[f"{name}_signals"][-1]) for name in ("n125", "n150"))
-    series.append(Series("limit of the amplifier", np.array([0.0, end]), np.full(2, limit), "thesis"))
+    series.append(Series("limit of the amplifier", np.array([0.0, end]), np.full(2, limit), "published"))
     title = f"Largest coil current while the lift is held, z_s = 10 mm, h = {inputs['offsets_mm'][1]:g} mm"
     return Answers(numbers, (Curves(title, "x control signal (1)", "current (A)", tuple(series)),))
 

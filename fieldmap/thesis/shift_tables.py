@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fieldmap.curves import Curves, Series
 from fieldmap.levitation import LevitationField
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shifts import COMMON, MAP_WORDS, RULES, Rule, Shift, shift, unit_rays
 from fieldmap.thesis.unit_rays import WORDS

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import solve_linear
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.typing import Array
 
@@ -123,6 +123,6 @@ def _force_curves() -> Curves:
         Series("magnetic force", 1e3 * depth, 1e3 * axis_curves(EXACT, depth).force),
         Series("weight", 1e3 * depth[[0, -1]], np.full(2, weight)),
         Series(f"balance at {1e3 * at:.1f} mm", np.array([1e3 * at]), np.array([weight]), points=True),
-        Series("the thesis's 44 mm", np.array([44.0]), np.array([weight]), "thesis", points=True),
+        Series("the thesis's 44 mm", np.array([44.0]), np.array([weight]), "published", points=True),
     )
     return Curves("Fig. 2-6: force on the 1 mm sphere", "depth below the core (mm)", "force (mN)", series)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import solve_linear
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.typing import Array
 

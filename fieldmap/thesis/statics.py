@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.device.current_division import divide_currents, division_slopes
 from fieldmap.errors import OutsideMapError
@@ -14,7 +15,6 @@ from fieldmap.iron import solve_linear
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.levitation import GRAVITY, magnet_height, thesis_lift_current
 from fieldmap.sources.inductance import bare_inductance
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.shifts import lift_share, payload, unit_rays, unit_states

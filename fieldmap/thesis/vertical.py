@@ -12,7 +12,7 @@ from fieldmap.control import (
     simulate_loop,
     step_metrics,
 )
-from fieldmap.thesis.curves import Curves, Series
+from fieldmap.curves import Curves, Series
 from fieldmap.thesis.registry import Answers, Ours
 
 _PLANT = "the identified plant (5-17), linear and without limits of the output"

@@ -15,8 +15,8 @@ from fieldmap.control.identification import (
     modified_least_squares_runs,
     recursive_least_squares,
 )
+from fieldmap.curves import Curves, Series
 from fieldmap.errors import NotConverged
-from fieldmap.thesis.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, Readings, ours, over_time
 from fieldmap.thesis.registry import Answers
 from fieldmap.thesis.vertical_responses import responses, step_of

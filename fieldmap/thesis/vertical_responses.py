@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.control import PID, TransferFunction, from_roots
-from fieldmap.thesis.curves import Curves, Series
+from fieldmap.curves import Curves, Series
 from fieldmap.thesis.linked_runs import DEPTH, Readings, answer_of, over_time, run_of, with_measured
 from fieldmap.thesis.vertical import identified_plant
 

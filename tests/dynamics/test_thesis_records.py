@@ -7,7 +7,7 @@ from fieldmap.control import StateSpace, kalmd, zero_order_hold
 from fieldmap.dynamics import linear_points, prepare, read_scenario
 from fieldmap.lookup import open_map
 from fieldmap.thesis import horizontal_records, vertical_records
-from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.printed import figure_numbers, read_part
 from fieldmap.thesis.regulator_states import filtered_states
 from fieldmap.thesis.vertical_responses import changes_of
 
@@ -23,7 +23,9 @@ def records(six, legible):
         printed = read_part(part)
         found = module.records(printed.inputs | {"map": six})
         legible(found.curves)
-        assert {number for curves in found.curves for number in curves.figures} == set(printed.figures)
+        assert {number for curves in found.curves for number in figure_numbers(curves.title)} == set(
+            printed.figures
+        )
         assert all(np.isfinite(line.y).all() for curves in found.curves for line in curves.series)
         return printed.inputs, {name: np.asarray(one.value) for name, one in found.numbers.items()}
 

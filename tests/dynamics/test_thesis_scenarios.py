@@ -11,7 +11,7 @@ from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.lookup import open_map
 from fieldmap.thesis import PARTS, linked_circles, linked_loop, linked_regulator, linked_sideways
 from fieldmap.thesis.linked_runs import Readings
-from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.printed import figure_numbers, read_part
 from fieldmap.thesis.registry import Answers
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
@@ -34,7 +34,9 @@ def answers(six, legible):
         room = next(one for one in modules if one.__name__.endswith(module))
         found = getattr(room, name)(given)
         assert isinstance(found, Answers)
-        assert {number for figure in found.curves for number in figure.figures} == set(printed.figures)
+        assert {number for figure in found.curves for number in figure_numbers(figure.title)} == set(
+            printed.figures
+        )
         legible(found.curves)
         numbers = {key: np.asarray(getattr(value, "value", value)) for key, value in found.numbers.items()}
         assert all(np.isfinite(curve.y).all() for figure in found.curves for curve in figure.series)

@@ -19,7 +19,7 @@ PLAIN = Curves(
     "B (mT)",
     (
         Series("10 mm", X, X**2),
-        Series("10 mm", X, 2 * X, "thesis"),
+        Series("10 mm", X, 2 * X, "published"),
         Series("20 mm", X, 3 * X, "measured", points=True),
     ),
 )
@@ -42,7 +42,7 @@ def test_labels_and_legend():
     axes = drawn(PLAIN)
     assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) == ("x (mm)", "B (mT)", "title")
     words = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert words == ["10 mm (ours)", "10 mm (thesis)", "20 mm (measured)"]
+    assert words == ["10 mm (ours)", "10 mm (published)", "20 mm (measured)"]
 
 
 def test_a_line_that_would_hide_another_has_gaps():
