@@ -51,6 +51,7 @@ def cases() -> Iterator[Case]:
         yield Case(f"info_{recipe}", ("info", f"{recipe}.h5", "--json"))
         probe = ("--at", "0.004", "-0.003", "-0.095", "--currents", "1.5", "--payload")
         yield Case(f"probe_{recipe}", ("probe", f"{recipe}.h5", *probe, "--json"))
+    for recipe in ("quick", "workspace"):
         lift = ("--height-mm", "-95", "--payload-of", "drive_unit")
         yield Case(f"equilibrium_{recipe}", ("equilibrium", f"{recipe}.h5", *lift, "--json"))
     for device in ("loop_and_sphere", "single_electromagnet", "planar_drive_unit", "disk_six_cores"):
