@@ -23,9 +23,9 @@ from fieldmap.interop.whole_files import write_whole
 from fieldmap.plot.figures import save_curves
 from fieldmap.thesis import Curves, attempt_rows
 from fieldmap.thesis.figures import CAPTIONS
-from fieldmap.thesis.kept import keeping
+from fieldmap.thesis.finished_parts import cached_parts
 from fieldmap.thesis.printed import figure_numbers
-from fieldmap.thesis.registry import ROWS
+from fieldmap.thesis.rows import ROWS
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _run(words: Sequence[str], maps: Path, path: Path) -> str:
 def figures(folder: Path, maps: Path, rows: Sequence[str]) -> Iterator[Picture]:
     """What the thesis's rows draw; a row that cannot be computed is a picture that cannot be made."""
     with Progress("gallery") as progress:
-        for result in attempt_rows(rows, progress, keeping(folder / "finished", maps)):
+        for result in attempt_rows(rows, progress, cached_parts(folder / "finished", maps)):
             section, command = (
                 f"{result.row}: {ROWS[result.row]}",
                 f"fieldmap thesis {result.row} --report report",

@@ -23,8 +23,8 @@ import numpy as np  # noqa: E402
 
 from fieldmap.device import read_device  # noqa: E402
 from fieldmap.iron.solvers.hysteresis import HysteresisSolver, Pinning  # noqa: E402
+from fieldmap.thesis.hysteresis import HISTORIES, Protocol, prepared, walk  # noqa: E402
 from fieldmap.thesis.printed import read_part  # noqa: E402
-from fieldmap.thesis.remanence import HISTORIES, Protocol, prepared, walk  # noqa: E402
 
 
 @dataclass(frozen=True)

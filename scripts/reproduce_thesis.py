@@ -10,9 +10,9 @@ from pathlib import Path
 import fieldmap
 from fieldmap.cli import main as command_line
 from fieldmap.cli.progress import Progress
-from fieldmap.thesis.maps_at_hand import FOLDER
+from fieldmap.thesis.available_maps import FOLDER
 from fieldmap.thesis.printed import read_part
-from fieldmap.thesis.registry import parts_of
+from fieldmap.thesis.rows import parts_of
 
 
 def main() -> int:

@@ -21,7 +21,7 @@ from typing import Any
 from validate import STUDIES
 
 import fieldmap
-from fieldmap.thesis.registry import ROWS
+from fieldmap.thesis.rows import ROWS
 
 PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
 LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")

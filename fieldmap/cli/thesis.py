@@ -60,16 +60,16 @@ def reported(rows: Iterable[str], folder: Path, maps: Path, progress: Any) -> li
     """Write the report of these rows into a folder, and return what became of their parts."""
     from fieldmap.plot.figures import save_curves
     from fieldmap.thesis import attempt_rows
-    from fieldmap.thesis.kept import keeping
-    from fieldmap.thesis.registry import parts_of
+    from fieldmap.thesis.finished_parts import cached_parts
     from fieldmap.thesis.report import prepare_folder, write_report
+    from fieldmap.thesis.rows import parts_of
 
     parts_of(rows)
     prepare_folder(folder)
     results: list[Any] = []
 
     def passing() -> Iterator[Any]:
-        for result in attempt_rows(rows, progress, keeping(folder / "finished", maps)):
+        for result in attempt_rows(rows, progress, cached_parts(folder / "finished", maps)):
             results.append(result)
             yield result
 
@@ -127,7 +127,7 @@ def _cells(number: Any) -> tuple[str, ...]:
 def _verdict(results: list[Any]) -> Any:
     from rich.text import Text
 
-    from fieldmap.thesis.comparison import agreeing
+    from fieldmap.thesis.computation import agreeing
 
     agree, sharp = agreeing(number for result in results for number in result.comparisons)
     return Text(f"{agree} of {sharp} sharp numbers agree to the printed digits.")

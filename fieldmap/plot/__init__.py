@@ -1,6 +1,6 @@
-"""Pictures of devices and maps, figures of the thesis.
+"""Pictures of devices and maps, and figures that are given as data.
 
-Depends on: device, levitation (forces), iron (meshes of bodies that are no simple shape), adapters, thesis; pyvista and
+Depends on: device, levitation (forces), iron (meshes of bodies that are no simple shape), adapters; pyvista and
 matplotlib, of which this room is the only door. Nothing else imports it.
 """
 

@@ -6,9 +6,8 @@ and `view`, each imported when its row is asked for.
 """
 
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.comparison import Comparison
-from fieldmap.thesis.computation import PartResult, attempt_rows, compare
-from fieldmap.thesis.registry import PARTS, ROWS, Answers, Ours, row_names
+from fieldmap.thesis.computation import Comparison, PartResult, attempt_rows, compare
+from fieldmap.thesis.rows import PARTS, ROWS, Answers, Ours, row_names
 
 __all__ = [
     "PARTS",

@@ -1,7 +1,7 @@
 """The figures of the thesis, one by one: what each shows, and which part of a row draws it or why none does."""
 
 from fieldmap.thesis.printed import read_part
-from fieldmap.thesis.registry import PARTS
+from fieldmap.thesis.rows import PARTS
 
 _SKETCH = "sketch"
 _PHOTOGRAPH = "photograph"
@@ -166,7 +166,7 @@ $ fieldmap thesis S16 --report report
 
 or all at once by `python scripts/gallery.py` ([commands](commands.md)). Solid lines are ours, dashed lines and squares
 computed or printed in the thesis, crosses measured there: most of its figures print no numbers, so that only those with
-a table beside them carry measured points. Where the thesis shows its rig, the figure shows the linked machine on the
+a table beside them carry measured points. Where the thesis shows its rig, the figure shows the coupled machine on the
 computed map ([what it assumes](thesis_dynamics.md)).
 """
 

@@ -18,7 +18,7 @@ from fieldmap.levitation import (
 )
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.rows import Ours
 from fieldmap.typing import Array
 
 _REFINEMENT = 0.4

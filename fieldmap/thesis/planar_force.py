@@ -17,7 +17,7 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 HALF_WIDTH = 0.15

@@ -10,26 +10,16 @@ from fieldmap.curves import Curves, Series
 from fieldmap.levitation import (
     GRAVITY,
     MagnetModel,
+    Sensitivity,
     equilibrium_sensitivity,
     magnet_height,
     model_assumptions,
     stationary_points,
     thesis_lift_current,
 )
-from fieldmap.levitation.sensitivity import Sensitivity
-from fieldmap.thesis.registry import Answers, Ours
-from fieldmap.thesis.shift_tables import AXES, DRAWN_H, curve, fields_for, words
-from fieldmap.thesis.shifts import (
-    COMMON,
-    RULES,
-    lift_share,
-    payload,
-    shift,
-    unit_rays,
-    unit_states,
-)
-from fieldmap.thesis.unit_rays import UnitRays
-from fieldmap.thesis.unit_states import UnitStates
+from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
+from fieldmap.thesis.equilibrium_shift import AXES, COMMON, DRAWN_H, RULES, curve, fields_for, shift, words
+from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 

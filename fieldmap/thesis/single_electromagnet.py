@@ -9,10 +9,9 @@ from scipy.optimize import brentq
 
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
-from fieldmap.iron import solve_linear
-from fieldmap.iron.solution import LinearSolution
-from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.iron import LinearSolution, solve_linear
+from fieldmap.levitation import GRAVITY
+from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"

@@ -8,10 +8,9 @@ import numpy as np
 
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
-from fieldmap.iron import solve_linear
-from fieldmap.iron.solution import LinearSolution
+from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
-from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0

@@ -7,18 +7,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.control import divide_currents, division_slopes
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
-from fieldmap.device.current_division import divide_currents, division_slopes
 from fieldmap.errors import OutsideMapError
-from fieldmap.iron import solve_linear
-from fieldmap.iron.solution import LinearSolution
+from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY, magnet_height, thesis_lift_current
 from fieldmap.sources.inductance import bare_inductance
-from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.drive_unit import PANELS, WORDS, lift_share, payload, unit_rays, unit_states
+from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
-from fieldmap.thesis.shifts import lift_share, payload, unit_rays, unit_states
-from fieldmap.thesis.unit_rays import PANELS, WORDS
 from fieldmap.typing import Array
 
 VARIANTS = {

@@ -1,19 +1,29 @@
-"""S16: the vertical PID controller, the identified plant, and both in closed loop."""
+"""S16: the vertical PID and the identified plant: closed loop, recovery from records, poles over the gain."""
 
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares as minimise
 
 from fieldmap.control import (
     PID,
     TransferFunction,
+    closed_loop,
     from_roots,
     pid_transfer_function,
+    sampled,
     simulate_loop,
     step_metrics,
+    transfer_function,
+)
+from fieldmap.control.identification import (
+    Orders,
+    modified_least_squares_runs,
+    pseudo_random_binary,
+    root_locus,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.rows import Answers, Ours
 
 _PLANT = "the identified plant (5-17), linear and without limits of the output"
 _NOISE = (
@@ -42,7 +52,7 @@ def controller(inputs: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def closed_loop(inputs: dict[str, Any]) -> Answers:
+def step_response(inputs: dict[str, Any]) -> Answers:
     """The step of Table 7-1 on the identified plant, and the error at rest with sensor noise."""
     pid = PID(
         inputs["Kc"],
@@ -84,3 +94,165 @@ def rms_at_rest(plant: tuple, controller: Any, deviation: float) -> float:
     noise = np.random.default_rng(7).normal(scale=deviation, size=(runs, samples))
     run = simulate_loop(plant, controller, np.zeros(samples), runs=runs, position_noise=noise)
     return float(np.sqrt(np.mean((run.y + noise)[:, samples // 2 :] ** 2)))
+
+
+RUNS = 100
+_DRAWN_GAINS, _ALL_GAINS = np.linspace(0.01, 1.0, 2000), np.geomspace(1e-3, 40.0, 2000)
+_GAINS = f"$K_c$ from {_DRAWN_GAINS[0]:g} to {_DRAWN_GAINS[-1]:g} V/mm, times of the controller in seconds."
+RECORDS = (
+    f"mean of {RUNS} simulated records (seed 7): linear plant, no limits, white sensor noise of Table 3-8"
+)
+_SECONDS = "the identified plant (5-17); T_i and T_d in seconds, as the thesis writes them"
+_MINUTES = (
+    "a reading of ours: the PID function takes T_i and T_d in minutes and differentiates the measurement",
+    "plant g / (s^2 + d s - c) with g, c, d fitted to the poles at K_c = 0.334, 0.2 and 0.15; K_c = 0.5 and all other "
+    "numbers of this part are predictions",
+)
+
+
+def recovery(inputs: dict[str, Any]) -> dict[str, Any]:
+    """(5-17) from PRBS records of its closed loop, by the modified least squares on control signal and position."""
+    plant, Ts = identified_plant(inputs), inputs["Ts_s"]
+    reference = pseudo_random_binary(
+        inputs["prbs_order"], amplitude=inputs["prbs_amplitude_mm"], samples=2040
+    )
+    pid = PID(
+        inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], Ts, integration="trapezoidal", acts_on_minus_error=True
+    )
+    noise = np.random.default_rng(7).normal(scale=inputs["sensor_deviation_mm"], size=(RUNS, reference.size))
+    run = simulate_loop(plant, pid, reference, runs=RUNS, position_noise=noise)
+    found = modified_least_squares_runs(run.y + noise, run.u, Orders(poles=2, zeros=1))
+    notes = (RECORDS, "direct: from the control signal and the position, plant structure known")
+    return {
+        "poles": mean_of_records(found.poles.real, notes),
+        "zero": mean_of_records(found.zeros.real, notes),
+        "gain": mean_of_records(found.gains[:, None], notes),
+    }
+
+
+def locus(inputs: dict[str, Any]) -> Answers:
+    """Table 5-2: the poles that the thesis identified, beside those of its final model at the same gains."""
+    plant = identified_plant(inputs)
+    unit = pid_transfer_function(1.0, inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
+    negative = transfer_function(-unit.numerator, unit.denominator)
+    gains = np.asarray(inputs["gains"])
+    poles = root_locus(plant, negative, gains).poles
+    numbers = _pairs_and_third(poles, gains, inputs, (_SECONDS,))
+    first = from_roots(inputs["plant_gain"], inputs["preliminary_zeros"], inputs["preliminary_poles"])
+    models = {"preliminary model, Table 5-3": first, "final model, Table 5-4": plant}
+    near, whole = (
+        {name: root_locus(model, negative, gains, steps=1).poles for name, model in models.items()}
+        for gains in (_DRAWN_GAINS, _ALL_GAINS)
+    )
+    return Answers(numbers, (_whole_locus(whole), _locus_near_one(near, numbers, inputs)))
+
+
+def _whole_locus(branches: dict[str, np.ndarray]) -> Curves:
+    """Fig. 5-7: every branch, and the circle inside which a loop is stable."""
+    turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 200))
+    lines = [Series("unit circle", turn.real, turn.imag, "asked")]
+    lines += [
+        Series(name, np.where(np.abs(one) < 1.4, one.real, np.nan), one.imag)
+        for name, model in branches.items()
+        for one in model.T
+    ]
+    title = "Fig. 5-7: poles of the closed loop over the gain"
+    remark = f"$K_c$ from {_ALL_GAINS[0]:g} to {_ALL_GAINS[-1]:g} V/mm, times of the controller in seconds; |q| < 1.4."
+    return Curves(title, "real part (1)", "imaginary part (1)", tuple(lines), remark, equal=True)
+
+
+def _locus_near_one(
+    branches: dict[str, np.ndarray], numbers: dict[str, Any], inputs: dict[str, Any]
+) -> Curves:
+    """Fig. 5-8: the branches about q = 1, and the identified poles of Table 5-2 (Fig. 5-6)."""
+    lines = tuple(
+        Series(name, np.where(one.real > 0.85, one.real, np.nan), one.imag)
+        for name, model in branches.items()
+        for one in model.T
+        if one.real.max() > 0.85
+    )
+    pair = numbers["pair_real"].value, numbers["pair_imaginary"].value
+    ours = Series("final model at the gains of Table 5-2", *pair, points=True)
+    measured = np.array(inputs["measured_real"]), np.array(inputs["measured_imaginary"])
+    theirs = Series("identified, Table 5-2", *measured, "measured", points=True)
+    title = "Figs 5-6, 5-8: poles of the closed loop about q = 1"
+    return Curves(title, "real part (1)", "imaginary part (1)", (*lines, ours, theirs), _GAINS)
+
+
+def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 5-2, 5.4 and Table 7-1 again, with the controller's times in minutes and a plant of Newton's form."""
+    fitted = _fitted_plant(inputs)
+    gains, Ts = np.asarray(inputs["gains"]), inputs["Ts_s"]
+    poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
+    answers = _pairs_and_third(poles, gains, inputs, _MINUTES)
+    integral = 0.5 * Ts / (60.0 * inputs["Ti_s"])
+    answers["zero"] = Ours([(1.0 - integral) / (1.0 + integral)] * 3, _MINUTES[:1])
+    pid = PID(
+        inputs["step_gain"],
+        60.0 * inputs["Ti_s"],
+        60.0 * inputs["Td_s"],
+        Ts,
+        integration="trapezoidal",
+        derivative="measurement",
+    )
+    run = simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000))
+    metrics = step_metrics(run.time, run.y[0])
+    answers["peak_time"] = Ours(metrics.peak_time, _MINUTES)
+    answers["overshoot"] = Ours(100.0 * metrics.overshoot, _MINUTES)
+    answers["settling_time"] = Ours(metrics.settling_time, _MINUTES)
+    answers["stiffness_over_gain"] = Ours(fitted[1] / fitted[0], _MINUTES)
+    weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]
+    answers["gain_over_weight"] = Ours(fitted[0] / weight, _MINUTES)
+    return answers
+
+
+def mean_of_records(values: np.ndarray, notes: tuple[str, ...]) -> Ours:
+    """Mean over records, and how far they scatter."""
+    spread = ", ".join(f"{s:.2g}" for s in values.std(axis=0, ddof=1))
+    return Ours(values.mean(axis=0), (*notes, f"standard deviation from record to record: {spread}"))
+
+
+def _newtonian(plant: np.ndarray, Ts: float) -> TransferFunction:
+    """mm per V of g / (s^2 + d s - c), held input; the sign of the gain is left to the controller."""
+    gain, stiffness, damping = plant
+    return sampled(([gain], [1.0, damping, -stiffness]), Ts)
+
+
+def _loop_poles(plant: np.ndarray, gain: float, inputs: dict[str, Any]) -> np.ndarray:
+    controller = pid_transfer_function(gain, 60.0 * inputs["Ti_s"], 60.0 * inputs["Td_s"], inputs["Ts_s"])
+    return closed_loop(_newtonian(plant, inputs["Ts_s"]), controller).poles
+
+
+def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
+    """g (mm/s^2 per V), c (1/s^2), d (1/s) by least squares over the printed poles that are not held back."""
+    pairs = np.asarray(inputs["pair_real"]) + 1j * np.asarray(inputs["pair_imaginary"])
+    third = dict(zip(inputs["third_gains"], inputs["third"], strict=True))
+    scale = np.array([1e3, 1e2, 10.0])
+
+    def misses(x: np.ndarray) -> np.ndarray:
+        found = []
+        for gain, pair in zip(inputs["gains"], pairs, strict=True):
+            if gain in inputs["held_back"]:
+                continue
+            poles = _loop_poles(scale * x, gain, inputs)
+            found.append(poles[np.argmin(np.abs(poles - pair))] - pair)
+            if gain in third:
+                real = poles[np.argmin(np.abs(poles - third[gain]))]
+                found.append(real - third[gain])
+        return np.concatenate([np.real(found), np.imag(found)])
+
+    return scale * minimise(misses, [1.6, 1.5, 0.0]).x
+
+
+def _pairs_and_third(
+    poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any], notes: tuple[str, ...]
+) -> dict[str, Any]:
+    """The complex pair at every gain, and the real pole nearest to q = 1 at those where the table has one."""
+    pair = np.array([p[np.argmax(p.imag)] for p in poles])
+    real = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
+    third = [real[int(np.argmin(np.abs(gains - gain)))] for gain in inputs["third_gains"]]
+    return {
+        "pair_real": Ours(pair.real, notes),
+        "pair_imaginary": Ours(pair.imag, notes),
+        "third": Ours(third, notes),
+    }

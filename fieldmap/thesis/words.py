@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from fieldmap.thesis.comparison import Comparison
+from fieldmap.thesis.computation import Comparison
 
 
 def deviation_in_words(number: Comparison) -> str:

@@ -6,10 +6,11 @@ import pytest
 from fieldmap.control import StateSpace, kalmd, zero_order_hold
 from fieldmap.dynamics import linear_points, prepare, read_scenario
 from fieldmap.lookup import open_map
-from fieldmap.thesis import horizontal_records, vertical_records
+from fieldmap.thesis import horizontal as horizontal_records
+from fieldmap.thesis import vertical_records
+from fieldmap.thesis.coupled_regulator import filtered_states
 from fieldmap.thesis.printed import figure_numbers, read_part
-from fieldmap.thesis.regulator_states import filtered_states
-from fieldmap.thesis.vertical_responses import changes_of
+from fieldmap.thesis.vertical_records import changes_of
 
 
 @pytest.fixture(scope="module")

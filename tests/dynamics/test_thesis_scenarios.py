@@ -1,4 +1,4 @@
-"""The rows of the linked loop on a map made up: six dipoles below which nothing saturates. What must hold on any such
+"""The rows of the coupled loop on a map made up: six dipoles below which nothing saturates. What must hold on any such
 machine, and what its own statics and the closed forms of its loops foretell."""
 
 from types import SimpleNamespace
@@ -9,10 +9,10 @@ import pytest
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
 from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.lookup import open_map
-from fieldmap.thesis import PARTS, linked_circles, linked_loop, linked_regulator, linked_sideways
-from fieldmap.thesis.linked_runs import Readings
+from fieldmap.thesis import PARTS, coupled_loop, coupled_regulator, coupled_sideways, trajectories
+from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.printed import figure_numbers, read_part
-from fieldmap.thesis.registry import Answers
+from fieldmap.thesis.rows import Answers
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
 
@@ -30,7 +30,7 @@ def answers(six, legible):
         printed = read_part(part)
         given = printed.inputs | {"map": six} | inputs
         module, name = PARTS[part].rpartition(".")[2].split(":")
-        modules = (linked_circles, linked_loop, linked_regulator, linked_sideways)
+        modules = (trajectories, coupled_loop, coupled_regulator, coupled_sideways)
         room = next(one for one in modules if one.__name__.endswith(module))
         found = getattr(room, name)(given)
         assert isinstance(found, Answers)
@@ -194,5 +194,5 @@ def test_how_a_circle_is_followed():
     path = 0.9 * wanted * np.exp(-1j * np.deg2rad(12.0)) + 0.3
     plane = (np.column_stack([np.real(z), np.imag(z), 0 * time]) for z in (path, wanted))
     true, asked = plane
-    found = linked_circles.follows(Readings(None, time, true, true, asked), 0.3, 5.0)
+    found = trajectories.follows(Readings(None, time, true, true, asked), 0.3, 5.0)
     assert found == pytest.approx((0.9, 12.0, 0.3), rel=1e-9)

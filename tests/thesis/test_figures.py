@@ -8,7 +8,7 @@ from fieldmap.curves import Curves
 from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.figures import CAPTIONS, ELSEWHERE, drawn_by, figure_page
 from fieldmap.thesis.printed import PrintedPart, figure_numbers
-from fieldmap.thesis.registry import Answers
+from fieldmap.thesis.rows import Answers
 
 PAGE = Path(__file__).parents[2] / "docs" / "thesis_figures.md"
 

@@ -5,7 +5,7 @@ import pytest
 
 from fieldmap.control import continuous
 from fieldmap.thesis.printed import read_part
-from fieldmap.thesis.registry import function_of
+from fieldmap.thesis.rows import function_of
 
 
 def ours(part):

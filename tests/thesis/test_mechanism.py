@@ -9,10 +9,10 @@ from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_names
 from fieldmap.thesis import PARTS, ROWS, Answers, Curves, Series, compare, row_names
+from fieldmap.thesis.available_maps import MapMissing
 from fieldmap.thesis.computation import attempt_part, compute_part
-from fieldmap.thesis.maps_at_hand import MapMissing
 from fieldmap.thesis.printed import KINDS, PrintedPart, half_unit, read_part
-from fieldmap.thesis.registry import function_of, row_of
+from fieldmap.thesis.rows import function_of, row_of
 
 SHARP = [
     part

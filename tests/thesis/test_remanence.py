@@ -6,9 +6,8 @@ import pytest
 from fieldmap.device import read_device
 from fieldmap.errors import InputError
 from fieldmap.iron import HysteresisSolver, Pinning
+from fieldmap.thesis.hysteresis import Protocol, prepared, walk, x_remanence
 from fieldmap.thesis.printed import read_part
-from fieldmap.thesis.remanence import Protocol, prepared, walk
-from fieldmap.thesis.remanence_rows import x_remanence
 
 SIGNALS = np.array([0.0, 0.1, 0.2, 0.1])
 
@@ -50,9 +49,9 @@ def test_rows_hold_what_was_measured(monkeypatch):
     inputs = dict(read_part("S14_x_remanence").inputs)
     way = np.concatenate([inputs["outward_mm"], inputs["back_mm"][-2::-1]])
     monkeypatch.setattr(
-        "fieldmap.thesis.remanence_rows.kept_shift", lambda *_: 1e-3 * (way - inputs["outward_mm"][0])
+        "fieldmap.thesis.hysteresis.kept_shift", lambda *_: 1e-3 * (way - inputs["outward_mm"][0])
     )
-    monkeypatch.setattr("fieldmap.thesis.remanence_rows.static_places", lambda *_: inputs["outward_mm"])
+    monkeypatch.setattr("fieldmap.thesis.hysteresis.static_places", lambda *_: inputs["outward_mm"])
     width = x_remanence(inputs).numbers["width"].value
     printed = [float(n.text) for n in read_part("S14_x_remanence").numbers["width"]]
     assert width.ravel() == pytest.approx(printed, abs=1e-9)

@@ -8,10 +8,10 @@ import pytest
 
 from fieldmap.cli import main
 from fieldmap.errors import InputError
-from fieldmap.thesis import ROWS, Curves, Series, attempt_rows, kept, row_names
+from fieldmap.thesis import ROWS, Curves, Series, attempt_rows, finished_parts, row_names
 from fieldmap.thesis.computation import PartResult, attempt_part, compute_part
-from fieldmap.thesis.registry import WITHOUT_PRINTED_NUMBERS
 from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
+from fieldmap.thesis.rows import WITHOUT_PRINTED_NUMBERS
 
 QUICK = ["S3", "S6", "S9"]
 
@@ -125,14 +125,16 @@ def test_explanations_misprints_and_assumptions_are_on_the_page(folder):
 
 
 def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
-    monkeypatch.setattr(kept, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again"))
+    monkeypatch.setattr(
+        finished_parts, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again")
+    )
     before = (folder / "numbers.csv").read_text()
     assert main(["thesis", *QUICK, "--report", str(folder)]) == 0
     assert (folder / "numbers.csv").read_text() == before
 
 
 def test_kept_results_come_back_as_they_were(folder):
-    attempt = kept.keeping(folder / "finished")
+    attempt = finished_parts.cached_parts(folder / "finished")
     fresh, again = compute_part("S9_constants"), attempt("S9_constants")
     assert again.comparisons == fresh.comparisons
     assert again.explanations == fresh.explanations
@@ -141,14 +143,14 @@ def test_kept_results_come_back_as_they_were(folder):
 
 
 def test_a_kept_result_of_other_code_or_a_broken_file_is_not_taken(tmp_path):
-    attempt = kept.keeping(tmp_path)
+    attempt = finished_parts.cached_parts(tmp_path)
     attempt("S3")
     path = tmp_path / "S3.json"
     content = json.loads(path.read_text())
-    assert kept.read_kept(path, content["fingerprint"]) is not None
-    assert kept.read_kept(path, "0" * 64) is None
+    assert finished_parts.read_finished(path, content["fingerprint"]) is not None
+    assert finished_parts.read_finished(path, "0" * 64) is None
     path.write_text(path.read_text()[:100])
-    assert kept.read_kept(path, content["fingerprint"]) is None
+    assert finished_parts.read_finished(path, content["fingerprint"]) is None
 
 
 def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
@@ -157,7 +159,7 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
             raise KeyboardInterrupt
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(kept, "attempt_part", interrupted)
+    monkeypatch.setattr(finished_parts, "attempt_part", interrupted)
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 130
     assert "goes on from here" in capsys.readouterr().err
     assert not (tmp_path / "index.html").exists()
@@ -168,7 +170,7 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
         computed.append(part)
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(kept, "attempt_part", counting)
+    monkeypatch.setattr(finished_parts, "attempt_part", counting)
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 0
     assert computed == ["S7"]
 
@@ -200,7 +202,7 @@ def test_exit_code_of_a_failing_row(tmp_path, monkeypatch, capsys):
             return PartResult(part, "lumped", problem="ZeroDivisionError: by nought")
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(kept, "attempt_part", failing)
+    monkeypatch.setattr(finished_parts, "attempt_part", failing)
     assert main(["thesis", "S3", "S6", "--report", str(tmp_path)]) == 1
     assert "S6: failed: ZeroDivisionError" in capsys.readouterr().err
     assert (tmp_path / "index.html").is_file()
@@ -217,10 +219,10 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 
 def test_the_fingerprint_covers_code_data_and_map(tmp_path, monkeypatch):
-    mark = kept.fingerprint("S3")
-    assert mark != kept.fingerprint("S6")
-    monkeypatch.setattr(kept.provenance, "_code", lambda rooms: "other code")
-    assert kept.fingerprint("S3") != mark
+    mark = finished_parts.fingerprint("S3")
+    assert mark != finished_parts.fingerprint("S6")
+    monkeypatch.setattr(finished_parts.provenance, "_code", lambda rooms: "other code")
+    assert finished_parts.fingerprint("S3") != mark
 
 
 def test_progress_knows_how_much_is_done():

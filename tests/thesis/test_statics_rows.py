@@ -10,11 +10,10 @@ import pytest
 from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import OutsideMapError
 from fieldmap.levitation import magnet_height, stationary_points, thesis_lift_current
-from fieldmap.thesis import shift_studies, shift_tables, statics, unit_states
+from fieldmap.thesis import drive_unit, equilibrium_shift, shift_studies, statics
+from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload
+from fieldmap.thesis.equilibrium_shift import shift
 from fieldmap.thesis.printed import read_part
-from fieldmap.thesis.shifts import lift_share, payload, shift
-from fieldmap.thesis.unit_rays import UnitRays
-from fieldmap.thesis.unit_states import UnitStates
 
 SIGNALS = (0.1, 0.2, 0.4)
 MEASURED = np.array([1.346, 2.862, 9.329]) + 0.088
@@ -90,7 +89,7 @@ def test_solved_states_are_kept_in_a_file(tmp_path, monkeypatch):
     np.testing.assert_array_equal(again.field(point, currents), solved)
     assert (first.solved, again.solved) == (1, 0)
     # States of another tolerance are not taken for these.
-    monkeypatch.setattr(unit_states, "TOLERANCE", 5e-3)
+    monkeypatch.setattr(drive_unit, "TOLERANCE", 5e-3)
     other = UnitStates(refinement=0.4, folder=tmp_path)
     other.field(point, currents)
     assert other.solved == 1
@@ -98,11 +97,11 @@ def test_solved_states_are_kept_in_a_file(tmp_path, monkeypatch):
 
 @pytest.fixture
 def on_coarse_mesh(coarse, monkeypatch):
-    for module in (shift_tables, shift_studies, statics):
+    for module in (equilibrium_shift, shift_studies, statics):
         monkeypatch.setattr(module, "unit_rays", lambda: coarse)
-    shift_tables._curve.cache_clear()
+    equilibrium_shift._curve.cache_clear()
     yield coarse
-    shift_tables._curve.cache_clear()
+    equilibrium_shift._curve.cache_clear()
 
 
 def test_a_table_and_its_figure(on_coarse_mesh, legible):
@@ -114,7 +113,7 @@ def test_a_table_and_its_figure(on_coarse_mesh, legible):
     for name in [name for name in inputs if name.startswith("negative")]:
         inputs[name] = -inputs[name.replace("negative", "positive")]
     inputs["negative_signals"] = inputs["positive_signals"]
-    answers = shift_tables.x_branches(inputs)
+    answers = equilibrium_shift.x_branches(inputs)
     legible(answers.curves)
     assert set(answers.numbers) == set(read_part("S14_x_branches").numbers)
     outward, back = (answers.numbers[f"positive_{way}_held"].value for way in ("outward", "back"))

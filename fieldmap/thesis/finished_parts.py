@@ -1,7 +1,7 @@
-"""Finished parts kept in a folder, so that an interrupted report goes on: one JSON file each, under a fingerprint.
+"""Finished parts cached in a folder, so that an interrupted report goes on: one JSON file each, under a fingerprint.
 
-The fingerprint covers everything that decides the numbers: the package's code (but for `view` and `cli`, which no
-part can import), the device files, the part's data, its map, and the versions of the numerical libraries.
+The fingerprint covers everything that decides the numbers: the package's code (but for `plot` and `cli`, which no
+part imports), the device files, the part's data, its map, and the versions of the numerical libraries.
 """
 
 import hashlib
@@ -18,17 +18,15 @@ from fieldmap import provenance
 from fieldmap.curves import Curves, Series
 from fieldmap.interop.whole_files import write_whole
 from fieldmap.shipped import PACKAGE, shipped_folder
-from fieldmap.thesis.comparison import Comparison
-from fieldmap.thesis.computation import PartResult, attempt_part
-from fieldmap.thesis.maps_at_hand import FOLDER, map_path
+from fieldmap.thesis.available_maps import FOLDER, map_path
+from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
 from fieldmap.thesis.printed import data_file, read_part
 
-_WITHOUT_INFLUENCE = ("view", "cli", "shipped")
+_WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
 
 
-def keeping(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
-    """`attempt_part` that takes a part from the folder where it is kept under the same fingerprint, and keeps it there
-    once it is done."""
+def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
+    """`attempt_part` with a cache: it reads a part of the same fingerprint from the folder, and writes what is done."""
 
     def attempt(part: str) -> PartResult:
         path = folder / f"{part}.json"
@@ -36,9 +34,9 @@ def keeping(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
             mark = fingerprint(part, maps)
         except OSError:
             mark = ""
-        kept = read_kept(path, mark) if mark else None
-        if kept is not None:
-            return kept
+        finished = read_finished(path, mark) if mark else None
+        if finished is not None:
+            return finished
         result = attempt_part(part, maps)
         if mark and result.state == "done":
             folder.mkdir(parents=True, exist_ok=True)
@@ -61,8 +59,8 @@ def fingerprint(part: str, maps: Path = FOLDER) -> str:
     return provenance.fingerprint(settings, [room for room in rooms if room not in _WITHOUT_INFLUENCE])
 
 
-def read_kept(path: Path, mark: str) -> PartResult | None:
-    """The part kept in a file, or None if there is none, another fingerprint, or no such file as was written."""
+def read_finished(path: Path, mark: str) -> PartResult | None:
+    """The part cached in a file, or None if there is none, another fingerprint, or no such file as was written."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         return _from_plain(content["result"]) if content["fingerprint"] == mark else None

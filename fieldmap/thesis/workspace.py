@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.control import divide_currents
 from fieldmap.curves import Curves, Series
-from fieldmap.device.current_division import divide_currents
 from fieldmap.errors import OutsideMapError
 from fieldmap.levitation import LevitationField, magnet_height, stationary_points, thesis_lift_current
 from fieldmap.lookup import FieldMap, open_map
-from fieldmap.thesis.maps_at_hand import map_path
-from fieldmap.thesis.registry import Answers, Ours
-from fieldmap.thesis.shift_tables import DRAWN_H, Axis
-from fieldmap.thesis.shifts import RULES, Shift, lift_share, payload, shift, unit_states
+from fieldmap.thesis.available_maps import map_path
+from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
+from fieldmap.thesis.equilibrium_shift import DRAWN_H, RULES, Axis, Shift, shift
+from fieldmap.thesis.rows import Answers, Ours
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
@@ -31,7 +31,7 @@ def extended_map() -> FieldMap:
     return open_map(map_path("division"), outside_currents="evaluate")
 
 
-def reach(inputs: dict[str, Any]) -> Answers:
+def ranges(inputs: dict[str, Any]) -> Answers:
     """7.2.3."""
     limit, hs = inputs["current_limit_A"], inputs["offsets_mm"]
     numbers: dict[str, Any] = {}

@@ -1,6 +1,6 @@
-"""S18: the regulator's step of 7.4.1 on the linked machine and on the model it was designed on, with its estimates."""
+"""S18: the optimal regulator of 7.4 on the coupled machine: Tables 7-3 and 7-4, with its estimates."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,17 @@ from fieldmap.control import (
 )
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics.scenario.controller_keys import RegulatorKeys
-from fieldmap.thesis.linked_runs import DEPTH, Readings, over_time, with_measured
+from fieldmap.thesis.coupled_runs import (
+    DEPTH,
+    VERTICAL_PID,
+    Readings,
+    X,
+    ours,
+    over_time,
+    run_of,
+    with_measured,
+)
+from fieldmap.thesis.rows import Answers
 from fieldmap.typing import Array
 
 _BEGIN, _END = 0.9, 2.0
@@ -40,7 +50,7 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     plant = StateSpace(*zero_order_hold(design.model.A, design.model.B, 2e-3), design.model.C, design.model.D)
     loop = simulate_loop(plant, design.regulator, reference)
     position = run.wanted[0, DEPTH] + loop.y[0]
-    lines = {"linked machine": run, "without noise": quiet}
+    lines = {"coupled machine": run, "without noise": quiet}
     title = "Fig. 7-32: step from 13 to 12.9 mm, regulator"
     remark = "Model: (7-7) with the regulator as it was designed."
     curves = [
@@ -60,7 +70,7 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     for k in (0, 1):
         series = tuple(
             Series(name, run.time[shown], estimates[kind][shown, k], kind)
-            for name, kind in (("linked machine, without noise", "ours"), ("design model", "published"))
+            for name, kind in (("coupled machine, without noise", "ours"), ("design model", "published"))
         )
         title = f"Fig. 7-{33 + k}: estimated state $x_{k + 1}$ meanwhile"
         curves.append(Curves(title, "time (s)", ("$x_1$ (V s)", "$x_2$ (V s²)")[k], series))
@@ -101,3 +111,66 @@ def _design(run: Readings) -> _Design:
     estimator = kalmd(model.A, model.B, model.C, keys.process_noise, keys.measurement_noise, Ts)
     equilibrium = (0.0, 1.0 / steady_gain(to_transfer_function(model)))
     return _Design(model, estimator, Regulator(k, estimator, Ts, equilibrium, "measured", "filtered"))
+
+
+def regulator(inputs: dict[str, Any]) -> Answers:
+    """Table 7-3, and 7.4.1 on horizontal motion."""
+    pid = run_of(inputs, "vertical_step")
+    near = run_of(
+        inputs, "regulator", {"control.z": VERTICAL_PID, "reference.0.by_mm": 0.0, "start.depth_mm": 12.9}
+    )
+    best, quiet = run_of(inputs, "regulator"), run_of(inputs, "regulator", {"noise.off": True})
+    sides = {
+        "regulator": run_of(inputs, "regulator_sideways"),
+        "PID": run_of(inputs, "regulator_sideways", {"control.z": VERTICAL_PID}),
+    }
+    numbers: dict[str, Any] = {}
+    for name, run in (("pid", pid), ("regulator", quiet)):
+        step = run.step(DEPTH)
+        column = [step.peak_time, step.rise_time, step.settling_time, 100 * step.overshoot]
+        numbers[name] = ours(column, run)
+    numbers["time_to_reference"] = ours(quiet.time_to_reference(DEPTH, 1.0), quiet)
+    numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
+    numbers["rms_sideways"] = ours([run.rms(DEPTH, 1.0) for run in sides.values()], *sides.values())
+    curves = (
+        *step_and_states(best, quiet, inputs["rig_peak"]),
+        over_time("Figs 7-36, 7-38: the height while x and y step", DEPTH, dict(reversed(sides.items()))),
+        over_time("Figs 7-35, 7-37: x meanwhile", X, sides),
+    )
+    slow = run_of(inputs, "regulator", {"noise.off": True, "coils.time_constant_ms": 2.0}).step(DEPTH)
+    words = (
+        f"With an amplifier that takes 2 ms, which the thesis does not print, the overshoot is "
+        f"{100 * slow.overshoot:.0f} % and the peak comes after {slow.peak_time:.3f} s."
+    )
+    return Answers(numbers, curves, {"regulator": words})
+
+
+def heights(inputs: dict[str, Any]) -> Answers:
+    """Table 7-4, and how far from the block the regulator holds."""
+    face = inputs["block_below_mm"]
+    runs = [
+        run_of(inputs, "regulator", {"reference.0.by_mm": 0.0, "start.depth_mm": float(face - gap)})
+        for gap in inputs["gaps_mm"]
+    ]
+    numbers = {"rms": ours([run.rms(DEPTH, 1.0) for run in runs], *runs)}
+    drag = float(inputs["identified_drag_N_s_per_m"])
+    words = (
+        f"Farther from the block, after a step of 0.1 mm: {_farther(inputs, {})}. With the damping of (7-7), "
+        f"{drag:g} N s/m, in the place of the air's: {_farther(inputs, {'drag.linear_N_s_per_m': [drag] * 3})}."
+    )
+    return Answers(numbers, (), {"": words})
+
+
+def _farther(inputs: dict[str, Any], changes: dict[str, Any]) -> str:
+    """What becomes of the regulator at each further gap."""
+    said = []
+    for gap in inputs["further_gaps_mm"]:
+        depth = float(inputs["block_below_mm"] - gap)
+        run = run_of(inputs, "regulator", {"start.depth_mm": depth, "duration_s": 6.0, **changes})
+        said.append(f"{gap:g} mm: {run.run.metrics.event or _held(run)}")
+    return "; ".join(said)
+
+
+def _held(run: Readings) -> str:
+    last = run.departure(DEPTH, 0.75 * run.time[-1])
+    return f"held within {last:.2f} mm" if last < 1.0 else f"swings by {last:.1f} mm"

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.control import divide_currents
 from fieldmap.curves import Curves, Series
-from fieldmap.device.current_division import divide_currents
 from fieldmap.levitation import (
     Calibration,
     LiftReadings,
@@ -15,9 +15,9 @@ from fieldmap.levitation import (
     magnet_height,
     thesis_lift_current,
 )
-from fieldmap.thesis.reach import EXTRAPOLATED, extended_map
-from fieldmap.thesis.registry import Answers, Ours
-from fieldmap.thesis.shifts import payload
+from fieldmap.thesis.drive_unit import payload
+from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.workspace import EXTRAPOLATED, extended_map
 from fieldmap.typing import Array
 
 FITS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -31,7 +31,7 @@ OFFSET_LIMITS = (5e-3, 30e-3)
 """m: the magnet is 10 mm tall and lies inside the body."""
 
 
-def reconciliation(inputs: dict[str, Any]) -> Answers:
+def calibrations(inputs: dict[str, Any]) -> Answers:
     """(7-18) and Tables 6-4, 6-6 before and after each fit."""
     found = {name: _fit(name, *_frozen(inputs)) for name in FITS}
     numbers: dict[str, Any] = {}

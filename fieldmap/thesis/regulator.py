@@ -20,7 +20,7 @@ from fieldmap.control import (
     zero_order_hold,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.registry import Answers, Ours
+from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.vertical import identified_plant, rms_at_rest
 
 _FULL_DIGITS = "from (5-17) in full digits; from the rounded (7-7) two entries differ in their last digit"

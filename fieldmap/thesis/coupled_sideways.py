@@ -1,13 +1,13 @@
-"""S18: sway and block of 6.1, PD and PID of 6.5 and 6.6, range of 7.2.3, on the linked machine."""
+"""S18: sway and block of 6.1, PD and PID of 6.5 and 6.6, range of 7.2.3, on the coupled machine."""
 
 from typing import Any
 
 import numpy as np
 
 from fieldmap.curves import Curves
-from fieldmap.thesis.linked_runs import DEPTH, Readings, X, Y, ours, over_time, run_of, with_measured
+from fieldmap.thesis.coupled_runs import DEPTH, Readings, X, Y, ours, over_time, run_of, with_measured
 from fieldmap.thesis.printed import figure_numbers
-from fieldmap.thesis.registry import Answers
+from fieldmap.thesis.rows import Answers
 
 UPWARD = {"reference.0.by_mm": -10.0}
 BEYOND = {"coils.end_beyond_table": False, "reference.0.by_mm": 40.0, "duration_s": 25.0}
@@ -122,7 +122,7 @@ def _held_at(run: Readings, axis: int, steps: int) -> float:
     return run.mean(axis, end - 0.7, end - 0.01)
 
 
-def reach(inputs: dict[str, Any]) -> Answers:
+def ranges(inputs: dict[str, Any]) -> Answers:
     """7.2.3: how far slow references lead the magnet."""
     numbers: dict[str, Any] = {}
     curves = []

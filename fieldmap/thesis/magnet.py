@@ -1,11 +1,40 @@
-"""S6: the lumped levitation model and its linearisation."""
+"""S3 and S6: the magnets, and the lumped model of their levitation."""
 
 from typing import Any
 
 import numpy as np
+import scipy.constants
 
 from fieldmap.control import lumped_magnet_from_lift_currents
-from fieldmap.thesis.registry import Ours
+from fieldmap.device import read_device
+from fieldmap.thesis.rows import Ours
+
+
+def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 2-2 and 3.8: volumes of sphere and cylinder, mass, and the moment (2-12)."""
+    sphere = np.pi / 6.0 * (1e-3 * inputs["sphere_diameter_mm"]) ** 3
+    cylinder = np.pi / 4.0 * (1e-3 * inputs["magnet_diameter_mm"]) ** 2 * 1e-3 * inputs["magnet_height_mm"]
+    payload = read_device("drive_unit").payload
+    if payload is None:
+        raise LookupError("drive_unit.toml has no payload")
+    return {
+        "sphere_volume": sphere,
+        "sphere_mass": inputs["sphere_density"] * sphere,
+        "sphere_moment": _moment(inputs["sphere_remanence_T"], sphere),
+        "magnet_moment": _moment(inputs["magnet_remanence_T"], cylinder),
+        "payload_mass": Ours(
+            1e3 * payload.mass, ("a weighing of theirs; ours is what drive_unit.toml holds",)
+        ),
+        "payload_moment": Ours(
+            payload.moment, ("what drive_unit.toml gives from diameter, height, remanence",)
+        ),
+    }
+
+
+def _moment(remanence: float, volume: float) -> float:
+    """(2-12), A m^2."""
+    return remanence * volume / scipy.constants.mu_0
+
 
 _MATCHED = (
     "L0 and a are those of the measured lift current (7-18), whose straight line is the model's own law; the thesis "

@@ -1,11 +1,11 @@
-"""S18: the linked closed loop on the map, by the shipped scenarios. Tables 7-1 and 7-2, and 7.1."""
+"""S18: the coupled closed loop on the map, by the shipped scenarios. Tables 7-1 and 7-2, and 7.1."""
 
 from typing import Any
 
 import numpy as np
 
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.linked_runs import (
+from fieldmap.thesis.coupled_runs import (
     DEPTH,
     VERTICAL_PID,
     Readings,
@@ -16,7 +16,7 @@ from fieldmap.thesis.linked_runs import (
     run_of,
     with_measured,
 )
-from fieldmap.thesis.registry import Answers
+from fieldmap.thesis.rows import Answers
 
 TIMES = ("peak_time", "rise_time", "settling_time")
 

@@ -11,7 +11,7 @@ from fieldmap.control import PID, StepMetrics, TransferFunction, simulate_loop
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
-from fieldmap.thesis.registry import Ours
+from fieldmap.thesis.rows import Ours
 from fieldmap.typing import Array
 
 X, Y, DEPTH = 0, 1, 2

@@ -1,15 +1,17 @@
-"""States of the drive unit with saturating iron, one for each set of currents: solved once, kept in a file."""
+"""The drive unit with saturating iron, in the states and on the rays of currents that S11 to S15 ask for."""
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.device import read_device
-from fieldmap.device.model import Device
+from fieldmap.device.model import Device, Payload
+from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.iron import NonlinearSolver
+from fieldmap.levitation import GRAVITY, LevitationField, magnet_height
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
@@ -139,3 +141,95 @@ class UnitStates:
 def _grid() -> Grid:
     shape = np.rint((UPPER - LOWER) / SPACING).astype(int) + 1
     return Grid(LOWER, np.full(3, SPACING), tuple(int(k) for k in shape))  # type: ignore[arg-type]
+
+
+PANELS = (
+    (1.0, 1.558, 2.2),
+    (1.558, 2.2, 3.0),
+    (3.0, 3.6, 4.3),
+    (3.6, 4.3, 5.2),
+)
+"""Mean currents, A, at which states on a ray are solved; the next panel begins where one is left: at 1.558 A, which is
+(7-18) at z_s = 10 mm, at 3.0 and at 4.3 A."""
+_ENDS = (1.558, 3.0, 4.3, 5.2)
+WORDS = (
+    "solved states of their own for these currents (shipped mesh), quadratic in the current level between "
+    "1.0, 1.558, 2.2, 3.0, 3.6, 4.3 and 5.2 A, harmonic polynomials of degree 5 between nodes 4 mm apart"
+)
+
+
+class UnitRays:
+    """A `LevitationField` of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
+
+    A state whose currents were solved is taken itself. Raises OutsideMapError beyond the levels.
+    """
+
+    def __init__(self, states: UnitStates) -> None:
+        self.states = states
+        self.coil_names, self.lower, self.upper = states.coil_names, LOWER, UPPER
+
+    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """B (n, 3), T."""
+        return self._sum("field", points, currents)
+
+    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+        return self._sum("gradient", points, currents)
+
+    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
+        return self._sum("second_gradient", points, currents)
+
+    def _sum(self, what: str, points: ArrayLike, currents: ArrayLike) -> Array:
+        amperes = np.asarray(currents, dtype=float)
+        mean = float(amperes.mean())
+        levels = _panel(mean)
+        weights = _lagrange(levels, mean)
+        fields = [
+            getattr(self.states.at(amperes * (level / mean)), what)(points, [1.0])
+            for level, weight in zip(levels, weights, strict=True)
+            if weight != 0.0
+        ]
+        return np.asarray(np.tensordot(weights[weights != 0.0], fields, axes=1))
+
+
+@cache
+def unit_states() -> UnitStates:
+    """States of the unit at the shipped mesh, kept in maps/out."""
+    return UnitStates()
+
+
+@cache
+def unit_rays() -> UnitRays:
+    """The unit for any currents."""
+    return UnitRays(unit_states())
+
+
+def payload() -> Payload:
+    """The microrobot."""
+    carried = unit_states().device.payload
+    assert carried is not None
+    return carried
+
+
+def lift_share(field: LevitationField, z_s: float, h: float, current: float) -> float:
+    """Lift over weight on the axis at a current in each coil, A; z_s and h in mm."""
+    point = np.array([[0.0, 0.0, magnet_height(z_s, 1e-3 * h)]])
+    carried = payload()
+    force = carried.moment * field.gradient(point, np.full(6, current))[0, 2, 2]
+    return float(force / (carried.mass * GRAVITY))
+
+
+def _panel(mean: float) -> Array:
+    """The three levels between which a mean current is interpolated."""
+    if not PANELS[0][0] - 1e-9 <= mean <= PANELS[-1][-1] + 1e-9:
+        must = f"must lie within {PANELS[0][0]:g} to {PANELS[-1][-1]:g} A"
+        raise OutsideMapError(Problem("mean current", must, f"{mean:g} A", "ask for another level"))
+    return np.array(PANELS[int(np.searchsorted(_ENDS, mean - 1e-9))])
+
+
+def _lagrange(levels: Array, mean: float) -> Array:
+    """Weights of the parabola through three levels; at a level, that one alone."""
+    if (near := np.abs(levels - mean) < 1e-9).any():
+        return near.astype(float)
+    return np.array([np.prod([(mean - b) / (a - b) for b in levels if b != a]) for a in levels])
