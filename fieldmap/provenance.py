@@ -40,6 +40,7 @@ def fingerprint(settings: Iterable[str], rooms: Iterable[str]) -> str:
 def _code(rooms: tuple[str, ...]) -> str:
     total = hashlib.sha256()
     for room in rooms:
-        for path in sorted((PACKAGE / room).rglob("*.py")):
+        module = PACKAGE / f"{room}.py"
+        for path in [module] if module.is_file() else sorted((PACKAGE / room).rglob("*.py")):
             total.update(path.relative_to(PACKAGE).as_posix().encode() + path.read_bytes())
     return total.hexdigest()

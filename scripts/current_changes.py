@@ -18,7 +18,6 @@ from collections.abc import Callable  # noqa: E402
 
 import numpy as np  # noqa: E402
 
-from fieldmap.device.current_division import divide_currents  # noqa: E402
 from fieldmap.kernels.map.reduced_iron import newton  # noqa: E402
 from fieldmap.lookup import interpolate  # noqa: E402
 from fieldmap.lookup.current_model import CurrentModel  # noqa: E402
@@ -28,20 +27,12 @@ from fieldmap.store.reduced_model import ReducedModel  # noqa: E402
 STEPS, REPETITIONS = 1000, 5
 
 
-def currents_of(model: ReducedModel, shares: np.ndarray) -> np.ndarray:
-    """Currents (n, c) of shares (n, d) of the domain."""
-    values = model.lower + shares * (model.upper - model.lower)
-    if not model.division_exponent.size:
-        return values
-    return divide_currents(*values.T, float(model.division_exponent[0]))
-
-
 def path(model: ReducedModel) -> np.ndarray:
     """Currents (n, c) along a closed path through the domain."""
     angle = 2 * np.pi * np.arange(STEPS) / STEPS
     d = len(model.lower)
     phases = angle[:, None] * np.arange(1, d + 1) + np.arange(d)
-    return currents_of(model, 0.5 + 0.4 * np.sin(phases))
+    return model.domain.at(0.5 + 0.4 * np.sin(phases))
 
 
 def milliseconds(work: Callable[[], object], count: int) -> float:
@@ -65,7 +56,7 @@ def main() -> None:
     model = data.reduced_model
     if model is None:
         parser.error(f"{options.map}: a map of linear iron, which superposes")
-    sets = currents_of(model, np.random.default_rng(5).random((options.sets, len(model.lower))))
+    sets = model.domain.at(np.random.default_rng(5).random((options.sets, len(model.lower))))
     current_model = CurrentModel(model, data.coil_names)
     opened = interpolate(data)
     follower = CurrentModel(model, data.coil_names, follow=True)

@@ -31,7 +31,7 @@ from fieldmap.control.plants_from_maps import MapPlant, plant_from_map
 from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
-from fieldmap.device.current_division import (
+from fieldmap.currents import (
     DivisionSignals,
     divide_currents,
     division_slopes,

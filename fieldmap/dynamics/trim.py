@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
 from fieldmap.arguments import check_signal
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.dynamics.closed_loop import Division, Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.errors import InputError, NoEquilibrium, Problem

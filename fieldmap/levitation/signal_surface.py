@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.levitation.branches import equilibrium_at

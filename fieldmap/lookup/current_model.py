@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldmap.device.current_division import undivide_currents
+from fieldmap.currents import undivide_currents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
 from fieldmap.kernels.map.continuation import continued
 from fieldmap.kernels.map.matrix_vector import times

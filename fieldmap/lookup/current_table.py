@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.current_table import FOUND, table_weights
 from fieldmap.kernels.map.lookup import evaluate_units

@@ -18,8 +18,8 @@ from fieldmap.maps.certificate import SOLVER_POINTS, certified_bounds
 from fieldmap.maps.evaluation import DividedFields
 from fieldmap.maps.interpolation import interpolation_error
 from fieldmap.maps.placement import choose_grid, with_box
-from fieldmap.maps.recipe import CurrentPlan, Recipe, read_recipe, read_recipe_device
-from fieldmap.maps.reduction.domain import CurrentDomain
+from fieldmap.maps.recipe import CurrentPlan, Recipe, current_domain, read_recipe, read_recipe_device
+from fieldmap.maps.reduction.domain import corners
 from fieldmap.maps.saturating import archive_path, trained_map
 from fieldmap.maps.solver_state import from_arrays, to_arrays
 from fieldmap.maps.stopwatch import Stopwatch
@@ -30,7 +30,19 @@ from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer,
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
 # Rooms whose code takes part in making a map.
-ROOMS = ("kernels", "parallel", "device", "store", "interpolants", "sources", "iron", "maps")
+ROOMS = (
+    "kernels",
+    "parallel",
+    "inputs",
+    "device",
+    "field",
+    "currents",
+    "store",
+    "interpolants",
+    "sources",
+    "iron",
+    "maps",
+)
 # Shares of the whole at which a step begins; the fields at the nodes and the certificate share what is left.
 SOLVE, EVALUATE, TRAINED = 0.03, 0.6, 0.9
 
@@ -107,7 +119,8 @@ def _generate_saturating(
         archive_path(target).unlink(missing_ok=True)
     trained = trained_map(
         device,
-        replace(plan, domain=_domain(recipe, plan.domain, len(device.coils))),
+        current_domain(recipe, plan, len(device.coils)),
+        plan,
         info.reference_current,
         info.grid,
         target,
@@ -175,13 +188,14 @@ def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
     count = len(device.coils)
     if recipe.currents is None:
         return np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
-    domain = _domain(recipe, recipe.currents.domain, count)
+    domain = current_domain(recipe, recipe.currents, count)
     if recipe.reference_current is None:
         middle = domain.middle
-        return np.where(middle > 0, middle, np.abs(domain.corners()).max(initial=1.0))
+        return np.where(middle > 0, middle, np.abs(corners(domain)).max(initial=1.0))
     given = np.full(count, recipe.reference_current)
-    low, high = (0.0, np.inf) if domain.division_exponent is not None else (domain.lower, domain.upper)
-    if ((given < low) | (given > high)).any():
+    # Of a division any equal currents will do: they are signals without directions.
+    independent = recipe.currents.division_n is None
+    if independent and ((given < domain.lower) | (given > domain.upper)).any():
         raise recipe.error(
             "output.reference_current_A",
             "must lie within [currents]",
@@ -189,21 +203,6 @@ def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
             "choose a current that the map holds for, or leave it out",
         )
     return given
-
-
-def _domain(recipe: Recipe, domain: CurrentDomain, count: int) -> CurrentDomain:
-    """The domain with one lower and one upper current for every coil."""
-    if domain.division_exponent is not None:
-        if count != 6:
-            must_hold = "a division is for six coils, named in the order of the thesis"
-            raise recipe.error("currents.division", must_hold, f"{count} coils", "give lower_A and upper_A")
-        return domain
-    for key, values in (("lower_A", domain.lower), ("upper_A", domain.upper)):
-        if values.size not in (1, count):
-            must_hold = f"one current for all coils, or one for each of the {count} coils"
-            raise recipe.error(f"currents.{key}", must_hold, f"{values.size} currents", "correct the list")
-    lower, upper = (np.broadcast_to(values, count).copy() for values in (domain.lower, domain.upper))
-    return CurrentDomain(lower, upper)
 
 
 def _target(recipe: Recipe, output: str | PathLike[str] | None) -> Path:

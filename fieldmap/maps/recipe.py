@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
 from fieldmap.errors import Problem, RecipeError
 from fieldmap.inputs.document import find_input_file, load_input_file, schema_findings
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.toml_lines import line_numbers, nearest_line
-from fieldmap.maps.reduction.domain import CurrentDomain
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.schema import RecipeFile
 from fieldmap.shipped import shipped_file, shipped_names
@@ -21,10 +21,14 @@ MILLI = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class CurrentPlan:
-    """Saturating iron: the domain of the currents (one number may stand for all coils), and how the reduced model is
-    trained."""
+    """Saturating iron: the ranges of the currents as written, and how the reduced model is trained.
 
-    domain: CurrentDomain
+    lower, upper: A, of each coil, or one number for all; or of u, x and y, where division_n is given.
+    """
+
+    lower: Array
+    upper: Array
+    division_n: float | None
     refinement: float
     training: Plan
 
@@ -103,10 +107,24 @@ def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
     )
     if keys.division is None:
         lower, upper = (np.atleast_1d(np.array(amperes, float)) for amperes in (keys.lower_A, keys.upper_A))
-        return CurrentPlan(CurrentDomain(lower, upper), iron.refinement, training)
+        return CurrentPlan(lower, upper, None, iron.refinement, training)
     ranges = np.array([keys.division.u_A, keys.division.x, keys.division.y])
-    domain = CurrentDomain(ranges[:, 0], ranges[:, 1], keys.division.n)
-    return CurrentPlan(domain, iron.refinement, training)
+    return CurrentPlan(ranges[:, 0], ranges[:, 1], keys.division.n, iron.refinement, training)
+
+
+def current_domain(recipe: Recipe, plan: CurrentPlan, coils: int) -> CurrentDomain:
+    """The domain of the currents for a device of so many coils. Raises RecipeError if it has another number."""
+    if plan.division_n is not None:
+        if coils != 6:
+            must_hold = "a division is for six coils, named in the order of the thesis"
+            raise recipe.error("currents.division", must_hold, f"{coils} coils", "give lower_A and upper_A")
+        return CurrentDomain(LiftAndDirections(plan.division_n), plan.lower, plan.upper)
+    for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):
+        if values.size not in (1, coils):
+            must_hold = f"one current for all coils, or one for each of the {coils} coils"
+            raise recipe.error(f"currents.{key}", must_hold, f"{values.size} currents", "correct the list")
+    lower, upper = (np.broadcast_to(values, coils).copy() for values in (plan.lower, plan.upper))
+    return CurrentDomain(IndependentCurrents(coils), lower, upper)
 
 
 def read_recipe_device(recipe: Recipe) -> Device:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.currents import CurrentDomain, parametrisation_from_json
 from fieldmap.device.model import Coil, Device
 from fieldmap.iron import NonlinearSolver, SolverReport
 from fieldmap.iron.operators.surface import ChargedFaces
@@ -18,13 +19,13 @@ from fieldmap.maps.stopwatch import SPENT, Stopwatch
 from fieldmap.parallel import Common, Workers
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import FieldError, Grid, ReducedModel, StateArchive
+from fieldmap.store.reduced_model import ARRAYS
 from fieldmap.typing import Array
 
 Say = Callable[[str, float], None]
 # Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
 PROBES_PER_EDGE = 7
 _FACES = [field.name for field in fields(ChargedFaces)]
-_MODEL = [field.name for field in fields(ReducedModel)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,7 @@ def archive_path(target: Path) -> Path:
 
 def trained_map(
     device: Device,
+    domain: CurrentDomain,
     plan: CurrentPlan,
     reference: Array,
     grid: Grid,
@@ -81,7 +83,7 @@ def trained_map(
     with StateArchive(archive_path(target), fingerprint) as archive:
         kept = archive.kept()
         if kept is None:
-            archive.keep(*_train(device, plan, reference, grid, archive, workers, say))
+            archive.keep(*_train(device, domain, plan, reference, grid, archive, workers, say))
             # Read back, so that a resumed run gives the same bits.
             kept = archive.kept()
         assert kept is not None
@@ -90,6 +92,7 @@ def trained_map(
 
 def _train(
     device: Device,
+    domain: CurrentDomain,
     plan: CurrentPlan,
     reference: Array,
     grid: Grid,
@@ -105,11 +108,10 @@ def _train(
         _solver(device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0)))
     )
     states = SolvedStates(archive, common, workers)
-    domain = plan.domain
     trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
     spent.add(states.earlier_seconds, states.earlier_processor_seconds)
     middle = solver.solve(domain.middle, plan.training.tolerance, trained.snapshots.nearest(domain.middle))
-    arrays = {name: getattr(trained.model, name) for name in _MODEL}
+    arrays = dict(trained.model.arrays)
     arrays |= {f"face_{name}": getattr(solver.surface, name) for name in _FACES}
     about = _about(trained, states, middle.report) | spent.read()
     return arrays | {"charge": trained.charge}, about
@@ -122,6 +124,7 @@ def _solver(device: Device, refinement: float, say: Say | None = None) -> Nonlin
 def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict[str, Any]:
     return {
         "report": asdict(report),
+        "parametrisation": trained.model.parametrisation.to_json(),
         "states_solved": states.count,
         "states_trained_on": len(trained.model.known_currents),
         "states_trained_on_solved": trained.snapshots.solved,
@@ -147,11 +150,14 @@ def _from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str
     faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[f"face_{name}"]) for name in _FACES})
     charge = np.ascontiguousarray(arrays["charge"])
     return TrainedMap(
-        ReducedModel(**{name: arrays[name] for name in _MODEL}),  # type: ignore[arg-type]
+        ReducedModel(
+            **{name: arrays[name] for name in ARRAYS},  # type: ignore[arg-type]
+            parametrisation=parametrisation_from_json(about["parametrisation"]),
+        ),
         SaturatingFields(device.coils, faces, charge, report),
         np.array(about["largest_weights"]),
         _largest_error(about["states_tried"].values()),
-        {key: value for key, value in about.items() if key not in ("report", *SPENT)},
+        {key: value for key, value in about.items() if key not in ("report", "parametrisation", *SPENT)},
         (about[SPENT[0]], about[SPENT[1]]),
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.currents import CurrentDomain, CurrentParametrisation, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
@@ -18,12 +19,10 @@ class ReducedModel:
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
     points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
     `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.map.reduced_iron`;
-    output (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s,
-    r): of the
-    states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
-    the currents in A (d = c), or of u in A, x and y of their division where division_exponent (1,) is given instead of
-    (0,), see `fieldmap.device.current_division`; reference_weights (k,): of the iron fields at the map's reference
-    currents. Raises InputError where shapes do not fit together or numbers are not finite.
+    output (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of
+    the states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
+    the signals of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents. Raises
+    InputError where shapes do not fit together or numbers are not finite.
     """
 
     gradients: Array
@@ -40,7 +39,7 @@ class ReducedModel:
     known_amplitudes: Array
     lower: Array
     upper: Array
-    division_exponent: Array
+    parametrisation: CurrentParametrisation
     reference_weights: Array
 
     def __post_init__(self) -> None:
@@ -59,20 +58,22 @@ class ReducedModel:
             "known_currents": (len(self.known_currents), c),
             "known_amplitudes": (len(self.known_currents), r),
             "output": (k, r),
-            "lower": (c,) if self.division_exponent.size == 0 else (3,),
-            "upper": self.lower.shape,
-            "division_exponent": (self.division_exponent.size,),
+            "lower": (self.parametrisation.signal_count,),
+            "upper": (self.parametrisation.signal_count,),
             "reference_weights": (k,),
         }
-        for field in fields(self):
-            kind = np.int64 if field.name in _INTEGER else np.float64
-            values = np.array(getattr(self, field.name), dtype=kind)
-            if values.shape != wanted.get(field.name, values.shape):
-                raise _broken(field.name, f"shape {wanted[field.name]}", f"shape {values.shape}")
+        for name in ARRAYS:
+            kind = np.int64 if name in _INTEGER else np.float64
+            values = np.array(getattr(self, name), dtype=kind)
+            if values.shape != wanted.get(name, values.shape):
+                raise _broken(name, f"shape {wanted[name]}", f"shape {values.shape}")
             if not np.isfinite(values).all():
-                raise _broken(field.name, "finite numbers", "NaN or infinity")
+                raise _broken(name, "finite numbers", "NaN or infinity")
             values.flags.writeable = False
-            object.__setattr__(self, field.name, values)
+            object.__setattr__(self, name, values)
+        if self.parametrisation.coil_count != c:
+            received = f"one of {self.parametrisation.coil_count} coils"
+            raise _broken("parametrisation", f"one of {c} coils", received)
         offset = self.law_offset
         if laws < 1 or offset[0] != 0 or offset[-1] != knots or (np.diff(offset) < 1).any():
             raise _broken("law_offset", "rising from 0 to the number of knots", str(offset.tolist()))
@@ -82,6 +83,22 @@ class ReducedModel:
             raise _broken("known_currents", "at least one state", "none")
         if (self.weights <= 0).any():
             raise _broken("weights", "positive", f"{self.weights.min():g}")
+
+    @property
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """All but the parametrisation, by name."""
+        return {name: getattr(self, name) for name in ARRAYS}
+
+    @property
+    def domain(self) -> CurrentDomain:
+        """The currents that the model is for."""
+        return CurrentDomain(self.parametrisation, self.lower, self.upper)
+
+    @property
+    def division_exponent(self) -> Array:
+        """(1,): n of `LiftAndDirections`; (0,) for any other parametrisation."""
+        of = self.parametrisation
+        return np.array([of.n] if isinstance(of, LiftAndDirections) else [])
 
     @property
     def coil_count(self) -> int:
@@ -97,6 +114,17 @@ class ReducedModel:
     def laws(self) -> tuple[NDArray[np.int64], Array, Array]:
         """The tables of the laws in the order in which kernels take them."""
         return self.law_offset, self.law_knots, self.law_coefficients
+
+
+ARRAYS = tuple(field.name for field in fields(ReducedModel) if field.name != "parametrisation")
+
+
+def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametrisation:
+    """What `ReducedModel.division_exponent` says: all that map files stated before they named a parametrisation."""
+    exponents = np.ravel(division_exponent)
+    if exponents.size > 1:
+        raise _broken("division_exponent", "one number or none", f"{exponents.size} numbers")
+    return LiftAndDirections(float(exponents[0])) if exponents.size else IndependentCurrents(coils)
 
 
 def _broken(name: str, must_hold: str, received: str) -> InputError:

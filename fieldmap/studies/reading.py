@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError

@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from fieldmap.control import PID
+from fieldmap.currents import divide_currents
 from fieldmap.device import read_device
-from fieldmap.device.current_division import divide_currents
 from fieldmap.dynamics import (
     AxisReading,
     Division,

@@ -7,6 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from fieldmap.currents import IndependentCurrents
 from fieldmap.store import FieldError, Grid, MapData, Provenance, ReducedModel
 from fieldmap.store.record import write_text
 
@@ -52,7 +53,7 @@ def small_map() -> MapData:
         known_amplitudes=np.zeros((1, 2)),
         lower=np.array([0.5]),
         upper=np.array([2.0]),
-        division_exponent=np.empty(0),
+        parametrisation=IndependentCurrents(1),
         reference_weights=np.array([0.3]),
     )
     return MapData(

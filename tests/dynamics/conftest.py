@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import LiftAndDirections, divide_currents
 from fieldmap.dynamics import RigidBody
 from fieldmap.lookup import FiniteMagnet, interpolate
 from fieldmap.store import Grid, MapData, Provenance, ReducedModel, write_map
@@ -111,7 +111,7 @@ def saturating_map(kind="harmonic"):
         known_amplitudes=np.zeros((1, modes)),
         lower=lower,
         upper=upper,
-        division_exponent=np.array([1.25]),
+        parametrisation=LiftAndDirections(1.25),
         reference_weights=np.ones(3),
     )
     data = MapData(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.dynamics import linearised, superposed, tabled
 from fieldmap.errors import InputError
 from fieldmap.kernels.map.lookup import evaluate_with

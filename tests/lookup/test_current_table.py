@@ -9,9 +9,8 @@ import pytest
 from scipy.interpolate import BSpline, RegularGridInterpolator
 
 import fieldmap.lookup.current_table as tables
-from fieldmap.device.current_division import divide_currents, undivide_currents
+from fieldmap.currents import LiftAndDirections, divide_currents, undivide_currents
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.kernels.map.current_division import divide, signals
 from fieldmap.kernels.map.current_table import (
     BEYOND,
     FOUND,
@@ -19,6 +18,7 @@ from fieldmap.kernels.map.current_table import (
     table_weights,
     tabulated_at_currents,
 )
+from fieldmap.kernels.map.lift_and_directions import divide, signals
 from fieldmap.lookup import interpolate
 from fieldmap.store import FieldError, Grid, MapData, ReducedModel
 
@@ -120,7 +120,7 @@ def data():
         known_amplitudes=np.full((1, 3), 1e-4),
         lower=LOWER,
         upper=UPPER,
-        division_exponent=np.array([N]),
+        parametrisation=LiftAndDirections(N),
         reference_weights=np.ones(2),
     )
     return MapData(

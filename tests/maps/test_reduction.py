@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.maps.reduction.basis import output_fields, proper_modes
 from fieldmap.maps.reduction.cubature import empirical_cubature
-from fieldmap.maps.reduction.domain import CurrentDomain
+from fieldmap.maps.reduction.domain import corners, held_out, sequence
 from fieldmap.maps.reduction.greedy import pivots
 
 
@@ -60,37 +61,34 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
 
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
-    box = CurrentDomain(np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
-    training, held_out = box.sequence(0, 40), box.held_out(12)
+    box = CurrentDomain(IndependentCurrents(3), np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
+    training, tried = sequence(box, 0, 40), held_out(box, 12)
     assert training.shape == (40, 3)
     assert (training[0] == box.middle).all()
-    for states in (training, held_out):
+    for states in (training, tried):
         assert (states >= box.lower).all()
         assert (states <= box.upper).all()
     assert np.ptp(training, axis=0) == pytest.approx(box.upper - box.lower, rel=0.01)
-    for others in (held_out, box.corners()):
+    for others in (tried, corners(box)):
         distance = np.linalg.norm(training[:, None] - others[None], axis=2)
         assert distance.min() > 1e-3
-    assert len({tuple(corner) for corner in box.corners()}) == 8
+    assert len({tuple(corner) for corner in corners(box)}) == 8
     # Later parts of the sequence are others.
-    np.testing.assert_array_equal(box.sequence(8, 16), box.sequence(0, 24)[8:])
+    np.testing.assert_array_equal(sequence(box, 8, 16), sequence(box, 0, 24)[8:])
 
 
 def test_a_domain_holds_its_states_and_no_others():
-    box = CurrentDomain(np.array([0.0, -1.0]), np.array([1.0, 1.0]))
-    family = CurrentDomain(np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25)
+    box = CurrentDomain(IndependentCurrents(2), np.array([0.0, -1.0]), np.array([1.0, 1.0]))
+    family = CurrentDomain(LiftAndDirections(1.25), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]))
     for domain in (box, family):
-        for currents in (*domain.corners(), *domain.held_out(5), *domain.sequence(0, 5)):
+        for currents in (*corners(domain), *held_out(domain, 5), *sequence(domain, 0, 5)):
             assert domain.holds(currents)
             assert not domain.holds(currents + 3.0)
-        anywhere = domain.currents(
-            domain.lower
-            + np.random.default_rng(3).random((500, len(domain.lower))) * (domain.upper - domain.lower)
-        )
+        anywhere = domain.at(np.random.default_rng(3).random((500, len(domain.lower))))
         assert (np.abs(anywhere) <= domain.largest).all()
-        assert domain.largest == pytest.approx(np.abs(domain.corners()).max(axis=0))
+        assert domain.largest == pytest.approx(np.abs(corners(domain)).max(axis=0))
     # The mirror y = 0 of the unit exchanges coils 1, 3 and 4, 6 and the sign of y; no division has one coil alone off.
-    off_axis = family.currents(np.array([1.5, 0.2, 0.1]))
+    off_axis = family.parametrisation.currents(np.array([1.5, 0.2, 0.1]))
     assert family.holds(off_axis[[2, 1, 0, 5, 4, 3]])
     assert not family.holds(off_axis + np.array([0.1, 0, 0, 0, 0, 0]))
 
@@ -117,12 +115,12 @@ def test_states_are_chosen_by_what_the_others_do_not_say():
 
 def test_a_division_gives_the_currents_of_the_thesis():
     # (6-2), (6-3) at u = 1.558 A, x = 0.2, y = 0: coils 1, 3 and 4, 6 by 1 -+ x, coils 2 and 5 by 1 -+ n x.
-    family = CurrentDomain(np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25)
-    got = family.currents(np.array([1.558, 0.2, 0.0])) / 1.558
+    family = CurrentDomain(LiftAndDirections(1.25), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]))
+    got = family.parametrisation.currents(np.array([1.558, 0.2, 0.0])) / 1.558
     np.testing.assert_allclose(got, [0.8, 0.75, 0.8, 1.2, 1.25, 1.2], rtol=1e-12)
-    assert family.sequence(0, 9).shape == (9, 6)
-    means = family.sequence(0, 40).mean(axis=1)
+    assert sequence(family, 0, 9).shape == (9, 6)
+    means = sequence(family, 0, 40).mean(axis=1)
     assert (means >= 1.0).all()
     assert (means <= 2.2).all()
-    assert len(family.corners()) == 8
+    assert len(corners(family)) == 8
     assert family.middle == pytest.approx(np.full(6, 1.6))

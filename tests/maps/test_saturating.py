@@ -11,7 +11,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.cli.summary import print_summary
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import LiftAndDirections, divide_currents
 from fieldmap.errors import InputError, OutsideMapError, RecipeError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
@@ -252,7 +252,7 @@ def test_a_map_of_a_division_knows_its_currents(data):
     six = {"source": np.zeros((data.reduced_model.source.shape[0], 6)), "known_currents": np.ones((1, 6))}
     known = {
         "known_amplitudes": data.reduced_model.known_amplitudes[:1],
-        "division_exponent": np.array([1.25]),
+        "parametrisation": LiftAndDirections(1.25),
     }
     bounds = {"lower": np.array([1.0, -0.4, -0.3]), "upper": np.array([2.2, 0.4, 0.3])}
     model = CurrentModel(replace(data.reduced_model, **six, **known, **bounds), tuple("123456"))

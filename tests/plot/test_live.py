@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import find_equilibrium

@@ -7,7 +7,7 @@ shipped mesh are in `make validate`.
 import numpy as np
 import pytest
 
-from fieldmap.device.current_division import divide_currents
+from fieldmap.currents import divide_currents
 from fieldmap.errors import OutsideMapError
 from fieldmap.levitation import magnet_height, stationary_points, thesis_lift_current
 from fieldmap.thesis import drive_unit, equilibrium_shift, shift_studies, statics

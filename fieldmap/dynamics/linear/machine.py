@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
 from fieldmap.control import StateSpace
-from fieldmap.device.current_division import division_slopes
+from fieldmap.currents import division_slopes
 from fieldmap.dynamics.closed_loop import Division, Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.trim import Trim

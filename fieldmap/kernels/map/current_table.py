@@ -9,7 +9,7 @@ with the slopes of the weights by the six currents: docs/theory/current_dependen
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map.current_division import divide, signals
+from fieldmap.kernels.map.lift_and_directions import divide, signals
 from fieldmap.kernels.map.lookup import at_currents
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
 

@@ -6,7 +6,7 @@ matrix @ outputs + constant.
 
 from numba import njit
 
-from fieldmap.kernels.map.current_division import divide
+from fieldmap.kernels.map.lift_and_directions import divide
 from fieldmap.kernels.map.map_block import PLAIN
 
 DIVISION, MATRIX = 0, 1

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
-from fieldmap.maps.reduction.domain import CurrentDomain
+from fieldmap.maps.reduction.domain import sequence
 from fieldmap.maps.reduction.greedy import Proposal, SolvedModes
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.reduction.snapshots import Snapshots, is_among, nothing, one_of
@@ -64,7 +65,7 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     """States to train on. After the first few, those that the estimate says the model lacks most; no more once the
     model foretells them as accurately as planned."""
     plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
-    first = domain.sequence(0, min(_FIRST, plan.states))
+    first = sequence(domain, 0, min(_FIRST, plan.states))
     middle = solving.training([Wanted(0, first[0])])
     # The others begin from the one in the middle, if that carries any current.
     start = middle[0] if first[0].any() else None
@@ -76,7 +77,7 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     rounds: list[Round] = []
     while done < plan.states and training.solved:
         solving.say(f"choosing states after {done}", 0.05 + 0.4 * done / plan.states)
-        pool = domain.sequence(_FIRST + _POOL * len(rounds), _POOL)
+        pool = sequence(domain, _FIRST + _POOL * len(rounds), _POOL)
         count = min(_AT_ONCE, plan.states - done)
         found = _round(solving, training, pool, done, count)
         done += count

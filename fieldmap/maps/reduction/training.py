@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.galerkin import GalerkinModel
 from fieldmap.maps.reduction.basis import output_fields
 from fieldmap.maps.reduction.cubature import empirical_cubature
-from fieldmap.maps.reduction.domain import CurrentDomain
+from fieldmap.maps.reduction.domain import corners, held_out, sequence
 from fieldmap.maps.reduction.greedy import SolvedModes
 from fieldmap.maps.reduction.plan import Plan
 from fieldmap.maps.reduction.snapshots import Snapshots
@@ -78,17 +79,19 @@ def train(
         for name, found in tried.items()
         if found.solved
     }
-    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, domain.corners()]))
+    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, corners(domain)]))
     return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
 
 
 def _tried(solving: Solving, modes: SolvedModes, domain: CurrentDomain) -> dict[str, Snapshots]:
     """States that the model is tried on, by their kind."""
     plan, states = solving.plan, solving.states
-    at_random, corners = domain.held_out(plan.held_out), domain.corners()
+    at_random, in_corners = held_out(domain, plan.held_out), corners(domain)
     tried = {
         "at random": solve_tried(solving, modes, at_random, plan.states, "at random", 0.5),
-        "in corners": solve_tried(solving, modes, corners, plan.states + len(at_random), "in corners", 0.7),
+        "in corners": solve_tried(
+            solving, modes, in_corners, plan.states + len(at_random), "in corners", 0.7
+        ),
     }
     require_states(states)
     require_some(tried, states)
@@ -104,7 +107,7 @@ def _probes(flux: Array, gradient: Array) -> Array:
 def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Array, currents: Array) -> Array:
     """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at the
     currents (s, c) and at a sequence that fills the domain, and a margin for the places between."""
-    places = np.concatenate([currents, domain.sequence(0, _WEIGHED)])
+    places = np.concatenate([currents, sequence(domain, 0, _WEIGHED)])
     iron = np.abs(_weights(reduced, output, places)).max(axis=0)
     return np.concatenate([domain.largest, _MARGIN * iron])
 
@@ -177,6 +180,6 @@ def _model(
         amplitudes,
         domain.lower,
         domain.upper,
-        np.array([] if domain.division_exponent is None else [domain.division_exponent]),
+        domain.parametrisation,
         output @ amplitude,
     )

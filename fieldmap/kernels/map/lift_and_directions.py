@@ -1,4 +1,4 @@
-"""Six currents and the three signals of their division, thesis (6-2), (6-3), as in fieldmap.device.current_division."""
+"""Six currents and the three signals of `fieldmap.currents.LiftAndDirections`, thesis (6-2), (6-3)."""
 
 import math
 
@@ -9,7 +9,7 @@ from fieldmap.kernels.map.map_block import PLAIN_INLINED
 
 @njit(**PLAIN_INLINED)
 def divide(u, x, y, n):
-    """The six currents of a lift u and directions x, y; n: exponent of the division."""
+    """The six currents of a lift u and directions x, y; n: how much more the coils on the x axis follow x."""
     left, right, below, above = 1.0 - x, 1.0 + x, 1.0 - y, 1.0 + y
     a, c, d, f = u * left * below, u * left * above, u * right * below, u * right * above
     half = 3.0 * u - 0.5 * (a + c + d + f)
@@ -18,8 +18,8 @@ def divide(u, x, y, n):
 
 @njit(**PLAIN_INLINED)
 def signals(i, n):
-    """(u, x, y, mismatch): the signals whose division with exponent n is nearest to currents i (6,), and by what share
-    of u it is off. Currents without a mean have no division: (0, 0, 0, infinity)."""
+    """(u, x, y, mismatch): the signals whose currents are nearest to i (6,), and by what share of u these are off.
+    Currents without a mean have none: (0, 0, 0, infinity)."""
     u = (i[0] + i[1] + i[2] + i[3] + i[4] + i[5]) / 6.0
     if u == 0.0:
         return 0.0, 0.0, 0.0, math.inf

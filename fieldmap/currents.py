@@ -1,0 +1,448 @@
+"""How a few signals become the currents of all coils: a `CurrentParametrisation`, and a box of its signals.
+
+A controller seldom moves every coil by itself. A parametrisation says which currents (n_coils,) belong to signals
+(n_signals,), how they change with them, and which signals belong to given currents. A map of saturating iron holds for
+a `CurrentDomain`, a box of signals, and stores its parametrisation by name and parameters.
+
+`IndependentCurrents`: each signal is the current of one coil. `CoilGroups`: each signal is the current of a group of
+coils. `LiftAndDirections`: six coils in two rows of three, driven by one lift and two direction signals. One more is a
+class that derives from `CurrentParametrisation` and is decorated with `register`.
+
+Depends on: errors, arguments, kernels, numpy.
+"""
+
+import itertools
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_count, check_positive, check_signal
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS, MATRIX, CompiledParametrisation
+from fieldmap.typing import Array
+
+TOLERANCE = 1e-6
+"""Currents belong to signals if they differ from those of the nearest signals by no more than this share."""
+ROUNDING = 1e-9
+"""Signals lie in a domain if they are beyond it by no more than this share of its range."""
+MOST_CORNERS = 64
+
+
+class NearestSignals(NamedTuple):
+    """Signals (..., n_signals) whose currents are nearest to given ones, and by what share (...) these are off.
+
+    The share is of the mean current or of the largest, as the parametrisation says; infinite where there are no such
+    signals.
+    """
+
+    values: Array
+    mismatch: Array
+
+
+class CurrentParametrisation(ABC):
+    """Signals (..., n_signals) to currents (..., n_coils), A. Frozen; equal if name and parameters are equal."""
+
+    name: ClassVar[str]
+    """By which it is registered and stored."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, Any]:
+        """What, with the name, makes it again: plain JSON."""
+
+    @property
+    @abstractmethod
+    def coil_count(self) -> int:
+        """Number of currents."""
+
+    @property
+    @abstractmethod
+    def signal_names(self) -> tuple[str, ...]:
+        """Short names, in the order of the signals."""
+
+    @property
+    def signal_units(self) -> tuple[str, ...]:
+        """Unit of each signal, "A" or "1"."""
+        return ("A",) * len(self.signal_names)
+
+    @abstractmethod
+    def currents(self, signals: ArrayLike) -> Array:
+        """Currents (..., n_coils), A, of signals (..., n_signals). Raises InputError for what is not finite."""
+
+    @abstractmethod
+    def derivative(self, signals: ArrayLike) -> Array:
+        """d currents / d signals (..., n_coils, n_signals) at signals (..., n_signals)."""
+
+    @abstractmethod
+    def nearest(self, currents: ArrayLike) -> NearestSignals:
+        """The signals whose currents are nearest to currents (..., n_coils)."""
+
+    @abstractmethod
+    def largest(self, lower: Array, upper: Array) -> Array:
+        """Largest size (n_coils,) of every current for signals from lower to upper (n_signals,)."""
+
+    @abstractmethod
+    def kernel(self) -> CompiledParametrisation:
+        """What compiled code takes."""
+
+    def signals(self, currents: ArrayLike, tolerance: float = TOLERANCE) -> Array:
+        """Signals (..., n_signals) of currents (..., n_coils), A: the inverse of `currents`; NaN where no signals give
+        these currents up to `tolerance`."""
+        found = self.nearest(currents)
+        return np.where((found.mismatch <= tolerance)[..., None], found.values, np.nan)
+
+    @property
+    def signal_count(self) -> int:
+        """Number of signals."""
+        return len(self.signal_names)
+
+    def to_json(self) -> str:
+        """Name and parameters as one text, from which `parametrisation_from_json` makes it again."""
+        return json.dumps({"name": self.name, "parameters": self.parameters}, sort_keys=True)
+
+
+_registered: dict[str, type[CurrentParametrisation]] = {}
+P = TypeVar("P", bound=type[CurrentParametrisation])
+
+
+def register(kind: P) -> P:
+    """Class decorator: make a parametrisation known by its name. Raises ValueError for a name that is taken."""
+    if _registered.setdefault(kind.name, kind) is not kind:
+        raise ValueError(f"parametrisation {kind.name!r} is registered already")
+    return kind
+
+
+def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametrisation:
+    """The parametrisation of this name with these parameters. Raises InputError for an unknown name or parameters
+    that do not fit.
+
+    >>> parametrisation("lift and directions", {"n": 1.25}).signal_names
+    ('u', 'x', 'y')
+    """
+    if name not in _registered:
+        must_hold, remedy = f"must be one of {', '.join(_registered)}", "install the version that knows it"
+        raise InputError(Problem("current parametrisation", must_hold, repr(name), remedy))
+    try:
+        return _registered[name](**parameters)
+    except TypeError as error:
+        remedy = "install the version that knows them"
+        problem = Problem(f"current parametrisation {name!r}", "must have its parameters", str(error), remedy)
+        raise InputError(problem) from error
+
+
+def parametrisation_from_json(text: str) -> CurrentParametrisation:
+    """What `CurrentParametrisation.to_json` describes. Raises InputError, ValueError, KeyError or TypeError if it is no
+    such text."""
+    content = json.loads(text)
+    return parametrisation(content["name"], content["parameters"])
+
+
+@register
+@dataclass(frozen=True)
+class IndependentCurrents(CurrentParametrisation):
+    """Each signal is the current of one coil, A.
+
+    >>> IndependentCurrents(2).currents([1.0, 2.0])
+    array([1., 2.])
+    """
+
+    name: ClassVar[str] = "independent"
+    coils: int
+
+    def __post_init__(self) -> None:
+        check_count("IndependentCurrents", coils=self.coils)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The number of coils."""
+        return {"coils": int(self.coils)}
+
+    @property
+    def coil_count(self) -> int:
+        """Number of currents."""
+        return self.coils
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """ "i1", "i2" and so on."""
+        return tuple(f"i{k + 1}" for k in range(self.coils))
+
+    def currents(self, signals: ArrayLike) -> Array:
+        """The signals themselves."""
+        return check_signal("signals", signals, columns=self.coils)
+
+    def derivative(self, signals: ArrayLike) -> Array:
+        """The unit matrix."""
+        return _constant(np.eye(self.coils), signals)
+
+    def nearest(self, currents: ArrayLike) -> NearestSignals:
+        """The currents themselves, which are never off."""
+        values = check_signal("currents", currents, columns=self.coils)
+        return NearestSignals(values, np.zeros(values.shape[:-1]))
+
+    def largest(self, lower: Array, upper: Array) -> Array:
+        """The larger end of each range."""
+        return np.maximum(np.abs(lower), np.abs(upper))
+
+    def kernel(self) -> CompiledParametrisation:
+        """The unit matrix."""
+        return CompiledParametrisation(MATRIX, 0.0, np.eye(self.coils))
+
+
+@register
+@dataclass(frozen=True)
+class CoilGroups(CurrentParametrisation):
+    """Each signal is the current of a group of coils in series, A: a device moved along its symmetry.
+
+    groups: numbers of the coils, from 0, of each group; every coil is in one group. Raises InputError otherwise.
+
+    >>> CoilGroups([[0, 2], [1, 3]]).currents([1.0, 2.0])
+    array([1., 2., 1., 2.])
+    """
+
+    name: ClassVar[str] = "groups"
+    groups: tuple[tuple[int, ...], ...]
+
+    def __post_init__(self) -> None:
+        groups = tuple(tuple(int(k) for k in group) for group in self.groups)
+        coils = sorted(k for group in groups for k in group)
+        if not coils or coils != list(range(len(coils))) or not all(groups):
+            must_hold = "must name every coil once, by numbers from 0, and no group may be empty"
+            raise InputError(Problem("CoilGroups(groups)", must_hold, str(groups), "list each coil once"))
+        object.__setattr__(self, "groups", groups)
+
+    @property
+    def matrix(self) -> Array:
+        """Currents (n_coils, n_groups) of groups at 1 A."""
+        coils = [set(group) for group in self.groups]
+        return np.array([[float(k in group) for group in coils] for k in range(self.coil_count)])
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The groups."""
+        return {"groups": [list(group) for group in self.groups]}
+
+    @property
+    def coil_count(self) -> int:
+        """Number of currents."""
+        return sum(len(group) for group in self.groups)
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """ "g1", "g2" and so on."""
+        return tuple(f"g{k + 1}" for k in range(len(self.groups)))
+
+    def currents(self, signals: ArrayLike) -> Array:
+        """Every coil has the current of its group."""
+        return check_signal("signals", signals, columns=len(self.groups))[..., self._group_of]
+
+    def derivative(self, signals: ArrayLike) -> Array:
+        """`matrix`."""
+        return _constant(self.matrix, signals)
+
+    def nearest(self, currents: ArrayLike) -> NearestSignals:
+        """The mean of each group; off by the largest difference, as a share of the largest current."""
+        given = check_signal("currents", currents, columns=self.coil_count)
+        values = np.stack([given[..., list(group)].mean(axis=-1) for group in self.groups], axis=-1)
+        off, size = np.abs(self.currents(values) - given).max(axis=-1), np.abs(given).max(axis=-1)
+        return NearestSignals(values, off / np.where(size > 0.0, size, 1.0))
+
+    def largest(self, lower: Array, upper: Array) -> Array:
+        """The larger end of each group's range."""
+        return np.maximum(np.abs(lower), np.abs(upper))[self._group_of]
+
+    def kernel(self) -> CompiledParametrisation:
+        """`matrix`."""
+        return CompiledParametrisation(MATRIX, 0.0, self.matrix)
+
+    @property
+    def _group_of(self) -> list[int]:
+        place = {k: number for number, group in enumerate(self.groups) for k in group}
+        return [place[k] for k in range(self.coil_count)]
+
+
+# The side of the axes on which each of the six coils lies; the second and the fifth lie on the x axis.
+_X_SIDE = np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])
+_Y_SIDE = np.array([-1.0, 0.0, 1.0, -1.0, 0.0, 1.0])
+_MIDDLE = _Y_SIDE == 0.0
+
+
+@register
+@dataclass(frozen=True)
+class LiftAndDirections(CurrentParametrisation):
+    """Six coils on a ring, in two rows of three at x < 0 and x > 0, each in the order of rising y.
+
+    Signals: u, A, the mean current, which lifts; x and y, 1, which push along the two axes. The four coils at the
+    corners get u (1 -+ x)(1 -+ y). The two on the x axis share what is left of 6 u as (1 -+ n x): n > 1 lets them
+    follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are. Source: thesis (6-2), (6-3).
+
+    >>> LiftAndDirections(n=1.25).currents([1.0, 0.2, 0.1]).round(3).tolist()
+    [0.72, 0.75, 0.88, 1.08, 1.25, 1.32]
+    """
+
+    name: ClassVar[str] = "lift and directions"
+    n: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_positive("LiftAndDirections", n=self.n)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """n."""
+        return {"n": float(self.n)}
+
+    @property
+    def coil_count(self) -> int:
+        """Six."""
+        return 6
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """ "u", "x", "y"."""
+        return ("u", "x", "y")
+
+    @property
+    def signal_units(self) -> tuple[str, ...]:
+        """u in A."""
+        return ("A", "1", "1")
+
+    def currents(self, signals: ArrayLike) -> Array:
+        """(6-2), (6-3)."""
+        u, x, y = np.moveaxis(check_signal("signals", signals, columns=3), -1, 0)
+        return self._divided(u[..., None], x[..., None], y[..., None])
+
+    def derivative(self, signals: ArrayLike) -> Array:
+        """Columns by u, x and y."""
+        u, x, y = (values[..., None] for values in np.moveaxis(np.asarray(signals, dtype=float), -1, 0))
+        by_u = self._divided(np.ones_like(u), x, y)
+        corner_x, corner_y = 1.0 + _X_SIDE * x, 1.0 + _Y_SIDE * y
+        by_x = u * np.where(_MIDDLE, self.n * _X_SIDE, _X_SIDE * corner_y)
+        by_y = u * np.where(_MIDDLE, 0.0, _Y_SIDE * corner_x)
+        return np.stack([by_u, by_x, by_y], axis=-1)
+
+    def nearest(self, currents: ArrayLike) -> NearestSignals:
+        """u is the mean, x the projection on what x does at y = 0, y what the corners say; exact if there are such
+        signals. Off by the largest difference as a share of u. Currents of mean 0 have none: zeros, off by infinity."""
+        given = check_signal("currents", currents, columns=6)
+        u = given.mean(axis=-1)
+        mean = np.where(u == 0.0, 1.0, u)
+        share = given / mean[..., None]
+        # At y = 0 a corner has the share 1 + s x and a middle coil 1 + n s x; sums over y cancel what y adds.
+        slope = np.where(_MIDDLE, self.n, 1.0) * _X_SIDE
+        x = ((share - 1.0) * slope).sum(axis=-1) / (slope**2).sum()
+        y = (share * _Y_SIDE).sum(axis=-1) / 4.0
+        divided = self._divided(u[..., None], x[..., None], y[..., None])
+        mismatch = np.abs(divided - given).max(axis=-1) / np.abs(mean)
+        values = np.where((u == 0.0)[..., None], 0.0, np.stack([u, x, y], axis=-1))
+        return NearestSignals(values, np.where(u == 0.0, np.inf, mismatch))
+
+    def largest(self, lower: Array, upper: Array) -> Array:
+        """Found in the corners of the box: a current is linear in each signal alone."""
+        corners = lower + np.array(list(itertools.product((0.0, 1.0), repeat=3))) * (upper - lower)
+        return np.asarray(np.abs(self.currents(corners)).max(axis=0))
+
+    def kernel(self) -> CompiledParametrisation:
+        """The exponent n."""
+        return CompiledParametrisation(LIFT_AND_DIRECTIONS, float(self.n), np.zeros((0, 0)))
+
+    def _divided(self, u: Array, x: Array, y: Array) -> Array:
+        """Currents (..., 6) of signals (..., 1)."""
+        corners = u * (1.0 + _X_SIDE * x) * (1.0 + _Y_SIDE * y)
+        left = 6.0 * u - np.where(_MIDDLE, 0.0, corners).sum(axis=-1, keepdims=True)
+        return np.where(_MIDDLE, 0.5 * left * (1.0 + self.n * _X_SIDE * x), corners)
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentDomain:
+    """A box of signals, lower to upper (n_signals,), and the currents that belong to them."""
+
+    parametrisation: CurrentParametrisation
+    lower: Array
+    upper: Array
+
+    @property
+    def middle(self) -> Array:
+        """Currents (n_coils,) in the middle."""
+        return self.parametrisation.currents(0.5 * (self.lower + self.upper))
+
+    @property
+    def largest(self) -> Array:
+        """Largest size (n_coils,) of every current."""
+        return self.parametrisation.largest(self.lower, self.upper)
+
+    def at(self, shares: Array) -> Array:
+        """Currents (..., n_coils) at shares (..., n_signals) of the ranges, from 0 to 1."""
+        return self.parametrisation.currents(self.lower + shares * (self.upper - self.lower))
+
+    def outside(self, signals: Array, margin: float = ROUNDING) -> int | None:
+        """Number of the first of signals (n_signals,) that is beyond its range by more than `margin` of it, or None."""
+        beside = margin * (self.upper - self.lower)
+        beyond = np.flatnonzero(~((signals >= self.lower - beside) & (signals <= self.upper + beside)))
+        return int(beyond[0]) if beyond.size else None
+
+    def holds(self, currents: Array) -> bool:
+        """Whether currents (n_coils,) lie in the domain, up to rounding."""
+        return self.outside(self.parametrisation.signals(currents, ROUNDING)) is None
+
+
+@dataclass(frozen=True)
+class DivisionSignals:
+    """What `undivide_currents` finds: u, x and y, and by how much the given currents differ from those of these
+    signals, relative to u."""
+
+    u: Array
+    x: Array
+    y: Array
+    mismatch: Array
+
+
+def divide_currents(u: ArrayLike, x: ArrayLike, y: ArrayLike, n: float = 1.0) -> Array:
+    """Currents (..., 6) of `LiftAndDirections` with u, x and y, which broadcast against each other.
+
+    The unit of u is that of the result. Raises InputError for numbers that are not finite.
+
+    >>> divide_currents(1.0, 0.2, 0.1, n=1.25).round(3).tolist()
+    [0.72, 0.75, 0.88, 1.08, 1.25, 1.32]
+    """
+    check_positive("divide_currents", n=n)
+    signals = (check_signal(f"divide_currents({name})", v) for name, v in (("u", u), ("x", x), ("y", y)))
+    return LiftAndDirections(n)._divided(*(values[..., None] for values in np.broadcast_arrays(*signals)))
+
+
+def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
+    """The signals of `LiftAndDirections` nearest to currents (..., 6), exact if there are such signals.
+
+    Raises InputError for currents that are not finite, or whose mean is zero.
+
+    >>> s = undivide_currents([0.72, 0.75, 0.88, 1.08, 1.25, 1.32], n=1.25)
+    >>> print(round(float(s.x), 9), round(float(s.y), 9), bool(s.mismatch < 1e-12))
+    0.2 0.1 True
+    """
+    check_positive("undivide_currents", n=n)
+    found = LiftAndDirections(n).nearest(check_signal("undivide_currents(currents)", currents, columns=6))
+    if np.isinf(found.mismatch).any():
+        must_hold = "must have a mean other than 0"
+        raise InputError(Problem("undivide_currents(currents)", must_hold, "mean 0", "u is that mean"))
+    return DivisionSignals(*np.moveaxis(found.values, -1, 0), found.mismatch)
+
+
+def division_slopes(u: float, x: float, y: float, n: float = 1.0) -> Array:
+    """Derivative (6, 3) of the currents of `LiftAndDirections` by (u, x, y): with the force per ampere of each coil,
+    the forces that lift and direction signals make.
+
+    >>> division_slopes(1.5, 0.0, 0.0, n=1.25)[:, 1].tolist()
+    [-1.5, -1.875, -1.5, 1.5, 1.875, 1.5]
+    """
+    check_positive("division_slopes", n=n)
+    return LiftAndDirections(n).derivative(check_signal("division_slopes(u, x, y)", [u, x, y]))
+
+
+def _constant(matrix: Array, signals: ArrayLike) -> Array:
+    """The same matrix at all signals (..., n_signals)."""
+    leading = check_signal("signals", signals, columns=matrix.shape[1]).shape[:-1]
+    return np.array(np.broadcast_to(matrix, (*leading, *matrix.shape)))
