@@ -428,7 +428,8 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
     if np.isinf(found.mismatch).any():
         must_hold = "must have a mean other than 0"
         raise InputError(Problem("undivide_currents(currents)", must_hold, "mean 0", "u is that mean"))
-    return DivisionSignals(*np.moveaxis(found.values, -1, 0), found.mismatch)
+    u, x, y = np.moveaxis(found.values, -1, 0)
+    return DivisionSignals(u, x, y, found.mismatch)
 
 
 def division_slopes(u: float, x: float, y: float, n: float = 1.0) -> Array:

@@ -85,7 +85,7 @@ class ReducedModel:
             raise _broken("weights", "positive", f"{self.weights.min():g}")
 
     @property
-    def arrays(self) -> dict[str, NDArray[np.generic]]:
+    def arrays(self) -> dict[str, Array]:
         """All but the parametrisation, by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
