@@ -1,12 +1,14 @@
-"""Which commands there are."""
+"""The commands of the program, and how their help looks."""
 
+import inspect
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 import typer.main
+from typer.core import TyperCommand, TyperGroup
 
 from fieldmap.cli import (
     app,
@@ -25,15 +27,54 @@ from fieldmap.cli import (
     study,
     thesis,
 )
-from fieldmap.cli.help import FIRST_STEPS, Command, Group, paragraphs
+
+if TYPE_CHECKING:
+    from typer._click import Context as CoreContext
+    from typer._click import Parameter as CoreParameter
+
+FIRST_STEPS = """[bold]First steps[/bold]
+  fieldmap check drive_unit                 a machine: iron, coils, magnet
+  fieldmap solve loop_and_sphere            the solver beside a closed form
+  fieldmap map quick -o quick.h5 --summary  a map of field and gradient
+  fieldmap probe quick.h5 --at 0 0 -0.1 --currents 1
+  fieldmap show drive_unit --save unit.png  a picture
+In any command: --quiet, --verbose, --log FILE. The program ends with 0 (done), 1 (failed) or 2 (bad input)."""
 
 DEVICES, MAPS, MAGNETS, STUDIES = "Machines", "Maps", "Levitated magnets", "Studies and results"
+
+
+def _without_metavar(parameters: "list[CoreParameter]") -> "list[CoreParameter]":
+    """The parameters; a flag takes no value, so the help names none."""
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return parameters
+
+
+class Command(TyperCommand):
+    """A command whose help names no value for a flag, and puts no braces around an argument."""
+
+    def get_params(self, ctx: "CoreContext") -> "list[CoreParameter]":
+        """The parameters, --help among them."""
+        return _without_metavar(super().get_params(ctx))
+
+    def collect_usage_pieces(self, ctx: "CoreContext") -> list[str]:
+        """The words of the usage line."""
+        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+
+
+class Group(TyperGroup):
+    """The program itself, likewise."""
+
+    def get_params(self, ctx: "CoreContext") -> "list[CoreParameter]":
+        """The parameters, --help among them."""
+        return _without_metavar(super().get_params(ctx))
 
 
 class Entry(NamedTuple):
     """A command: what it calls, an example, its line in the list of commands, and the part of that list."""
 
-    call: Callable[..., Any]
+    call: Callable[..., None]
     example: str
     line: str
     part: str
@@ -113,7 +154,7 @@ COMMANDS: dict[str, Entry] = {
 
 
 @cache
-def application() -> Any:
+def application() -> TyperGroup:
     """The program with every command, built once in a process; each help text ends with an example."""
     commands = typer.Typer(
         name="fieldmap",
@@ -136,7 +177,20 @@ def application() -> Any:
             epilog=f"Example: {entry.example}",
             rich_help_panel=entry.part,
         )(entry.call)
-    return typer.main.get_command(commands)
+    program = typer.main.get_command(commands)
+    assert isinstance(program, TyperGroup)
+    return program
+
+
+def paragraphs(function: Callable[..., None]) -> str:
+    """The docstring of a function with one line per paragraph.
+
+    >>> def f(): "One\\n    two.\\n\\n    Three."
+    >>> paragraphs(f)
+    'One two.\\n\\nThree.'
+    """
+    text = inspect.getdoc(function) or ""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
 
 
 def _print_version(wanted: bool) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fieldmap.cli.completion import devices
+from fieldmap.cli.options import devices
 
 if TYPE_CHECKING:
     from fieldmap.device.model import Coil, Device

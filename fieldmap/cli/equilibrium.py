@@ -4,8 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fieldmap.cli.completion import devices
-from fieldmap.cli.options import Form, Json, MuR, Nonlinear, Refinement
+from fieldmap.cli.options import Form, Json, MuR, Nonlinear, Refinement, devices
 
 
 def equilibrium(
@@ -52,10 +51,10 @@ def equilibrium(
     json: Json = False,
 ) -> None:
     """Find where the payload floats and how stiffly, or the current that carries it at a height."""
+    from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.balance import floating, lifted
     from fieldmap.cli.equilibrium_text import print_answer
     from fieldmap.cli.iron import checked_choice
-    from fieldmap.cli.numbers import parse_currents, parse_points
     from fieldmap.cli.opening import find_source, open_device
     from fieldmap.levitation.checks import check_payload
 

@@ -48,7 +48,7 @@ def export(
     json: Json = False,
 ) -> None:
     """Write a map for other programs."""
-    from fieldmap.cli.numbers import parse_currents
+    from fieldmap.cli.arguments import parse_currents
     from fieldmap.cli.opening import check_map_path
     from fieldmap.lookup import open_map
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldmap.cli.arguments import output_problems
 from fieldmap.cli.simulating import opened_map, pair
-from fieldmap.cli.writing import output_problems
 from fieldmap.dynamics.scenario import Experiment, LinearPoint, linear_points, prepare, read_scenario
 from fieldmap.errors import InputError, Problem
 

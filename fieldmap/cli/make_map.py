@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fieldmap.cli.completion import recipes
+from fieldmap.cli.options import recipes
 
 
 def make_map(

@@ -1,11 +1,52 @@
-"""The options that several commands share, with one wording each."""
+"""Arguments and options that several commands share, with one wording each, and what the shell completes them to."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fieldmap.cli.completion import devices, scenarios
+from fieldmap.shipped import shipped_names
+
+
+def devices(incomplete: str) -> list[str]:
+    """Names of shipped devices that begin like this.
+
+    >>> devices("drive_unit_n")
+    ['drive_unit_no_centre_core']
+    """
+    return _begin(shipped_names("geometry"), incomplete)
+
+
+def recipes(incomplete: str) -> list[str]:
+    """Names of shipped recipes that begin like this.
+
+    >>> recipes("qu")
+    ['quick']
+    """
+    return _begin(shipped_names("maps"), incomplete)
+
+
+def studies(incomplete: str) -> list[str]:
+    """Names of shipped studies that begin like this.
+
+    >>> studies("po")
+    ['pole_disk']
+    """
+    return _begin([name.split("/")[-1] for name in shipped_names("maps", "studies")], incomplete)
+
+
+def scenarios(incomplete: str) -> list[str]:
+    """Names of shipped scenarios that begin like this.
+
+    >>> scenarios("vertical_r")
+    ['vertical_ramp']
+    """
+    return _begin([name.split("/")[-1] for name in shipped_names("maps", "scenarios")], incomplete)
+
+
+def _begin(names: list[str], start: str) -> list[str]:
+    return [name for name in names if name.startswith(start)]
+
 
 DeviceArgument = Annotated[
     str,

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fieldmap.cli.completion import devices
-from fieldmap.cli.options import At, AtMm, Form, Json, MuR, Nonlinear, Refinement
+from fieldmap.cli.options import At, AtMm, Form, Json, MuR, Nonlinear, Refinement, devices
 
 if TYPE_CHECKING:
     from fieldmap.cli.opening import Source
@@ -37,8 +36,8 @@ def probe(
     json: Json = False,
 ) -> None:
     """Print B, its gradient and, on request, force and torque at points."""
+    from fieldmap.cli.arguments import parse_currents, parse_moment, parse_points
     from fieldmap.cli.iron import checked_choice
-    from fieldmap.cli.numbers import parse_currents, parse_moment, parse_points
     from fieldmap.cli.opening import find_source
     from fieldmap.errors import InputError, OutsideMapError, Problem
 

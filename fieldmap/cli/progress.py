@@ -1,11 +1,12 @@
 """Progress on stderr: a bar with the time left on a terminal, a plain line now and then elsewhere."""
 
+import os
 import sys
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from fieldmap.cli.first_run import must_compile
 from fieldmap.cli.log import LOG
 
 _LINE_EVERY_SECONDS = 10.0
@@ -90,3 +91,14 @@ def _bar() -> Any:
         console=Console(stderr=True),
         transient=True,
     )
+
+
+def must_compile(kernels: str = "") -> bool:
+    """Whether no kernel of this folder of fieldmap/kernels has been compiled yet, so that a first run has to wait.
+
+    False where compiled kernels lie elsewhere: NUMBA_CACHE_DIR is set, or the package's folder cannot be written.
+    """
+    folder = Path(__file__).parents[1] / "kernels" / kernels
+    if os.environ.get("NUMBA_CACHE_DIR") or not os.access(folder, os.W_OK):
+        return False
+    return not any((folder / "__pycache__").glob("*.nbi"))

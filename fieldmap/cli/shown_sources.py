@@ -39,7 +39,7 @@ def gather(request: Request) -> Shown:
 
 
 def _with_field(request: Request, device: Any) -> Shown:
-    from fieldmap.cli.numbers import parse_currents
+    from fieldmap.cli.arguments import parse_currents
 
     found = find_source(request.source, request.choice)
     amperes = parse_currents(list(request.currents), found.coil_names)

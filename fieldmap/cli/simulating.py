@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.cli.writing import output_problems
+from fieldmap.cli.arguments import output_problems
 from fieldmap.dynamics import simulate_many
 from fieldmap.dynamics.outcome import LoopRun
 from fieldmap.dynamics.record import as_csv, recorded

@@ -53,8 +53,8 @@ def solve(
     Linear iron unless --nonlinear is given; then also the flux density in every body. Sections of the device file
     are printed with their mean flux density.
     """
+    from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.iron import checked_choice, require_currents, require_iron
-    from fieldmap.cli.numbers import parse_currents, parse_points
     from fieldmap.cli.opening import open_device
     from fieldmap.cli.quantities import checked_groups, checked_sections
 

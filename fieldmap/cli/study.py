@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fieldmap.cli.completion import studies
-from fieldmap.cli.options import Json
+from fieldmap.cli.options import Json, studies
 
 
 def study(

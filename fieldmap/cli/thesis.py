@@ -8,8 +8,18 @@ from typing import Annotated, Any
 
 import typer
 
-from fieldmap.cli.completion import rows as completed_rows
 from fieldmap.cli.options import Json
+
+
+def completed_rows(incomplete: str) -> list[str]:
+    """Rows that begin like this.
+
+    >>> completed_rows("S2")
+    ['S20']
+    """
+    from fieldmap.thesis import row_names
+
+    return [name for name in row_names() if name.startswith(incomplete)]
 
 
 def thesis(

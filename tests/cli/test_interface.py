@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.cli.application import COMMANDS
-from fieldmap.cli.first_run import must_compile
+from fieldmap.cli.application import COMMANDS, FIRST_STEPS
 from fieldmap.cli.log import LOG
+from fieldmap.cli.progress import Progress, must_compile
 from fieldmap.cli.run import common_first
 
 
@@ -24,8 +24,6 @@ def test_every_command_stands_on_one_line_of_the_help(capsys, monkeypatch):
 
 
 def test_the_first_steps_of_the_help_are_commands_that_exist():
-    from fieldmap.cli.help import FIRST_STEPS
-
     steps = re.findall(r"^  fieldmap (\w+)", FIRST_STEPS, re.MULTILINE)
     assert len(steps) >= 4
     assert set(steps) <= set(COMMANDS)
@@ -84,13 +82,10 @@ def test_a_problem_shows_the_line_that_it_is_about(tmp_path, capsys):
 
 
 def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
-    import fieldmap.cli.first_run as first_run
-    from fieldmap.cli.progress import Progress
-
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     package = tmp_path / "fieldmap"
     (package / "kernels" / "__pycache__").mkdir(parents=True)
-    monkeypatch.setattr(first_run, "__file__", str(package / "cli" / "first_run.py"))
+    monkeypatch.setattr("fieldmap.cli.progress.__file__", str(package / "cli" / "progress.py"))
     assert must_compile()
     with Progress("map"):
         pass

@@ -9,7 +9,7 @@ import pytest
 
 from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, application
-from fieldmap.cli.numbers import join_lists
+from fieldmap.cli.arguments import join_lists
 from fieldmap.cli.progress import Progress
 
 REPOSITORY = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from fieldmap.cli.application import application
-from fieldmap.cli.numbers import join_lists
+from fieldmap.cli.arguments import join_lists
 from fieldmap.shipped import shipped_names
 from fieldmap.thesis import row_names
 

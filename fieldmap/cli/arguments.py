@@ -1,6 +1,8 @@
-"""Numbers on the command line: several values after one option, currents, points."""
+"""Values on the command line: several numbers after one option, currents, points, KEY=VALUE, files to write."""
 
 import re
+import tomllib
+from pathlib import Path
 
 import numpy as np
 
@@ -84,3 +86,49 @@ def _floats(texts: list[str], option: str) -> list[float]:
                 )
             )
     return values
+
+
+def parse_setting(text: str, option: str) -> tuple[str, object]:
+    """Key and value of KEY=VALUE, the value as TOML reads it; text needs no quotes. Raises InputError otherwise.
+
+    >>> parse_setting("control.z.Kc=0.2", "--set")
+    ('control.z.Kc', 0.2)
+    """
+    key, sign, value = text.partition("=")
+    if not (sign and key.strip() and value.strip()):
+        raise InputError(Problem(option, "must be KEY=VALUE", text, "write for example control.z.Kc=0.2"))
+    return key.strip(), _toml_value(value.strip())
+
+
+def parse_variation(text: str, option: str) -> tuple[str, list[object]]:
+    """Key and values of KEY=A,B,..., otherwise as `parse_setting`.
+
+    >>> parse_variation("control.z.Kc=0.2,0.5", "--vary")
+    ('control.z.Kc', [0.2, 0.5])
+    """
+    key, sign, values = text.partition("=")
+    parts = [part for part in values.split(",") if part.strip()]
+    if not (sign and key.strip() and parts):
+        raise InputError(
+            Problem(option, "must be KEY=A,B,...", text, "write for example control.z.Kc=0.2,0.334,0.5")
+        )
+    return key.strip(), [_toml_value(part.strip()) for part in parts]
+
+
+def _toml_value(text: str) -> object:
+    try:
+        value: object = tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        return text
+    return value
+
+
+def output_problems(option: str, path: Path | None, suffixes: tuple[str, ...]) -> list[Problem]:
+    """What is wrong with the name of a file to write: its suffix, its folder. Nothing if no file is asked for."""
+    problems = []
+    if path is not None and path.suffix not in suffixes:
+        allowed = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+        problems.append(Problem(option, f"must end in {allowed}", str(path), "choose a suffix"))
+    if path is not None and not path.absolute().parent.is_dir():
+        problems.append(Problem(option, "must lie in a folder that exists", str(path), "make the folder"))
+    return problems
