@@ -1,17 +1,28 @@
-"""What every room's tests may use."""
+"""What the tests of all packages may use."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from fieldmap.plot.figures import DOTS_PER_INCH, HEIGHT, WIDTH, draw_curves
+DEVICES = Path(__file__).parent / "devices"
+
+
+@pytest.fixture
+def valid_text() -> str:
+    """Text of a valid device file with one of everything, for tests that break or vary it."""
+    return (DEVICES / "everything.toml").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="session")
 def legible():
     """legible(curves): draws each figure off screen, as it is saved, and holds it to what a reader needs: a unit on
     both axes, every word inside the picture, nothing upon another, and room left for the lines."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from fieldmap.plot.figures import DOTS_PER_INCH, HEIGHT, WIDTH, draw_curves
+
     seen = set()
 
     def draw(curves):

@@ -1,4 +1,4 @@
-"""The files of measured B-H curves that a device file names."""
+"""Read a device file and the material files that it names, check all of it, and make the frozen Device in SI units."""
 
 import hashlib
 import os
@@ -12,10 +12,10 @@ from pydantic_core import PydanticCustomError
 
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.model import Device, StepFile
-from fieldmap.device.schema import DeviceFile, MaterialFile
+from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
 from fieldmap.device.schema.materials import Curves, require_room_to_saturate
 from fieldmap.errors import DeviceFileError, Problem
-from fieldmap.inputs.document import Document, find_device_file, load_document, schema_findings, wrong_kind
+from fieldmap.inputs.document import Document, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import dotted
@@ -33,7 +33,7 @@ def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Probl
             problems += device.problems([_no_such_file(material, file)])
             continue
         try:
-            document = load_document(path)
+            document = MATERIAL.load(path)
         except DeviceFileError as error:
             problems += error.problems
             continue
@@ -101,7 +101,7 @@ def read_device(path_or_name: str | Path) -> Device:
     >>> device.coil_names
     ('1', '2', '3', '4', '5', '6')
     """
-    return device_of(load_document(find_device_file(path_or_name)))
+    return device_of(DEVICE.load(DEVICE.find(path_or_name)))
 
 
 def device_of(document: Document) -> Device:
@@ -109,11 +109,7 @@ def device_of(document: Document) -> Device:
 
     Files that it names lie relative to `document.path`. Raises DeviceFileError with one Problem for every error.
     """
-    if document.data.get("space") == "plane":
-        raise DeviceFileError(_in_the_plane(document.path))
-    wrong = wrong_kind(document.path, document.data, "device")
-    if wrong is not None:
-        raise DeviceFileError(wrong)
+    DEVICE.refuse_other_kinds(document)
     contents, curves, included = checked_contents(document, DeviceFile)
     return _build(contents, document, curves, included)
 
@@ -122,10 +118,7 @@ def recorded_device(text: str) -> Device:
     """The device in the text of a file, as a map records it: coils, payload, driver and workspace; its iron, which the
     map holds the field of, is left out. Raises DeviceFileError for a text that is no device."""
     document = Document(Path("device recorded in the map"), text, tomllib.loads(text))
-    findings = schema_findings(DeviceFile, document.data)
-    if findings:
-        raise DeviceFileError(*document.problems(findings))
-    contents = DeviceFile.model_validate(document.data)
+    contents = DEVICE.contents(document)
     return Device(
         name=contents.name,
         title=contents.title,
@@ -152,15 +145,6 @@ def checked_contents(document: Document, root: type[_File]) -> tuple[_File, Curv
     if problems:
         raise DeviceFileError(*problems)
     return root.model_validate(document.data), curves, included
-
-
-def _in_the_plane(path: Path) -> Problem:
-    return Problem(
-        str(path),
-        "must be a device of three dimensions",
-        'space = "plane"',
-        "read it with fieldmap.planar.read_planar_device",
-    )
 
 
 def _build(contents: DeviceFile, document: Document, curves: Curves, included: dict[str, str]) -> Device:

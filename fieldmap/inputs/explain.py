@@ -1,4 +1,4 @@
-"""Which keys and choices does the schema know at a place? Follows the annotations of the schema classes."""
+"""What the schema finds wrong, told for people: follows the schema's annotations to the keys and choices of a place."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,15 +10,16 @@ from pydantic_core import ErrorDetails
 
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import Location, has, value_at
-from fieldmap.inputs.tables import COIL_NAME_RULE
+from fieldmap.inputs.tables import PATTERNS, Choice, Table
 
 
 @dataclass(frozen=True)
 class Place:
-    """The table class that the data chose at a location, and the other choices it had there by tag."""
+    """The table class that the data chose at a location, and the other choices it had there: by tag, and their key."""
 
     table: type[BaseModel] | None
     choices: dict[str, type[BaseModel]]
+    choosing_key: str = ""
 
     def keys(self) -> list[str]:
         """Known keys of this table."""
@@ -51,7 +52,7 @@ def place_at(root: type[BaseModel], data: Any, location: Location) -> Place:
         choices = {}
         here = _below(here, step)
     if members := _members(here):
-        return Place(None, members)
+        return Place(None, members, _choosing_key(here))
     return Place(here if _is_table(here) else None, choices)
 
 
@@ -87,11 +88,29 @@ def _members(annotation: Any) -> dict[str, type[BaseModel]]:
     return members
 
 
+def _choosing_key(annotation: Any) -> str:
+    """The key by which people choose a member of a tagged union, looking through `| None`."""
+    while True:
+        for extra in get_args(annotation)[1:] if get_origin(annotation) is Annotated else ():
+            if isinstance(extra, Choice):
+                return extra.key
+        plain = _plain(annotation)
+        if not _is_union(plain):
+            return ""
+        tagged = [member for member in get_args(plain) if get_origin(member) is Annotated]
+        if len(tagged) != 1:
+            return ""
+        annotation = tagged[0]
+
+
 def _below(annotation: Any, step: Any) -> Any:
     """The annotation of an entry or a key."""
     annotation = _plain(annotation)
     if _is_table(annotation):
         field = annotation.model_fields.get(step)
+        chosen = [extra for extra in field.metadata if isinstance(extra, Choice)] if field else []
+        if field and chosen:
+            return Annotated[field.annotation, chosen[0]]
         annotation = _plain(field.annotation) if field else None
         tables = [member for member in get_args(annotation) if _is_table(member)]
         return tables[0] if _is_union(annotation) and tables else annotation
@@ -99,7 +118,6 @@ def _below(annotation: Any, step: Any) -> Any:
     return arguments[-1] if get_origin(annotation) in (list, dict) else None
 
 
-CHOOSING_KEYS = ("kind", "shape", "quantity")
 REQUIRED = "this key is required"
 
 
@@ -144,23 +162,24 @@ def _choice(location: Location, place: Place, table: Any) -> Finding:
     if not isinstance(table, dict):
         must_hold, remedy = _table({})
         return Finding(location, must_hold, shown(table), remedy)
-    key = next(key for key in CHOOSING_KEYS if any(key in t.model_fields for t in place.choices.values()))
-    words = _words(place, key)
-    allowed = f"{key} must be one of {one_of(words)}"
+    key = place.choosing_key
+    names = _allowed(place, key)
+    allowed = f"{key} must be one of {one_of(names)}"
     if key not in table:
-        parts = ", or write [[body.part]] tables" if "several parts" in place.choices else ""
-        return Finding((*location, key), allowed, "nothing", f'add {key} = "{words[0]}" or another{parts}')
-    guess = closest(table[key], words)
+        others = [t.written_as for t in place.choices.values() if issubclass(t, Table) and t.written_as]
+        remedy = ", or ".join([f'add {key} = "{names[0]}" or another', *others])
+        return Finding((*location, key), allowed, "nothing", remedy)
+    guess = closest(table[key], names)
     remedy = f'did you mean "{guess}"?' if guess else "choose one of these"
     return Finding((*location, key), allowed, shown(table[key]), remedy)
 
 
-def _words(place: Place, key: str) -> list[str]:
-    words: dict[str, None] = {}
+def _allowed(place: Place, key: str) -> list[str]:
+    names: dict[str, None] = {}
     for table in place.choices.values():
         if key in table.model_fields:
-            words |= dict.fromkeys(get_args(table.model_fields[key].annotation))
-    return list(words)
+            names |= dict.fromkeys(get_args(table.model_fields[key].annotation))
+    return list(names)
 
 
 def _received(error: ErrorDetails) -> str:
@@ -193,7 +212,7 @@ def _finite(_: dict[str, Any]) -> tuple[str, str]:
 def _text(_: dict[str, Any]) -> tuple[str, str]:
     return (
         "must be a text",
-        'put it in quotes, for example "steel"; quote dotted keys of [provenance] as well',
+        'put it in quotes, for example "steel"; quote dotted keys as well',
     )
 
 
@@ -226,12 +245,8 @@ def _literal(context: dict[str, Any]) -> tuple[str, str]:
 
 
 def _name(context: dict[str, Any]) -> tuple[str, str]:
-    if context["pattern"] == COIL_NAME_RULE:
-        return "a coil's name has letters, digits and underscores only", 'rename it, for example "coil_1"'
-    return (
-        "a name begins with a letter or digit and has letters, digits, spaces, _ + - only",
-        'rename it, for example "lower plate"',
-    )
+    known = PATTERNS.get(context["pattern"])
+    return known or (f"must match {context['pattern']}", "correct the text")
 
 
 def _not_empty(_: dict[str, Any]) -> tuple[str, str]:

@@ -1,12 +1,14 @@
-"""What every table of a device file shares: strict keys, finite numbers, and how a broken rule is told."""
+"""What the tables of all files share: strict keys, finite numbers, and how a broken rule is told."""
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
+
+from fieldmap.typing import Array
 
 MILLI = 1e-3
 LARGEST_LENGTH_MM = 100_000.0
@@ -21,18 +23,52 @@ Size = Annotated[list[Length], Field(min_length=3, max_length=3)]
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Text = Annotated[str, StringConstraints(min_length=1, strip_whitespace=True)]
 
+# Pattern of a text -> (what must hold, remedy), for `explain`.
+PATTERNS: dict[str, tuple[str, str]] = {}
+
+
+def text_like(pattern: str, must_hold: str, remedy: str) -> StringConstraints:
+    """Annotation of a text that matches a pattern, with what a reader is told otherwise."""
+    PATTERNS[pattern] = must_hold, remedy
+    return StringConstraints(pattern=pattern)
+
+
 # A name is a step of a dotted key path and of a path inside a map file: no dot, no slash, no quote.
-NAME_RULE = r"^[A-Za-z0-9][A-Za-z0-9 _+\-]*$"
-Name = Annotated[str, StringConstraints(pattern=NAME_RULE)]
-# A coil's name becomes part of a record name in the map file: letters, digits and underscores only.
-COIL_NAME_RULE = r"^[A-Za-z0-9_]+$"
-CoilName = Annotated[str, StringConstraints(pattern=COIL_NAME_RULE)]
+Name = Annotated[
+    str,
+    text_like(
+        r"^[A-Za-z0-9][A-Za-z0-9 _+\-]*$",
+        "a name begins with a letter or digit and has letters, digits, spaces, _ + - only",
+        'rename it, for example "lower plate"',
+    ),
+]
+
+FORMAT = 1
+
+
+def _known_format(value: int) -> int:
+    if value != FORMAT:
+        remedy = (
+            f"this version of fieldmap reads format {FORMAT} only: install the version that wrote the file"
+        )
+        raise broken(f"format must be {FORMAT}", str(value), remedy)
+    return value
+
+
+Format = Annotated[
+    int,
+    Field(description="version of the file format: 1", json_schema_extra={"const": FORMAT}),
+    AfterValidator(_known_format),
+]
 
 
 class Table(BaseModel):
     """One table of the file: unknown keys, numbers in quotes, NaN and infinity are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    written_as: ClassVar[str | None] = None
+    """Of a table that is chosen in another way than by one key's value: how it is written."""
 
 
 def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:
@@ -41,21 +77,24 @@ def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:
     return PydanticCustomError("rule", text, {"must_hold": must_hold, "received": received, "remedy": remedy})
 
 
-def chosen_by(key: str) -> Discriminator:
+@dataclass(frozen=True, slots=True)
+class Choice(Discriminator):
+    """Picks the member of a union by a function of the raw table; `key` is what people choose it by."""
+
+    key: str = "kind"
+
+
+def chosen_by(key: str) -> Choice:
     """Pick the member of a union by the value of one key of the table."""
-
-    def value_of(table: Any) -> Any:
-        return table.get(key) if isinstance(table, dict) else None
-
-    return Discriminator(value_of)
+    return chosen_with(lambda table: table.get(key), key)
 
 
-def chosen_with(choose: Callable[[dict[str, Any]], Any]) -> Discriminator:
-    """Pick the member of a union by a function of the raw table."""
-    return Discriminator(lambda table: choose(table) if isinstance(table, dict) else None)
+def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Choice:
+    """Pick the member of a union by a function of the raw table; `key` has most to do with it."""
+    return Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
 
 
-def read_only(values: Sequence[float] | Sequence[Sequence[float]], scale: float = 1.0) -> NDArray[np.float64]:
+def read_only(values: Sequence[float] | Sequence[Sequence[float]], scale: float = 1.0) -> Array:
     """Array of the scaled values that nobody can change by accident."""
     array = np.ascontiguousarray(np.asarray(values, dtype=np.float64) * scale)
     array.setflags(write=False)

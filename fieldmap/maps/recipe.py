@@ -7,12 +7,11 @@ import numpy as np
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
-from fieldmap.errors import Problem, RecipeError
-from fieldmap.inputs.document import find_input_file, load_input_file, schema_findings
+from fieldmap.errors import RecipeError
+from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
-from fieldmap.inputs.toml_lines import line_numbers, nearest_line
 from fieldmap.maps.reduction.plan import Plan
-from fieldmap.maps.schema import RecipeFile
+from fieldmap.maps.schema import RECIPE, RecipeFile
 from fieldmap.shipped import shipped_file, shipped_names
 from fieldmap.typing import Array
 
@@ -60,9 +59,7 @@ class Recipe:
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> RecipeError:
         """An error at a key of the file."""
-        line = nearest_line(line_numbers(self.text), tuple(key.split("."))) if key else None
-        place = f"{self.path}:{line}" if line else str(self.path)
-        return RecipeError(Problem(f"{place}: {key}" if key else place, must_hold, received, remedy))
+        return RecipeError(Document(self.path, self.text, {}).problem(key, must_hold, received, remedy))
 
 
 def read_recipe(path_or_name: str | Path) -> Recipe:
@@ -74,12 +71,9 @@ def read_recipe(path_or_name: str | Path) -> Recipe:
     >>> read_recipe("quick").device
     'disk_six_cores'
     """
-    path = find_input_file(path_or_name, "recipe", RecipeError, "maps")
-    document = load_input_file(path, "recipe", RecipeError)
-    findings = schema_findings(RecipeFile, document.data)
-    if findings:
-        raise RecipeError(*document.problems(findings))
-    contents = RecipeFile.model_validate(document.data)
+    path = RECIPE.find(path_or_name)
+    document = RECIPE.load(path)
+    contents = RECIPE.contents(document)
     iron, output, box = contents.iron, contents.output, contents.box
     return Recipe(
         path=path,

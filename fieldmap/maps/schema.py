@@ -7,18 +7,12 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from fieldmap.device.schema.workspace import above_lower
+from fieldmap.errors import RecipeError
 from fieldmap.inputs.findings import shown
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Point, Positive, Table, Text, broken
+from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Point, Positive, Table, Text, broken
 
-FORMAT = 1
 LARGEST_CURRENT_A = 1e6
-
-
-def _known_format(value: Any) -> Any:
-    if value != FORMAT or isinstance(value, bool):
-        remedy = "this version of fieldmap reads format 1 only: install the version that knows the file's"
-        raise broken("format must be 1", shown(value), remedy)
-    return value
 
 
 def _three_spacings(value: Any) -> Any:
@@ -172,7 +166,7 @@ class OutputKeys(Table):
 class RecipeFile(Table):
     """A map recipe."""
 
-    format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
+    format: Format
     title: Text = Field(description="one line about the map")
     device: Text = Field(description="device file, relative to the recipe, or name of a shipped device")
     spacing_mm: Annotated[list[float], BeforeValidator(_three_spacings)] = Field(
@@ -201,3 +195,18 @@ class RecipeFile(Table):
                 'write iron.model = "saturating", or leave [currents] out',
             )
         return self
+
+
+RECIPE = register(
+    FileKind(
+        "recipe",
+        RecipeFile,
+        RecipeError,
+        "maps",
+        keys=frozenset({"spacing_mm", "box"}),
+        taken_by="`fieldmap map` takes it",
+        refers_to={
+            "device": 'a recipe names it (device = "{file}") and how fine the map shall be (spacing_mm)'
+        },
+    )
+)

@@ -6,11 +6,11 @@ from typing import Any
 
 from fieldmap.device.reader import checked_contents
 from fieldmap.device.schema.materials import Curves
-from fieldmap.inputs.document import Document, find_device_file, load_document
+from fieldmap.inputs.document import Document
 from fieldmap.inputs.tables import MILLI, read_only
 from fieldmap.planar.geometry_checks import check_planar_geometry
 from fieldmap.planar.model import PlanarDevice
-from fieldmap.planar.schema import PlanarFile, WallKeys
+from fieldmap.planar.schema import PLANAR_DEVICE, PlanarFile, WallKeys
 
 
 def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
@@ -24,7 +24,7 @@ def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
     >>> device.coil_names
     ('left', 'right')
     """
-    document = load_document(find_device_file(path_or_name))
+    document = PLANAR_DEVICE.load(PLANAR_DEVICE.find(path_or_name))
     contents, curves, _ = checked_contents(document, PlanarFile)
     device = _build(contents, document, curves)
     check_planar_geometry(device)

@@ -4,12 +4,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fieldmap.device.schema.file import Format, require_known_format
+from fieldmap.device.schema.coils import CoilName
 from fieldmap.device.schema.materials import AnyMaterial
 from fieldmap.device.schema.shapes import SimplePolygon, counter_clockwise
+from fieldmap.errors import DeviceFileError
+from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import (
     MILLI,
-    CoilName,
+    Format,
     Length,
     Name,
     PlanePoint,
@@ -113,4 +115,16 @@ class PlanarFile(Table):
     payload: PlanarPayloadKeys | None = Field(default=None, description="what is levitated")
     provenance: dict[str, Text] = Field(default={}, description='"key.path" = "where the number comes from"')
 
-    _format = field_validator("format")(require_known_format)
+
+PLANAR_DEVICE = register(
+    FileKind(
+        "planar device",
+        PlanarFile,
+        DeviceFileError,
+        "geometry",
+        keys=frozenset({"coil", "body", "material", "payload", "walls"}),
+        mark=("space", "plane"),
+        taken_by="fieldmap.planar.read_planar_device reads it",
+        json_schema="planar.schema.json",
+    )
+)

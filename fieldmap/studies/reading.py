@@ -8,20 +8,14 @@ import numpy as np
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
+from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError
-from fieldmap.inputs.document import (
-    Document,
-    find_device_file,
-    find_input_file,
-    load_document,
-    load_input_file,
-    schema_findings,
-)
+from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.studies.device_checks import device_findings
 from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
-from fieldmap.studies.schema import CurrentKeys, StudyFile
+from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile
 from fieldmap.studies.study import CurrentSet, IronModel, Record, Study
 from fieldmap.studies.variants import axes_of, key_findings, variant_findings, variants_of
 
@@ -39,12 +33,9 @@ def read_study(path_or_name: str | Path) -> Study:
     >>> study.shape, len(study.variants)
     ((4, 3), 12)
     """
-    path = find_input_file(path_or_name, "study", StudyError, "maps", "studies")
-    study_file = load_input_file(path, "study", StudyError)
-    findings = schema_findings(StudyFile, study_file.data)
-    if findings:
-        raise StudyError(*study_file.problems(findings))
-    contents = StudyFile.model_validate(study_file.data)
+    path = STUDY.find(path_or_name)
+    study_file = STUDY.load(path)
+    contents = STUDY.contents(study_file)
     recipe = _recipe(contents, study_file)
     document = _device_document(contents, recipe, study_file)
     device = device_of(document)
@@ -81,10 +72,10 @@ def _device_document(contents: StudyFile, recipe: Recipe | None, study_file: Doc
     if recipe is not None:
         source = read_recipe_device(recipe).source
         assert source is not None  # it was read from a file
-        return load_document(source)
+        return DEVICE.load(source)
     beside = study_file.path.parent / str(contents.device)
     try:
-        return load_document(beside if beside.is_file() else find_device_file(str(contents.device)))
+        return DEVICE.load(beside if beside.is_file() else DEVICE.find(str(contents.device)))
     except DeviceFileError as error:
         raise StudyError(*_placed("device", error.problems, study_file)) from error
 

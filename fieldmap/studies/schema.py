@@ -5,21 +5,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
+from fieldmap.errors import StudyError
 from fieldmap.inputs.findings import one_of, shown
-from fieldmap.inputs.tables import Name, Point, Positive, Table, Text, broken
+from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.tables import Format, Name, Point, Positive, Table, Text, broken
 from fieldmap.studies.quantities import GROUPS, TAKEN
 
-FORMAT = 1
 LARGEST_CURRENT_A = 1e6
 
 AxisName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_]*$")]
-
-
-def _known_format(value: Any) -> Any:
-    if value != FORMAT or isinstance(value, bool):
-        remedy = "this version of fieldmap reads format 1 only: install the version that knows the file's"
-        raise broken("format must be 1", shown(value), remedy)
-    return value
 
 
 def _is_number(value: Any) -> bool:
@@ -182,7 +176,7 @@ class RecordKeys(Table):
 class StudyFile(Table):
     """A study file."""
 
-    format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
+    format: Format
     title: Text = Field(description="one line about the study")
     device: Text | None = Field(default=None, description="device file or name of a shipped device")
     recipe: Text | None = Field(default=None, description="map recipe, whose device and iron are taken")
@@ -217,3 +211,16 @@ class StudyFile(Table):
             must_hold = "the names of the data set's own axes and variables are taken"
             raise broken(must_hold, one_of(taken), "rename it")
         return self
+
+
+STUDY = register(
+    FileKind(
+        "study",
+        StudyFile,
+        StudyError,
+        "maps",
+        "studies",
+        keys=frozenset({"vary", "variant"}),
+        taken_by="`fieldmap study` takes it",
+    )
+)

@@ -5,7 +5,8 @@ import re
 from pathlib import Path
 
 from fieldmap.device import read_device
-from fieldmap.device.json_schema import FILES, json_schema
+from fieldmap.device.schema import DeviceFile, MaterialFile
+from fieldmap.inputs.json_schema import json_schema
 from fieldmap.shipped import shipped_folder, shipped_names
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +26,7 @@ def keys_of_the_format() -> set[str]:
             for value in schema:
                 collect(value)
 
-    for root in FILES.values():
+    for root in (DeviceFile, MaterialFile):
         collect(json.loads(json.dumps(json_schema(root))))
     return keys
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from fieldmap.device.json_schema import FILES, schema_text
+from fieldmap.inputs.json_schema import schema_files, schema_text
 from fieldmap.shipped import shipped_folder
 
 GEOMETRY = shipped_folder("geometry")
+SCHEMAS = schema_files()
 DEVICES = sorted(path for path in GEOMETRY.glob("*.toml") if not path.stem.startswith("planar"))
 MATERIALS = sorted((GEOMETRY / "materials").glob("*.toml"))
 MISTAKES = tomllib.loads((Path(__file__).parent / "mistakes.toml").read_text())["case"]
@@ -60,11 +61,9 @@ def validator(name: str) -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(schema)
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_the_schema_file_is_in_step_with_the_reader(name):
-    assert (GEOMETRY / name).read_text() == schema_text(FILES[name]), (
-        "run python -m fieldmap.device.json_schema"
-    )
+@pytest.mark.parametrize("path", SCHEMAS, ids=lambda path: path.name)
+def test_the_schema_file_is_in_step_with_the_reader(path):
+    assert path.read_text() == schema_text(SCHEMAS[path]), "run python -m fieldmap.inputs.json_schema"
 
 
 @pytest.mark.parametrize("path", DEVICES, ids=lambda path: path.stem)
@@ -81,7 +80,7 @@ def test_shipped_materials_validate(path):
 def test_shipped_files_point_an_editor_at_their_schema(path):
     first = path.read_text().splitlines()[0]
     assert first.startswith("#:schema ")
-    assert (path.parent / first.removeprefix("#:schema ")).resolve() in [GEOMETRY / name for name in FILES]
+    assert (path.parent / first.removeprefix("#:schema ")).resolve() in SCHEMAS
 
 
 def test_the_file_with_everything_validates(valid_text):

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from fieldmap.device import read_device
-from fieldmap.device.json_schema import schema_text
 from fieldmap.errors import DeviceFileError, GeometryError
+from fieldmap.inputs.json_schema import schema_text
 from fieldmap.planar import RectangularWire, RoundWire, read_planar_device, solve_planar
-from fieldmap.planar.json_schema import FILE
 from fieldmap.planar.schema import PlanarBodyKeys, PlanarCoilKeys, PlanarFile, PlanarPayloadKeys, WallKeys
 from fieldmap.shipped import shipped_file, shipped_folder
 
@@ -113,7 +112,7 @@ def test_the_reader_of_three_dimensions_says_where_to_go():
 
 
 def test_schema_for_editors_is_in_step_and_accepts_the_shipped_files():
-    text = (shipped_folder("geometry") / FILE).read_text(encoding="utf-8")
+    text = (shipped_folder("geometry") / "planar.schema.json").read_text(encoding="utf-8")
     assert text == schema_text(PlanarFile)
     for name in NAMES:
         jsonschema.validate(tomllib.loads(shipped_file("geometry", name).read_text()), json.loads(text))

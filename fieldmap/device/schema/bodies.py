@@ -1,7 +1,7 @@
 """Bodies of iron: one shape inline, or several parts that are added and cut."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
@@ -150,6 +150,8 @@ class StepFileBody(InlineBody, StepFileKeys):
 class CompositeBody(BodyKeys):
     """A body of several parts, added and cut in order."""
 
+    written_as: ClassVar[str | None] = "write [[body.part]] tables"
+
     part: list[AnyPart] = Field(min_length=1, description="[[body.part]] tables, applied in order")
 
     @field_validator("part")
@@ -181,5 +183,5 @@ AnyBody = Annotated[
     | Annotated[RevolvedProfileBody, Tag("revolved_profile")]
     | Annotated[StepFileBody, Tag("step_file")]
     | Annotated[CompositeBody, Tag(SEVERAL_PARTS)],
-    chosen_with(_kind_of_body),
+    chosen_with(_kind_of_body, "shape"),
 ]

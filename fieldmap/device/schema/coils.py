@@ -8,7 +8,17 @@ from fieldmap.device import model
 from fieldmap.device.polygons import rounding_fault, signed_area
 from fieldmap.device.schema.placement import PlacementKeys
 from fieldmap.device.schema.shapes import SimplePolygon, require_larger_radius
-from fieldmap.inputs.tables import MILLI, CoilName, Length, Positive, broken, chosen_by, read_only
+from fieldmap.inputs.tables import MILLI, Length, Positive, broken, chosen_by, read_only, text_like
+
+# A coil's name becomes part of a record name in the map file: letters, digits and underscores only.
+CoilName = Annotated[
+    str,
+    text_like(
+        r"^[A-Za-z0-9_]+$",
+        "a coil's name has letters, digits and underscores only",
+        'rename it, for example "coil_1"',
+    ),
+]
 
 
 class CoilKeys(PlacementKeys):

@@ -1,31 +1,15 @@
 """The whole of a device file, and the whole of a material file."""
 
-from typing import Annotated
-
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from fieldmap.device.schema.bodies import AnyBody
 from fieldmap.device.schema.coils import AnyCoil
 from fieldmap.device.schema.materials import AnyMaterial, CurveKeys
 from fieldmap.device.schema.payload import AnyPayload, DriverKeys
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace, SectionKeys
-from fieldmap.inputs.tables import Name, Table, Text, broken
-
-FORMAT = 1
-Format = Annotated[
-    int, Field(description="version of the file format: 1", json_schema_extra={"const": FORMAT})
-]
-
-
-def require_known_format(value: int) -> int:
-    """Raise unless this is the version that is read here."""
-    if value != FORMAT:
-        raise broken(
-            f"format must be {FORMAT}",
-            str(value),
-            f"this version of fieldmap reads format {FORMAT} only: install the version that wrote the file",
-        )
-    return value
+from fieldmap.errors import DeviceFileError
+from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.tables import Format, Name, Table, Text
 
 
 class DeviceFile(Table):
@@ -46,8 +30,6 @@ class DeviceFile(Table):
         default={}, description='"key.path" = "where the number comes from"; * stands for any one step'
     )
 
-    _format = field_validator("format")(require_known_format)
-
 
 class MaterialFile(CurveKeys):
     """A file that holds one measured B-H curve."""
@@ -57,4 +39,27 @@ class MaterialFile(CurveKeys):
     title: Text = Field(description="one line about the material")
     provenance: dict[str, Text] = Field(default={}, description='"key" = "where the numbers come from"')
 
-    _format = field_validator("format")(require_known_format)
+
+DEVICE = register(
+    FileKind(
+        "device",
+        DeviceFile,
+        DeviceFileError,
+        "geometry",
+        keys=frozenset({"coil", "body", "material", "payload", "driver", "workspace"}),
+        taken_by="`fieldmap check` takes it",
+        json_schema="device.schema.json",
+    )
+)
+MATERIAL = register(
+    FileKind(
+        "material",
+        MaterialFile,
+        DeviceFileError,
+        "geometry",
+        "materials",
+        keys=frozenset({"H_A_per_m", "B_T"}),
+        taken_by='a device file names it: kind = "bh_table", file = "..."',
+        json_schema="material.schema.json",
+    )
+)

@@ -126,7 +126,7 @@ def _kind_of_reference(table: dict[str, Any]) -> Any:
 
 AnyReference = Annotated[
     Annotated[FluxDensityReference, Tag("flux density")] | Annotated[GradientReference, Tag("gradient")],
-    chosen_with(_kind_of_reference),
+    chosen_with(_kind_of_reference, "quantity"),
 ]
 
 

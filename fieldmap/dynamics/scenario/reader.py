@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fieldmap.dynamics.scenario.schema import ScenarioFile
+from fieldmap.dynamics.scenario.schema import SCENARIO, ScenarioFile
 from fieldmap.errors import Problem, ScenarioError
-from fieldmap.inputs.document import Document, find_input_file, load_input_file, schema_findings
-from fieldmap.inputs.toml_lines import line_numbers, nearest_line
-
-FOLDER = "scenarios"
+from fieldmap.inputs.document import Document
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +29,7 @@ class Scenario:
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> ScenarioError:
         """An error at a key of the file."""
-        line = nearest_line(line_numbers(self.text), tuple(key.split(".")))
-        place = f"{self.path}:{line}" if line else str(self.path)
-        return ScenarioError(Problem(f"{place}: {key}", must_hold, received, remedy))
+        return ScenarioError(Document(self.path, self.text, {}).problem(key, must_hold, received, remedy))
 
 
 def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
@@ -45,14 +40,12 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
     key path; what must hold; what was received; the remedy.
     """
     path = find_scenario(path_or_name)
-    document = load_input_file(path, "scenario", ScenarioError)
+    document = SCENARIO.load(path)
     data = tomllib.loads(document.text)
     for key, value in (changes or {}).items():
         _change(data, path, key, value)
-    findings = schema_findings(ScenarioFile, data)
-    if findings:
-        raise ScenarioError(*Document(path, document.text, data).problems(findings))
-    return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
+    contents = SCENARIO.contents(Document(path, document.text, data))
+    return Scenario(path, document.text, contents, dict(changes or {}))
 
 
 def find_scenario(path_or_name: str | Path) -> Path:
@@ -62,7 +55,7 @@ def find_scenario(path_or_name: str | Path) -> Path:
         raise ScenarioError(
             Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
         )
-    return find_input_file(path_or_name, "scenario", ScenarioError, "maps", FOLDER)
+    return SCENARIO.find(path_or_name)
 
 
 def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:

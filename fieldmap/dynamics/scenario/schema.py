@@ -1,12 +1,14 @@
 """What a scenario file may hold: the tables of the TOML file, with their rules. Lengths in mm, as their keys say."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, Tag, model_validator
+from pydantic import Field, Tag, model_validator
 
 from fieldmap.dynamics.scenario.controller_keys import AxisController, FeedforwardKeys, LinkedController
-from fieldmap.inputs.findings import shown
+from fieldmap.errors import ScenarioError
+from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import (
+    Format,
     NotNegative,
     Point,
     Positive,
@@ -17,17 +19,8 @@ from fieldmap.inputs.tables import (
     chosen_by,
 )
 
-FORMAT = 1
-
 Count = Annotated[int, Field(ge=1)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
-
-
-def _known_format(value: Any) -> Any:
-    if value != FORMAT or isinstance(value, bool):
-        remedy = "this version of fieldmap reads format 1 only: install the version that knows the file's"
-        raise broken("format must be 1", shown(value), remedy)
-    return value
 
 
 class FieldKeys(Table):
@@ -307,7 +300,7 @@ class NoiseKeys(Table):
 class ScenarioFile(Table):
     """A scenario."""
 
-    format: Annotated[int, BeforeValidator(_known_format)] = Field(description="version of the format: 1")
+    format: Format
     title: Text = Field(description="one line about the run")
     map: Text = Field(description="map file, relative to the scenario; or its name in maps/out")
     device: Text | None = Field(
@@ -329,3 +322,16 @@ class ScenarioFile(Table):
     disturbance: list[DisturbanceKeys] = Field(default=[], description="forces on the body")
     noise: NoiseKeys = Field(default=NoiseKeys(), description="where noise comes from")
     record: RecordKeys = Field(default=RecordKeys(), description="what is kept")
+
+
+SCENARIO = register(
+    FileKind(
+        "scenario",
+        ScenarioFile,
+        ScenarioError,
+        "maps",
+        "scenarios",
+        keys=frozenset({"control", "duration_s", "sensors", "start"}),
+        taken_by="`fieldmap simulate` takes it",
+    )
+)

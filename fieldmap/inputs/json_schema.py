@@ -1,0 +1,47 @@
+"""JSON Schema of files that people write, for editors.
+
+`python -m fieldmap.inputs.json_schema` rewrites the shipped files. A schema is made from the same classes that the
+reader checks with. It knows keys, types, limits and choices; the rules between keys (an empty workspace, a corner that
+is too round) are the reader's alone.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema
+
+from fieldmap.inputs.kinds import every_kind
+from fieldmap.shipped import shipped_folder
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+class _WithoutTitles(GenerateJsonSchema):
+    """Keys carry descriptions; titles made from their names would only repeat them with the units spoilt."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def json_schema(root: type[BaseModel]) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a file."""
+    return {"$schema": DIALECT} | root.model_json_schema(schema_generator=_WithoutTitles)
+
+
+def schema_text(root: type[BaseModel]) -> str:
+    """The text of the schema file."""
+    return json.dumps(json_schema(root), indent=1, ensure_ascii=False) + "\n"
+
+
+def schema_files() -> dict[Path, type[BaseModel]]:
+    """The shipped schema files, and the classes that they are made from."""
+    kinds = [kind for kind in every_kind() if kind.json_schema is not None]
+    return {shipped_folder(kind.folder) / str(kind.json_schema): kind.schema for kind in kinds}
+
+
+if __name__ == "__main__":
+    for path, root in schema_files().items():
+        path.write_text(schema_text(root), encoding="utf-8")
+        print(path)

@@ -1,0 +1,72 @@
+"""Kinds of files register themselves; a file that is clearly of another kind is told so."""
+
+import subprocess
+import sys
+
+import pytest
+
+from fieldmap.inputs.kinds import every_kind, kind_of
+from fieldmap.shipped import shipped_folder, shipped_names
+
+KINDS = {kind.name: kind for kind in every_kind()}
+SHIPPED = [
+    (kind, name)
+    for kind in KINDS.values()
+    for name in shipped_names(kind.folder, kind.subfolder)
+    if name.startswith("planar") == (kind.mark is not None)
+]
+
+
+def test_packages_register_their_kinds():
+    assert set(KINDS) == {"device", "material", "planar device", "recipe", "scenario", "study"}
+
+
+@pytest.mark.parametrize(("kind", "name"), SHIPPED, ids=lambda value: str(getattr(value, "name", value)))
+def test_every_shipped_file_is_of_its_kind(kind, name):
+    document = kind.load(shipped_folder(kind.folder) / f"{name}.toml")
+    assert kind_of(document.data) is kind
+    kind.contents(document)
+
+
+@pytest.mark.parametrize("wanted", KINDS)
+@pytest.mark.parametrize("given", KINDS)
+def test_files_of_another_kind_are_refused(wanted, given, tmp_path):
+    if wanted == given or (wanted, given) == ("planar device", "device"):  # which may lack its mark only
+        return
+    kind = KINDS[given]
+    name = next(name for other, name in SHIPPED if other is kind)
+    with pytest.raises(KINDS[wanted].error) as caught:
+        KINDS[wanted].load(shipped_folder(kind.folder) / f"{name}.toml")
+    (problem,) = caught.value.problems
+    assert wanted in problem.must_hold
+    assert given in problem.received
+    assert kind.taken_by in problem.remedy
+
+
+@pytest.mark.parametrize("data", [{}, {"format": 1}, {"coil": [], "vary": []}])
+def test_data_of_no_kind_or_of_several_is_of_none(data):
+    assert kind_of(data) is None
+
+
+def test_a_reader_knows_kinds_of_packages_that_are_not_loaded(tmp_path):
+    """In a process of its own: reading a device loads no other package until a file of another kind comes."""
+    program = """
+import sys
+from fieldmap.device import read_device
+read_device("single_electromagnet")
+assert "fieldmap.dynamics" not in sys.modules
+try:
+    read_device(sys.argv[1])
+except ValueError as error:
+    print(error.problems[0].received)
+"""
+    scenario = shipped_folder("maps") / "scenarios" / "hold.toml"
+    run = [sys.executable, "-c", program, str(scenario)]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    assert "scenario" in done.stdout
+
+
+def test_misspelt_names_of_shipped_files_are_corrected():
+    with pytest.raises(KINDS["device"].error) as caught:
+        KINDS["device"].find("drive_unti")
+    assert "drive_unit" in caught.value.problems[0].remedy
