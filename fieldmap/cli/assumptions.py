@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from fieldmap.device.model import Device, Payload, SaturatingMaterial
+from fieldmap.device.materials import Material
+from fieldmap.device.model import Device, Payload
 
 
 def saturates(device: Device) -> bool:
     """Whether some body can saturate."""
-    return any(isinstance(device.materials[body.material], SaturatingMaterial) for body in device.bodies)
+    return any(device.materials[body.material].saturates for body in device.bodies)
 
 
 def material_assumptions(device: Device) -> tuple[str, ...]:
@@ -16,16 +17,14 @@ def material_assumptions(device: Device) -> tuple[str, ...]:
     return tuple(
         f"iron '{name}': {_law(material)}"
         for name, material in device.materials.items()
-        if name in used and isinstance(material, SaturatingMaterial)
+        if name in used and material.saturates
     )
 
 
-def _law(material: SaturatingMaterial) -> str:
+def _law(material: Material) -> str:
     """The law with its initial permeability, which a formula states itself."""
-    from fieldmap.iron.elements.bh_law import initial_mu_r, law_words
-
-    words = law_words(material)
-    return words if "initial mu_r" in words else f"{words}; initial mu_r {initial_mu_r(material):.0f}"
+    words = material.description
+    return words if "initial mu_r" in words else f"{words}; initial mu_r {material.initial_mu_r:.0f}"
 
 
 def payload_assumptions(payload: Payload | None) -> tuple[str, ...]:

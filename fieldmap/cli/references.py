@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.cli.iron import IronChoice
-from fieldmap.device.model import Device, LinearMaterial, Reference, SaturatingMaterial
+from fieldmap.device.model import Device, Reference
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -63,17 +63,14 @@ def _row(reference: Reference, ours: float | None, why_not: str) -> dict[str, An
 
 def common_mu_r(device: Device, choice: IronChoice) -> float:
     """The one relative permeability of the iron; NaN, which equals no reference, if bodies differ or saturate."""
-    from fieldmap.iron.elements.bh_law import initial_mu_r
-
     if choice.mu_r is not None:
         return choice.mu_r
     values = set()
     for body in device.bodies:
         material = device.materials[body.material]
-        if isinstance(material, LinearMaterial):
-            values.add(material.mu_r)
-        elif isinstance(material, SaturatingMaterial):
-            values.add(float("nan") if choice.nonlinear else initial_mu_r(material))
+        if material.role == "iron":
+            saturates = material.saturates and choice.nonlinear
+            values.add(float("nan") if saturates else material.initial_mu_r)
     return values.pop() if len(values) == 1 else float("nan")
 
 

@@ -142,6 +142,8 @@ def weight(payload: Payload) -> float:
 def _saturates(text: str) -> bool:
     import tomllib
 
+    from fieldmap.device.materials import keys_of_table
+
     materials = tomllib.loads(text).get("material", {}) if text else {}
-    kinds = ("bh_table", "froehlich", "arctangent", "marrocco")
-    return any(material.get("kind") in kinds for material in materials.values())
+    laws = [keys_of_table(table) for table in materials.values()]
+    return any(law.material.saturates for law in laws if law is not None)

@@ -11,6 +11,15 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldmap.device.materials import Material as Material
+from fieldmap.device.materials import SaturatingMaterial as SaturatingMaterial
+from fieldmap.device.materials.arctangent import Arctangent as Arctangent
+from fieldmap.device.materials.bh_table import BHTable as BHTable
+from fieldmap.device.materials.flux_barrier import FluxBarrier as FluxBarrier
+from fieldmap.device.materials.froehlich import Froehlich as Froehlich
+from fieldmap.device.materials.linear import LinearMaterial as LinearMaterial
+from fieldmap.device.materials.marrocco import Marrocco as Marrocco
+from fieldmap.device.materials.permanent_magnet import PermanentMagnet as PermanentMagnet
 from fieldmap.typing import Array
 
 _EMPTY: Mapping[str, str] = MappingProxyType({})
@@ -124,90 +133,6 @@ class Section:
     normal: Array
     bodies: tuple[str, ...] = ()
     half_widths: Array | None = None
-
-
-# ---- materials ---------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class LinearMaterial:
-    """Constant relative permeability."""
-
-    name: str
-    mu_r: float
-
-
-@dataclass(frozen=True, eq=False)
-class BHTable:
-    """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
-
-    below: law from the origin to the first point ("straight line to the origin" is the only one so far);
-    above: law past the last point: "slope mu0" (saturated), or "towards saturation": the polarisation B - mu0 H goes
-    on rising to `saturation`, T. Both are named assumptions, printed with results.
-    """
-
-    name: str
-    h: Array
-    b: Array
-    below: str
-    above: str
-    initial_mu_r: float
-    saturation: float | None = None
-
-
-@dataclass(frozen=True)
-class Froehlich:
-    """Froehlich-Kennelly: polarisation B - mu0 H = chi mu0 H / (1 + chi mu0 H / saturation), chi = mu_r - 1.
-
-    mu_r: initial relative permeability; saturation: polarisation at large H, T.
-    """
-
-    name: str
-    mu_r: float
-    saturation: float
-
-
-@dataclass(frozen=True)
-class Arctangent:
-    """Polarisation (2/pi) saturation arctan(pi chi mu0 H / (2 saturation)), chi = mu_r - 1; names as for Froehlich."""
-
-    name: str
-    mu_r: float
-    saturation: float
-
-
-@dataclass(frozen=True)
-class Marrocco:
-    """Reluctivity H/B = (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0, B in T.
-
-    The formula holds up to the flux density where its slope dB/dH has fallen to mu0; there the iron is saturated.
-    """
-
-    name: str
-    eps: float
-    c: float
-    alpha: float
-    tau: float
-
-
-@dataclass(frozen=True)
-class FluxBarrier:
-    """Ideal flux barrier, mu -> 0: no flux passes its surface."""
-
-    name: str
-
-
-@dataclass(frozen=True, eq=False)
-class PermanentMagnet:
-    """Remanence (3,) in T, in the global frame, and recoil permeability."""
-
-    name: str
-    remanence: Array
-    mu_r: float
-
-
-SaturatingMaterial = BHTable | Froehlich | Arctangent | Marrocco
-Material = LinearMaterial | SaturatingMaterial | FluxBarrier | PermanentMagnet
 
 
 # ---- coils: axis along local z, winding centred at the local origin, positive current counter-clockwise ----

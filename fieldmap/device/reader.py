@@ -3,17 +3,17 @@
 import hashlib
 import os
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
-from pydantic_core import PydanticCustomError
 
 from fieldmap.device.cross_checks import cross_findings
+from fieldmap.device.materials import Curves, MaterialKeys, keys_of_table
 from fieldmap.device.model import Device, StepFile
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
-from fieldmap.device.schema.materials import Curves, require_room_to_saturate
 from fieldmap.errors import DeviceFileError, Problem
 from fieldmap.inputs.document import Document, schema_findings
 from fieldmap.inputs.explain import REQUIRED
@@ -55,29 +55,29 @@ def _no_such_file(material: str, file: str) -> Finding:
     )
 
 
-def curves_that_cannot_saturate(data: dict[str, Any], curves: Curves) -> list[Finding]:
-    """The rule of `require_room_to_saturate` for curves from files of their own."""
+def _curves_that_do_not_fit(materials: Mapping[str, MaterialKeys], curves: Curves) -> list[Finding]:
+    """The rules that tie a curve from a file of its own to the keys of the table that names it."""
     found = []
-    for material, file in _named_files(data):
-        saturation = data["material"][material].get("saturation_polarisation_T")
-        if saturation is None:
-            continue
-        try:
-            require_room_to_saturate(*curves[file], saturation)
-        except PydanticCustomError as error:
+    for name, keys in materials.items():
+        fault = keys.fault_of_curve(curves)
+        if fault is not None:
+            key, error = fault
             told = error.context or {}
-            place = ("material", material, "saturation_polarisation_T")
+            place = ("material", name, key)
             found.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
     return found
 
 
 def _named_files(data: dict[str, Any]) -> list[tuple[str, str]]:
+    """Materials and the files that they name."""
     materials = data.get("material")
-    if not isinstance(materials, dict):
-        return []
-    tables = [(name, table) for name, table in materials.items() if isinstance(table, dict)]
-    files = [(name, table.get("file")) for name, table in tables if table.get("kind") == "bh_table"]
-    return [(name, file) for name, file in files if isinstance(file, str)]
+    files = []
+    for name, table in materials.items() if isinstance(materials, dict) else ():
+        keys = keys_of_table(table) if isinstance(table, dict) else None
+        file = None if keys is None else keys.named_file(table)
+        if file is not None:
+            files.append((name, file))
+    return files
 
 
 def _beside_or_shipped(folder: Path, file: str) -> Path | None:
@@ -139,12 +139,14 @@ def checked_contents(document: Document, root: type[_File]) -> tuple[_File, Curv
     findings = schema_findings(root, document.data)
     missing = {dotted(document.data, found.location) for found in findings if found.must_hold == REQUIRED}
     findings += cross_findings(document.data, document.path.parent, missing)
+    contents = None
     if not findings and not problems:
-        findings += curves_that_cannot_saturate(document.data, curves)
+        contents = root.model_validate(document.data)
+        findings += _curves_that_do_not_fit(contents.material, curves)  # type: ignore[attr-defined]
     problems = [*document.problems(findings), *problems]
-    if problems:
+    if problems or contents is None:
         raise DeviceFileError(*problems)
-    return root.model_validate(document.data), curves, included
+    return contents, curves, included
 
 
 def _build(contents: DeviceFile, document: Document, curves: Curves, included: dict[str, str]) -> Device:

@@ -4,18 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.constants import mu_0
 
-from fieldmap.device.marrocco import marrocco_end, marrocco_field
-from fieldmap.device.model import (
-    BHTable,
-    Device,
-    FluxBarrier,
-    LinearMaterial,
-    Marrocco,
-    PermanentMagnet,
-    SaturatingMaterial,
-)
+from fieldmap.device.materials import Material
+from fieldmap.device.model import Device
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.solution import LinearSolution
 
@@ -40,7 +31,7 @@ class OverdrivenBody:
     share: float
 
 
-def largest_polarisation(material: SaturatingMaterial | LinearMaterial) -> float:
+def largest_polarisation(material: Material) -> float:
     """The polarisation B - mu0 H, T, that a law ends with or tends to; that of saturated iron-cobalt where the device
     file knows no law, or one that never saturates.
 
@@ -48,18 +39,8 @@ def largest_polarisation(material: SaturatingMaterial | LinearMaterial) -> float
     >>> largest_polarisation(Froehlich("iron", mu_r=1000.0, saturation=1.5))
     1.5
     """
-    match material:
-        case BHTable():
-            reached = float(np.max(material.b - mu_0 * material.h))
-            return reached if material.saturation is None else max(reached, material.saturation)
-        case Marrocco(_, eps, c, alpha, tau):
-            end = marrocco_end(eps, c, alpha, tau)
-            if np.isfinite(end):
-                return end - marrocco_field(end, eps, c, alpha, tau)
-            return MOST_OF_ANY_IRON
-        case LinearMaterial():
-            return MOST_OF_ANY_IRON
-    return material.saturation
+    most = material.largest_polarisation
+    return most if np.isfinite(most) else MOST_OF_ANY_IRON
 
 
 def overdriven_bodies(
@@ -85,7 +66,7 @@ def overdriven_bodies(
     found = []
     for body in device.bodies:
         material = device.materials[body.material]
-        if isinstance(material, FluxBarrier | PermanentMagnet):
+        if material.role != "iron":
             continue
         mine = solution.mesh.body == solution.mesh.body_names.index(body.name)
         most = largest_polarisation(material)

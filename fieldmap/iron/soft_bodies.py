@@ -1,14 +1,7 @@
 """Which devices the nonlinear solver takes, and what it takes for granted about their materials."""
 
-from fieldmap.device.model import (
-    Device,
-    FluxBarrier,
-    LinearMaterial,
-    PermanentMagnet,
-    SaturatingMaterial,
-)
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import law_words
 
 _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
@@ -28,10 +21,10 @@ def require_soft_bodies(device: Device) -> None:
     for body in device.bodies:
         material = device.materials[body.material]
         given = ""
-        if isinstance(material, FluxBarrier):
-            given = "an ideal flux barrier"
-        elif not isinstance(material, SaturatingMaterial) and material.mu_r < 1:
-            given = f"mu_r = {material.mu_r:g}"
+        if material.role == "flux barrier":
+            given = material.description
+        elif not material.saturates and material.initial_mu_r < 1:
+            given = f"mu_r = {material.initial_mu_r:g}"
         if given:
             where = f"device '{device.name}', body '{body.name}'"
             problems.append(
@@ -43,14 +36,9 @@ def require_soft_bodies(device: Device) -> None:
 
 def material_assumptions(device: Device) -> tuple[str, ...]:
     """What the laws of the device's iron and magnets assume, one sentence each."""
-    used = dict.fromkeys(body.material for body in device.bodies)
     notes = []
-    for name in used:
+    for name in dict.fromkeys(body.material for body in device.bodies):
         material = device.materials[name]
-        if isinstance(material, SaturatingMaterial):
-            notes.append(f"iron '{name}': {law_words(material)}; no hysteresis")
-        elif isinstance(material, PermanentMagnet):
-            notes.append(f"magnet '{name}': constant mu_r = {material.mu_r:g}")
-        elif isinstance(material, LinearMaterial):
-            notes.append(f"iron '{name}': linear, mu_r = {material.mu_r:g}")
+        limit = "; no hysteresis" if material.saturates else ""
+        notes.append(f"{material.role} '{name}': {material.description}{limit}")
     return tuple(notes)

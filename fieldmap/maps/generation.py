@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.device.model import Device, PermanentMagnet
+from fieldmap.device.model import Device
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
 from fieldmap.maps.certificate import SOLVER_POINTS, certified_bounds
@@ -161,7 +161,7 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
         raise recipe.error(
             "device", "a device with at least one coil", "none", "add a [[coil]] to the device"
         )
-    magnets = [b.name for b in device.bodies if isinstance(device.materials[b.material], PermanentMagnet)]
+    magnets = [b.name for b in device.bodies if device.materials[b.material].role == "magnet"]
     if magnets:
         must_hold = "a device whose field follows the coil currents alone, as a map of unit fields holds it"
         received = f"permanent magnets: {', '.join(magnets)}"

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from fieldmap.arguments import check_positive
-from fieldmap.device.model import FluxBarrier, LinearMaterial, Material, PermanentMagnet
+from fieldmap.device.materials import Material
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import initial_mu_r
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.planar.boundary_operator import BoundaryOperator, boundary_operator
 from fieldmap.planar.conductors import coil_derivatives, coil_vector_potential, complex_points
@@ -89,7 +88,7 @@ def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tup
 
 
 def _permeability(material: Material, mu_r: float | None) -> float:
-    if isinstance(material, PermanentMagnet):
+    if material.role == "magnet":
         raise InputError(
             Problem(
                 f"solve_planar, material {material.name}",
@@ -98,11 +97,9 @@ def _permeability(material: Material, mu_r: float | None) -> float:
                 "use soft iron, or the three-dimensional model",
             )
         )
-    if isinstance(material, FluxBarrier):
+    if material.role == "flux barrier":
         return _BARRIER_MU_R
-    if mu_r is not None:
-        return float(mu_r)
-    return material.mu_r if isinstance(material, LinearMaterial) else initial_mu_r(material)
+    return material.initial_mu_r if mu_r is None else float(mu_r)
 
 
 def walls_in_words(device: PlanarDevice) -> str:

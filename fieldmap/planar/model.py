@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
-from fieldmap.device.model import Material
+from fieldmap.device.materials import Material
 from fieldmap.typing import Array
 
 _EMPTY: Mapping[str, str] = MappingProxyType({})

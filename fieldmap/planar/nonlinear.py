@@ -5,9 +5,8 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.device.model import FluxBarrier, LinearMaterial, PermanentMagnet
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import law_tables, law_words
+from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.planar.conductors import coil_vector_potential
 from fieldmap.planar.geometry_checks import check_planar_geometry
 from fieldmap.planar.iron_energy import IronTriangles, iron_triangles
@@ -62,7 +61,7 @@ def solve_planar_state(
 
 def _check_materials(device: PlanarDevice) -> None:
     for body in device.bodies:
-        if isinstance(device.materials[body.material], FluxBarrier | PermanentMagnet):
+        if device.materials[body.material].role != "iron":
             raise InputError(
                 Problem(
                     f"solve_planar_state, body {body.name}",
@@ -81,12 +80,8 @@ def _material_words(device: PlanarDevice) -> tuple[str, ...]:
     words = set()
     for body in device.bodies:
         material = device.materials[body.material]
-        assert not isinstance(material, FluxBarrier | PermanentMagnet)
-        law = (
-            f"constant relative permeability {material.mu_r:g}"
-            if isinstance(material, LinearMaterial)
-            else law_words(material)
-        )
+        constant = f"constant relative permeability {material.initial_mu_r:g}"
+        law = material.description if material.saturates else constant
         words.add(f"iron of {body.name}: {law}")
     return tuple(sorted(words))
 

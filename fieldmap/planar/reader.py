@@ -4,8 +4,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from fieldmap.device.materials import Curves
 from fieldmap.device.reader import checked_contents
-from fieldmap.device.schema.materials import Curves
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.tables import MILLI, read_only
 from fieldmap.planar.geometry_checks import check_planar_geometry

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.device.model import BHTable, Device, FluxBarrier, LinearMaterial, PermanentMagnet
+from fieldmap.device.materials import Material, SaturatingMaterial
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import LawTables, initial_mu_r
+from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.typing import Array
 
 # An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
@@ -43,28 +44,20 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
         material = device.materials[body.material]
         value[k], note = _constant_mu_r(material, mu_r)
         notes[note] = None
-        if isinstance(material, PermanentMagnet):
-            remanence[k] = material.remanence
+        remanence[k] = material.remanence
     return BodyProperties(value, remanence, tuple(notes))
 
 
-def _constant_mu_r(material, mu_r: float | None) -> tuple[float, str]:
-    if isinstance(material, FluxBarrier):
-        return BARRIER_MU_R, f"flux barrier '{material.name}': mu_r = {BARRIER_MU_R:g}"
-    if isinstance(material, PermanentMagnet):
-        return material.mu_r, f"magnet '{material.name}': constant mu_r = {material.mu_r:g}"
-    if mu_r is not None:
-        return mu_r, f"iron '{material.name}': linear, mu_r = {mu_r:g} as requested"
-    if isinstance(material, LinearMaterial):
-        return material.mu_r, f"iron '{material.name}': linear, mu_r = {material.mu_r:g}"
-    slope = initial_mu_r(material)
-    of_what = "law"
-    if isinstance(material, BHTable):
-        of_what = f"B-H table ({material.below} below the first point)"
-    return (
-        slope,
-        f"iron '{material.name}': linear, mu_r = {slope:.0f}, the initial slope of its {of_what}; no saturation",
-    )
+def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
+    who = f"{material.role} '{material.name}'"
+    if material.role == "flux barrier":
+        return BARRIER_MU_R, f"{who}: mu_r = {BARRIER_MU_R:g}"
+    if material.role == "iron" and mu_r is not None:
+        return mu_r, f"{who}: linear, mu_r = {mu_r:g} as requested"
+    slope = material.initial_mu_r
+    if isinstance(material, SaturatingMaterial):
+        return slope, f"{who}: linear, mu_r = {slope:.0f}, {material.initial_slope}; no saturation"
+    return slope, f"{who}: {material.description}"
 
 
 def straight_laws(mu_r: Array) -> LawTables:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.constants import mu_0
 
 from fieldmap.arguments import check_count, check_not_negative
-from fieldmap.device.model import Device, PermanentMagnet, SaturatingMaterial
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
@@ -139,10 +139,8 @@ class HysteresisSolver:
     def demagnetised(self) -> IronMemory:
         """The iron without currents and before it has been through anything."""
         materials = [self.device.materials[body.material] for body in self.device.bodies]
-        soft = np.array([isinstance(material, SaturatingMaterial) for material in materials])
-        remanence = np.array(
-            [m.remanence if isinstance(m, PermanentMagnet) else np.zeros(3) for m in materials]
-        )
+        soft = np.array([material.saturates for material in materials])
+        remanence = np.array([material.remanence for material in materials])
         law, count = self._mesh.body, self._form.elements.count
         material = PinnedMagnetisation(
             law,

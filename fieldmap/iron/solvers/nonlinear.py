@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.device.model import Device, PermanentMagnet
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.element_fields import PotentialField
@@ -73,7 +73,7 @@ class NonlinearSolver:
         stages.done("assembled")
         self._seconds = stages.seconds
         materials = [device.materials[body.material] for body in device.bodies]
-        remanence = [m.remanence if isinstance(m, PermanentMagnet) else np.zeros(3) for m in materials]
+        remanence = [material.remanence for material in materials]
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
 
     def solve(

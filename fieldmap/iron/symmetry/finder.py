@@ -13,9 +13,7 @@ from fieldmap.device.model import (
     Cylinder,
     Device,
     ExtrudedPolygon,
-    LinearMaterial,
     PathCoil,
-    PermanentMagnet,
     Placement,
     RevolvedProfile,
     Ring,
@@ -379,20 +377,15 @@ def _keeps_magnets(device: Device, matrix: Array, images: tuple[int, ...]) -> bo
     handedness = np.sign(np.linalg.det(matrix))
     for material, image in zip(materials, images, strict=True):
         other = materials[image]
-        if isinstance(material, PermanentMagnet) and isinstance(other, PermanentMagnet):
-            moved = handedness * matrix @ material.remanence
-            if np.abs(moved - other.remanence).max() > 1e-6 * np.abs(material.remanence).max():
-                return False
+        moved = handedness * matrix @ material.remanence
+        if np.abs(moved - other.remanence).max() > 1e-6 * np.abs(material.remanence).max():
+            return False
     return True
 
 
 def _kind(device: Device, body: Body) -> tuple[object, ...]:
     material = device.materials[body.material]
-    kind: tuple[object, ...] = (body.material,)
-    if isinstance(material, PermanentMagnet):
-        kind = ("magnet", material.mu_r)
-    elif isinstance(material, LinearMaterial):
-        kind = ("linear", material.mu_r)
+    kind = (body.material,) if material.likeness is None else material.likeness
     return (*kind, body.mesh_size, body.edge_size)
 
 

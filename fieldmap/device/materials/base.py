@@ -1,0 +1,220 @@
+"""What a material is to the rest of the package, and how a law of one file becomes a choice of device files.
+
+A law is a frozen class derived from `Material` (or from one of its two refinements here) and, beside it, the keys of
+its [material.NAME] table, derived from `MaterialKeys`. Both stand in one module of `fieldmap.device.materials`; nothing
+else names them. In formulas h = mu0 H and b are both in tesla, J = b - h is the polarisation.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.tables import Table
+from fieldmap.typing import Array
+
+Role = Literal["iron", "magnet", "flux barrier"]
+Curves = Mapping[str, tuple[list[float], list[float]]]
+"""Field strengths (A/m) and flux densities (T) of measured curves, by the name of their file."""
+
+# Iron-cobalt, the strongest material known, saturates at 2.45 T.
+LARGEST_POLARISATION_T = 3.0
+Polarisation = Annotated[float, Field(gt=0, le=LARGEST_POLARISATION_T)]
+InitialMuR = Annotated[float, Field(gt=1)]
+
+SAMPLES = np.concatenate([[0.0], np.geomspace(1e-3, 1e7, 240)])
+"""Where a law of initial permeability and saturation is sampled: chi h / saturation. At the last, J is saturated to
+1e-7."""
+
+NO_REMANENCE = np.zeros(3)
+NO_REMANENCE.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class LawPoints:
+    """Points of J(h) for monotone cubics: h (k,) from 0 on, J (k,), dJ/dh (k,), h and J in T. Past the last point J
+    stays."""
+
+    field: Array
+    polarisation: Array
+    slope: Array
+
+
+class Material(ABC):
+    """What a body is made of.
+
+    role: how the models take it. "iron" may be given another constant permeability; a "magnet" keeps its own; a
+    "flux barrier" lets no flux pass. saturates: whether it follows a B(H) law that a linear solution does not know.
+    """
+
+    role: ClassVar[Role] = "iron"
+    saturates: ClassVar[bool] = False
+
+    name: str
+    initial_mu_r: float
+    """Relative permeability at H = 0."""
+    remanence: Array
+    """Flux density (3,) in T at H = 0, in the device's frame."""
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """The law in words: its kind, the range in which it holds, and what holds outside."""
+
+    @property
+    def largest_polarisation(self) -> float:
+        """The polarisation, T, that the law ends with or tends to; infinite where it has no end."""
+        return np.inf
+
+    @property
+    def likeness(self) -> tuple[object, ...] | None:
+        """What must be equal in materials that are alike (their remanence apart); None: the name in the device."""
+        return None
+
+
+class Iron(Material):
+    """Soft iron: no remanence."""
+
+    remanence = NO_REMANENCE
+
+
+class SaturatingMaterial(Iron):
+    """Soft iron with a single-valued B(H) law."""
+
+    saturates: ClassVar[bool] = True
+    initial_slope: str = "the initial slope of its law"
+    """What a linear solution takes for its permeability, in words."""
+
+    @property
+    def field_range(self) -> tuple[float, float]:
+        """mu0 H in T of a table's first and last point. Of a formula the first is infinite, and the last is where the
+        formula ends; infinite where it holds everywhere."""
+        return np.inf, np.inf
+
+    @abstractmethod
+    def points(self) -> LawPoints:
+        """The law as the solvers take it. Called only where `fault` finds nothing."""
+
+    @abstractmethod
+    def fault(self) -> tuple[str, str] | None:
+        """What must hold of the law and what was received instead; None for a law that iron can follow: dB/dH nowhere
+        below that of free space, and a polarisation that ends somewhere."""
+
+    def require_physical(self) -> None:
+        """Raise InputError where there is a `fault`: a device made in Python has passed no reader."""
+        fault = self.fault()
+        if fault is not None:
+            where = f"material '{self.name}'"
+            raise InputError(Problem(where, *fault, "correct the law; docs/device_files.md describes them"))
+
+
+@dataclass(frozen=True)
+class TwoConstantLaw(SaturatingMaterial):
+    """A law that initial permeability and saturation polarisation (T) fix: J = saturation f(x), x = chi h / saturation,
+    chi = mu_r - 1. A law of this kind defines `title`, `polarisation` and `susceptibility`."""
+
+    title: ClassVar[str]
+
+    name: str
+    mu_r: float
+    saturation: float
+
+    @abstractmethod
+    def polarisation(self, x: Array) -> Array:
+        """J, T."""
+
+    @abstractmethod
+    def susceptibility(self, x: Array) -> Array:
+        """dJ/dh."""
+
+    @property
+    def initial_mu_r(self) -> float:  # type: ignore[override]
+        """Relative permeability at H = 0."""
+        return self.mu_r
+
+    @property
+    def largest_polarisation(self) -> float:
+        """The saturation polarisation, T."""
+        return self.saturation
+
+    def fault(self) -> tuple[str, str] | None:
+        """See `SaturatingMaterial.fault`."""
+        if self.mu_r > 1 and 0 < self.saturation < np.inf:
+            return None
+        text = "mu_r must be above 1 and the saturation polarisation a finite number above 0"
+        return text, f"mu_r = {self.mu_r}, saturation = {self.saturation}"
+
+    def points(self) -> LawPoints:
+        """Samples that grow geometrically."""
+        field = SAMPLES * self.saturation / (self.mu_r - 1)
+        return LawPoints(field, self.polarisation(SAMPLES), self.susceptibility(SAMPLES))
+
+    @property
+    def description(self) -> str:
+        """The law in words."""
+        numbers = f"initial mu_r {self.mu_r:g}, saturation polarisation {self.saturation:g} T"
+        return f"{self.title}, {numbers}"
+
+
+# ---- keys of the file ----
+
+
+class MaterialKeys(Table):
+    """Keys of a [material.NAME] table. A subclass with a `kind: Literal[...]` is a choice of device files.
+
+    material: the class that the keys make. tag: name of the choice, the kind unless one kind has several tables.
+    rank: place in lists of choices; of equal ones the tag decides.
+    """
+
+    material: ClassVar[type[Material]]
+    tag: ClassVar[str]
+    rank: ClassVar[int] = 50
+
+    _choices: ClassVar[dict[str, type["MaterialKeys"]]] = {}
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        super().__pydantic_init_subclass__(**options)
+        if "kind" in cls.model_fields and hasattr(cls, "material"):
+            if "tag" not in cls.__dict__:
+                cls.tag = cls.kind_of_file()
+            MaterialKeys._choices[cls.tag] = cls
+
+    @classmethod
+    def kind_of_file(cls) -> str:
+        """The value of `kind` that stands for this material."""
+        return get_args(cls.model_fields["kind"].annotation)[0]
+
+    @classmethod
+    def reads(cls, table: Mapping[str, Any]) -> bool:
+        """Whether these are the keys of a raw table."""
+        return table.get("kind") == cls.kind_of_file()
+
+    @classmethod
+    def named_file(cls, table: Mapping[str, Any]) -> str | None:
+        """The material file that a raw table of these keys names."""
+        file = table.get("file") if "file" in cls.model_fields else None
+        return file if isinstance(file, str) else None
+
+    def fault_of_curve(self, curves: Curves) -> tuple[str, PydanticCustomError] | None:
+        """The key that the curve of the named file does not go with, and what is wrong; None where all is well."""
+        return None
+
+    def to_model(self, name: str, curves: Curves) -> Material:
+        """In SI. curves: what the material files that `file` keys name contain."""
+        raise NotImplementedError
+
+
+def material_choices() -> tuple[type[MaterialKeys], ...]:
+    """The keys of all laws, in the order of lists."""
+    return tuple(sorted(MaterialKeys._choices.values(), key=lambda keys: (keys.rank, keys.tag)))
+
+
+def keys_of_table(table: Mapping[str, Any]) -> type[MaterialKeys] | None:
+    """The keys that a raw [material.NAME] table is read with; None for a kind that nobody knows."""
+    return next((keys for keys in material_choices() if keys.reads(table)), None)

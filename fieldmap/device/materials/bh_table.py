@@ -1,0 +1,306 @@
+"""Measured B-H curves: a table in the device file, or in a material file that it names."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
+from scipy.constants import mu_0
+
+from fieldmap.device.materials.base import (
+    SAMPLES,
+    Curves,
+    LawPoints,
+    Material,
+    MaterialKeys,
+    Polarisation,
+    SaturatingMaterial,
+)
+from fieldmap.inputs.tables import Positive, Table, Text, broken, read_only
+from fieldmap.typing import Array
+
+# Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
+SMALLEST_SLOPE = 0.99 * mu_0
+# Device files are held to the slope of free space. Here stands what the solver bears: formulas in B, such as the law of
+# tests/reference/axisymmetric_saturated.csv, dip to 0.62 of it.
+_SMALLEST_SLOPE_OF_A_LAW = 0.5 * mu_0
+TOWARDS_SATURATION = "towards saturation"
+
+
+@dataclass(frozen=True, eq=False)
+class BHTable(SaturatingMaterial):
+    """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
+
+    below: law from the origin to the first point ("straight line to the origin" is the only one so far);
+    above: law past the last point: "slope mu0" (saturated), or "towards saturation": the polarisation B - mu0 H goes
+    on rising to `saturation`, T. Both are named assumptions, printed with results.
+    """
+
+    name: str
+    h: Array
+    b: Array
+    below: str
+    above: str
+    initial_mu_r: float
+    saturation: float | None = None
+
+    @property
+    def initial_slope(self) -> str:  # type: ignore[override]
+        """What a linear solution takes for its permeability, in words."""
+        return f"the initial slope of its B-H table ({self.below} below the first point)"
+
+    @property
+    def largest_polarisation(self) -> float:
+        """That of the table or of its continuation, T."""
+        reached = float(np.max(self.b - mu_0 * self.h))
+        return reached if self.saturation is None else max(reached, self.saturation)
+
+    @property
+    def field_range(self) -> tuple[float, float]:
+        """mu0 H of the first and last point, T."""
+        return mu_0 * float(self.h[0]), mu_0 * float(self.h[-1])
+
+    def fault(self) -> tuple[str, str] | None:
+        """See `SaturatingMaterial.fault`."""
+        h, b = (np.asarray(values, dtype=float) for values in (self.h, self.b))
+        if h.ndim != 1 or h.shape != b.shape or len(h) < 2 or not np.isfinite([h, b]).all():
+            return "H and B must be as many finite numbers, two at least", f"shapes {h.shape} and {b.shape}"
+        steps = np.diff(h, prepend=0.0)
+        if (steps <= 0).any():
+            received = f"{h[np.argmax(steps <= 0)]:g} A/m out of order"
+            return "H must be strictly increasing from above 0", received
+        slope = np.diff(b, prepend=0.0) / steps
+        if (slope < _SMALLEST_SLOPE_OF_A_LAW).any():
+            k = int(np.argmax(slope < _SMALLEST_SLOPE_OF_A_LAW))
+            text = "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A"
+            return text, f"{slope[k]:.4g} T m/A up to point {k + 1}"
+        if self.saturation is not None:
+            polarisation = b[-2:] - mu_0 * h[-2:]
+            if not polarisation[0] < polarisation[1] < self.saturation:
+                text = "B - mu0 H must rise at the table's end and end below the saturation polarisation"
+                return text, f"{polarisation[0]:.4g} and {polarisation[1]:.4g} T before {self.saturation:g} T"
+        return None
+
+    def points(self) -> LawPoints:
+        """A straight line from the origin, the table, and an end that is saturated or on its way there."""
+        from scipy.interpolate import PchipInterpolator
+
+        field = mu_0 * np.concatenate([[0.0], self.h])
+        polarisation = np.concatenate([[0.0], self.b]) - field
+        secant = np.diff(polarisation) / np.diff(field)
+        tail = _tail(field, polarisation, self.saturation)
+        # With the continuation the slope at the last point is known: dB/dH has no jump there.
+        beyond = np.append(field, 2 * field[-1]), np.append(polarisation, _tail_value(2 * field[-1], tail))
+        slope = PchipInterpolator(*beyond).derivative()(field)
+        # The stated straight line to the origin, as far as monotony of the next piece allows (Fritsch and Carlson).
+        slope[0] = secant[0]
+        slope[1] = min(secant[0], 3 * secant[1]) if len(secant) > 1 else secant[0]
+        if tail.slope == 0:
+            return LawPoints(field, polarisation, slope)
+        slope[-1] = tail.slope
+        x = SAMPLES[1:] * tail.rest / tail.slope
+        return LawPoints(
+            np.concatenate([field, field[-1] + x]),
+            np.concatenate([polarisation, _tail_value(field[-1] + x, tail)]),
+            np.concatenate([slope, tail.slope / (1 + tail.slope * x / tail.rest) ** 2]),
+        )
+
+    @property
+    def description(self) -> str:
+        """The law in words."""
+        rises = "" if self.saturation is None else f" ({self.saturation:g} T)"
+        return (
+            f"single-valued B-H table, {self.below} below {self.b[0]:g} T, "
+            f"{self.above}{rises} above {self.b[-1]:g} T"
+        )
+
+
+@dataclass(frozen=True)
+class _Tail:
+    """Past a table's end, at field h0 and polarisation saturation - rest: J = saturation - rest/(1 + slope x/rest)."""
+
+    start: float
+    saturation: float
+    rest: float
+    slope: float
+
+
+def _tail(field: Array, polarisation: Array, saturation: float | None) -> _Tail:
+    """The hyperbola through the last two points that ends at the saturation; a constant where none is given."""
+    end = float(polarisation[-1])
+    if saturation is None:
+        return _Tail(float(field[-1]), end, 0.0, 0.0)
+    rest = saturation - end
+    secant = (end - polarisation[-2]) / (field[-1] - field[-2])
+    return _Tail(float(field[-1]), saturation, rest, float(secant * rest / (saturation - polarisation[-2])))
+
+
+def _tail_value(h: Array, tail: _Tail) -> Array:
+    if tail.slope == 0:
+        return np.full(np.shape(h), tail.saturation)
+    return tail.saturation - tail.rest / (1 + tail.slope * (h - tail.start) / tail.rest)
+
+
+# ---- keys of the file ----
+
+Curve = Annotated[list[Positive], Field(min_length=2)]
+
+
+class CurveKeys(Table):
+    """The points of a single-valued B-H curve, origin left out."""
+
+    H_A_per_m: Curve = Field(description="field strengths, strictly increasing, without the origin")
+    B_T: Curve = Field(description="flux densities, one for each field strength, strictly increasing")
+
+    @field_validator("H_A_per_m")
+    @classmethod
+    def _increasing(cls, value: list[float]) -> list[float]:
+        _require_increasing("H_A_per_m", value)
+        return value
+
+    @field_validator("B_T")
+    @classmethod
+    def _physical(cls, value: list[float], info: ValidationInfo) -> list[float]:
+        _require_increasing("B_T", value)
+        h = info.data.get("H_A_per_m")
+        if h is not None:
+            _require_same_length(h, value)
+            _require_slope(h, value)
+        return value
+
+
+def _require_increasing(key: str, values: list[float]) -> None:
+    steps = np.flatnonzero(np.diff(values) <= 0)
+    if steps.size:
+        k = int(steps[0])
+        raise broken(
+            f"{key} must be strictly increasing",
+            f"{values[k + 1]:g} after {values[k]:g} (points {k + 1} and {k + 2})",
+            "sort the points, and remove repeated ones and the falling branch of a hysteresis loop",
+        )
+
+
+def _require_same_length(h: list[float], b: list[float]) -> None:
+    if len(h) != len(b):
+        raise broken(
+            "H_A_per_m and B_T must have the same number of values",
+            f"{len(h)} and {len(b)} values",
+            "give one B for each H",
+        )
+
+
+def _require_slope(h: list[float], b: list[float]) -> None:
+    slopes = np.diff(b, prepend=0.0) / np.diff(h, prepend=0.0)
+    flat = np.flatnonzero(slopes < SMALLEST_SLOPE)
+    if flat.size:
+        k = int(flat[0])
+        before = "the origin" if k == 0 else f"point {k}"
+        raise broken(
+            "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A",
+            f"slope {slopes[k]:.4g} T m/A from {before} to point {k + 1}",
+            "check the unit of H (A/m, not kA/m or Oe) and that B is the flux density, not mu0 M",
+        )
+
+
+class _ExtensionKeys(MaterialKeys):
+    kind: Literal["bh_table"] = Field(description="B-H table")
+    below: Literal["straight line to the origin"] = Field(
+        description='law below the first point: "straight line to the origin"'
+    )
+    above: Literal["slope mu0", "towards saturation"] = Field(
+        description='law past the last point: "slope mu0" (saturated) or "towards saturation"'
+    )
+    saturation_polarisation_T: Polarisation | None = Field(
+        default=None,
+        validate_default=True,
+        description='with "towards saturation": what B - mu0 H rises to past the last point',
+    )
+
+    @field_validator("saturation_polarisation_T")
+    @classmethod
+    def _goes_with_above(cls, value: float | None, info: ValidationInfo) -> float | None:
+        above = info.data.get("above")
+        if above == TOWARDS_SATURATION and value is None:
+            raise broken(
+                f'above = "{TOWARDS_SATURATION}" needs the polarisation that it rises to',
+                "no saturation_polarisation_T",
+                'add it (about 2.15 for iron), or choose "slope mu0"',
+            )
+        if above == "slope mu0" and value is not None:
+            raise broken(
+                f'saturation_polarisation_T belongs to above = "{TOWARDS_SATURATION}"',
+                f'{value:g} with above = "slope mu0"',
+                f'remove it, or choose "{TOWARDS_SATURATION}"',
+            )
+        h, b = info.data.get("H_A_per_m"), info.data.get("B_T")
+        if value is not None and h is not None and b is not None:
+            require_room_to_saturate(h, b, value)
+        return value
+
+    def _table(self, name: str, h: list[float], b: list[float]) -> BHTable:
+        initial_mu_r = b[0] / (mu_0 * h[0])
+        saturation = self.saturation_polarisation_T
+        return BHTable(name, read_only(h), read_only(b), self.below, self.above, initial_mu_r, saturation)
+
+
+def require_room_to_saturate(h: list[float], b: list[float], saturation: float) -> None:
+    """Raise unless the polarisation still rises at the table's end, and ends below its saturation."""
+    before, end = (b[k] - mu_0 * h[k] for k in (-2, -1))
+    if end >= saturation:
+        raise broken(
+            f"saturation_polarisation_T must be above B - mu0 H of the table's last point, {end:.4g} T",
+            f"{saturation:g}",
+            'correct it, or choose above = "slope mu0": the table is saturated already',
+        )
+    if end <= before:
+        raise broken(
+            "B - mu0 H must still rise between the table's last two points, to be continued towards saturation",
+            f"{before:.4g} T, then {end:.4g} T",
+            'choose above = "slope mu0": the table is saturated already',
+        )
+
+
+class BHTableKeys(_ExtensionKeys, CurveKeys):
+    """B-H table in the device file."""
+
+    material: ClassVar[type[Material]] = BHTable
+    rank: ClassVar[int] = 10
+
+    @classmethod
+    def reads(cls, table: Mapping[str, Any]) -> bool:
+        """Whether these are the keys of a raw table."""
+        return super().reads(table) and "file" not in table
+
+    def to_model(self, name: str, curves: Curves) -> BHTable:
+        """In SI."""
+        return self._table(name, self.H_A_per_m, self.B_T)
+
+
+class BHTableFromFileKeys(_ExtensionKeys):
+    """B-H table in a file of its own."""
+
+    material: ClassVar[type[Material]] = BHTable
+    tag: ClassVar[str] = "bh_table from a file"
+    rank: ClassVar[int] = 10
+
+    file: Text = Field(description="material file, relative to the device file or among the shipped ones")
+
+    @classmethod
+    def reads(cls, table: Mapping[str, Any]) -> bool:
+        """Whether these are the keys of a raw table."""
+        return super().reads(table) and "file" in table
+
+    def fault_of_curve(self, curves: Curves) -> tuple[str, PydanticCustomError] | None:
+        """The rule of `require_room_to_saturate` for a curve from a file of its own."""
+        if self.saturation_polarisation_T is not None:
+            try:
+                require_room_to_saturate(*curves[self.file], self.saturation_polarisation_T)
+            except PydanticCustomError as error:
+                return "saturation_polarisation_T", error
+        return None
+
+    def to_model(self, name: str, curves: Curves) -> BHTable:
+        """In SI; `curves` holds what the named file contains."""
+        return self._table(name, *curves[self.file])
