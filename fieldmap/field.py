@@ -148,7 +148,47 @@ class BaseField(ABC):
         return FixedCurrents(self, coil_currents(currents, self.coil_names))
 
 
-class FixedCurrents:
+class BaseFieldAtCurrents(ABC):
+    """What every field at fixed currents can do once it has `coil_names`, `currents`, `field` and `gradient`."""
+
+    currents: Array
+
+    @property
+    @abstractmethod
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+
+    @abstractmethod
+    def field(self, points: ArrayLike) -> Array:
+        """B (n, 3), T."""
+
+    @abstractmethod
+    def gradient(self, points: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The box in which the field holds or is asked for; None where no box is known."""
+        return None
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the field rests on."""
+        return ()
+
+    def second_gradient(self, points: ArrayLike) -> Array:
+        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient, see `BaseField`."""
+        return differenced(self.gradient, points)
+
+    def wrench(self, positions: ArrayLike, moments: ArrayLike) -> Array:
+        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`."""
+        where = np.asarray(positions, dtype=float)
+        points = np.atleast_2d(where)
+        result = dipole_wrench(self.field(points), self.gradient(points), moments)
+        return result[0] if where.ndim == 1 else result
+
+
+class FixedCurrents(BaseFieldAtCurrents):
     """A field at given currents (n_coils,), A."""
 
     def __init__(self, source: Field, currents: Array) -> None:

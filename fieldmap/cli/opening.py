@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldmap.cli.assumptions import overdriven_words
 from fieldmap.cli.iron import IronChoice, States, require_iron, solve_device
-from fieldmap.device.model import Device, Driver, Payload, WorkspaceBox
+from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.typing import Array
 
@@ -86,14 +86,7 @@ def open_device(name: str) -> Device:
 
 def workspace_corners(device: Device) -> tuple[Array, Array] | None:
     """Corners (3,) of the axis-parallel box around the workspace, m, or None where the device names none."""
-    space = device.workspace
-    if space is None:
-        return None
-    if isinstance(space, WorkspaceBox):
-        return np.asarray(space.lower, dtype=float), np.asarray(space.upper, dtype=float)
-    reach = np.array([space.radius, space.radius, 0.0])
-    base = np.asarray(space.base, dtype=float)
-    return base - reach, base + reach + [0.0, 0.0, space.height]
+    return device.bounds
 
 
 def recorded_payload(text: str) -> Payload | None:

@@ -20,6 +20,7 @@ from fieldmap.device.materials.froehlich import Froehlich as Froehlich
 from fieldmap.device.materials.linear import LinearMaterial as LinearMaterial
 from fieldmap.device.materials.marrocco import Marrocco as Marrocco
 from fieldmap.device.materials.permanent_magnet import PermanentMagnet as PermanentMagnet
+from fieldmap.field import Bounds
 from fieldmap.typing import Array
 
 _EMPTY: Mapping[str, str] = MappingProxyType({})
@@ -251,6 +252,11 @@ class WorkspaceBox:
     lower: Array
     upper: Array
 
+    @property
+    def bounds(self) -> Bounds:
+        """Its two corners, m."""
+        return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceCylinder:
@@ -259,6 +265,13 @@ class WorkspaceCylinder:
     base: Array
     radius: float
     height: float
+
+    @property
+    def bounds(self) -> Bounds:
+        """Corners of the axis-parallel box around it, m."""
+        base = np.asarray(self.base, dtype=float)
+        sideways = np.array([self.radius, self.radius, 0.0])
+        return base - sideways, base + sideways + [0.0, 0.0, self.height]
 
 
 Workspace = WorkspaceBox | WorkspaceCylinder
@@ -309,6 +322,11 @@ class Device:
     def coil_names(self) -> tuple[str, ...]:
         """Names in current order."""
         return tuple(coil.name for coil in self.coils)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Corners of the axis-parallel box around the workspace, m; None without a workspace."""
+        return None if self.workspace is None else self.workspace.bounds
 
     @property
     def texts(self) -> tuple[str, ...]:

@@ -6,10 +6,10 @@ from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
 from fieldmap.iron.report import SolverReport
-from fieldmap.iron.solution import LinearSolution
+from fieldmap.iron.solution import LinearSolution, LinearState, NonlinearSolution, SolvedState
 from fieldmap.iron.solvers.hysteresis import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.iron.solvers.linear import solve_linear
-from fieldmap.iron.solvers.nonlinear import NonlinearSolution, NonlinearSolver, solve
+from fieldmap.iron.solvers.nonlinear import NonlinearSolver, solve
 from fieldmap.iron.solvers.to_tolerance import solve_to_tolerance
 
 __all__ = [
@@ -18,12 +18,14 @@ __all__ = [
     "IronMemory",
     "IronMesh",
     "LinearSolution",
+    "LinearState",
     "NonlinearSolution",
     "NonlinearSolver",
     "OverdrivenBody",
     "Pinning",
     "Section",
     "SectionFlux",
+    "SolvedState",
     "SolverReport",
     "check_geometry",
     "generate_mesh",

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
+from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
+from fieldmap.iron.operators.assembled import AssembledIron
 
 
 @dataclass(frozen=True)
@@ -69,3 +71,29 @@ class SolverReport:
             f"{100 * count / self.tetrahedra:.3g} % of the elements {side}" for count, side in sides if count
         ]
         return f"; {' and '.join(words)} of their B-H law" if words else ""
+
+
+def report_of(
+    form: str,
+    iron: AssembledIron,
+    unknowns: int,
+    state: IronState,
+    seconds: dict[str, float],
+    assumptions: tuple[str, ...],
+) -> SolverReport:
+    """The report of iron solved on one mesh in one form."""
+    return SolverReport(
+        form=form,
+        tetrahedra=len(iron.mesh.tets),
+        surface_faces=len(iron.surface.areas),
+        charged_faces=len(state.faces.areas),
+        unknowns=unknowns,
+        magnetic_bodies=iron.magnetic_bodies,
+        iterations=state.iterations,
+        residual=state.residuals[-1],
+        matrix_bytes=iron.mutual.bytes,
+        seconds=seconds,
+        assumptions=assumptions,
+        symmetry=iron.symmetry,
+        storage=iron.mutual.storage,
+    )

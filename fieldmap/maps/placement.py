@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.device.model import Device, WorkspaceBox, WorkspaceCylinder
+from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.maps.recipe import MILLI, Array, Recipe
 from fieldmap.store import Grid
 
@@ -46,12 +46,8 @@ def with_box(device: Device, grid: Grid) -> Device:
 def _corners(recipe: Recipe, device: Device) -> tuple[Array, Array]:
     if recipe.lower is not None and recipe.upper is not None:
         return recipe.lower, recipe.upper
-    space = device.workspace
-    if isinstance(space, WorkspaceBox):
-        return np.asarray(space.lower), np.asarray(space.upper)
-    if isinstance(space, WorkspaceCylinder):
-        reach = np.array([space.radius, space.radius, 0.0])
-        return space.base - reach, space.base + reach + np.array([0.0, 0.0, space.height])
+    if device.bounds is not None:
+        return device.bounds
     must_hold = "a box, since the device has no workspace"
     raise recipe.error("box", must_hold, "nothing", "add [box] with lower_mm and upper_mm, each [x, y, z]")
 

@@ -39,4 +39,5 @@ def from_arrays(device: Device, arrays: Mapping[str, np.ndarray], about: Mapping
         state = IronState(
             faces, density, np.empty((len(density), 0, 3)), report.iterations, (report.residual,)
         )
-    return LinearSolution(device.coils, None, state, bool(about["has_remanence"]), report)
+    remanence, bounds = bool(about["has_remanence"]), device.bounds
+    return LinearSolution(device.coils, None, state, remanence, report, None, device.sections, bounds)

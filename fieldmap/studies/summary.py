@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.device.model import Device, Payload, WorkspaceBox
+from fieldmap.device.model import Device, Payload
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.inputs.document import Document
@@ -140,13 +140,10 @@ class _OperatingPoint:
     @property
     def box(self) -> tuple[Array, Array]:
         """Corners of the box around the workspace, m."""
-        space = self.device.workspace
-        if space is None:
+        bounds = self.device.bounds
+        if bounds is None:
             raise InputError(Problem("workspace", "must be there", "none", "add a [workspace] table"))
-        if isinstance(space, WorkspaceBox):
-            return space.lower, space.upper
-        reach = np.array([space.radius, space.radius, 0.0])
-        return space.base - reach, space.base + reach + [0.0, 0.0, space.height]
+        return bounds
 
     def levitation(self, currents: Array) -> DifferencedField:
         """The field at these currents inside the workspace."""

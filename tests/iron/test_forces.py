@@ -237,23 +237,35 @@ def test_bodies_that_touch_have_a_force_together_only():
     device = block_and_coils()
     lid = Body("lid", "iron", (Part(Cylinder(0.008, 0.002), at(0, 0, -0.002)),), 0.004)
     unit = fm.solve_linear(replace(device, bodies=(*device.bodies, lid), coils=device.coils[:1]))
-    with pytest.raises(InputError, match=r"\['block', 'lid'\]"):
+    with pytest.raises(InputError) as caught:
         unit.force_on("lid", [1.0])
+    (problem,) = caught.value.problems
+    assert "'block'" in problem.received
+    assert "['block', 'lid']" in problem.remedy
     together = unit.force_on(["block", "lid"], [1.0])
     rest = unit.force_on(["ball", "ring"], [1.0])
     assert together == pytest.approx(-rest, abs=5e-3 * np.abs(rest).max())
 
 
 @pytest.mark.parametrize(
-    ("call", "fragment"),
+    ("call", "where"),
     [
-        (lambda s: s.force_on("blok", CURRENTS), "block, ball, ring, frame"),
-        (lambda s: s.force_on([], CURRENTS), "at least one"),
-        (lambda s: s.force_on("block", [1.0]), "2 finite currents"),
-        (lambda s: s.torque_on("block", CURRENTS, [0.0, np.nan, 0.0]), "one finite point"),
-        (lambda s: s.torque_on("block", CURRENTS, [0.0, 0.0]), "one finite point"),
+        (lambda s: s.force_on("blok", CURRENTS), "force, name"),
+        (lambda s: s.force_on([], CURRENTS), "force, name"),
+        (lambda s: s.force_on("block", [1.0]), "currents"),
+        (lambda s: s.torque_on("block", CURRENTS, [0.0, np.nan, 0.0]), "torque, about"),
+        (lambda s: s.torque_on("block", CURRENTS, [0.0, 0.0]), "torque, about"),
     ],
 )
-def test_bad_input(solution, call, fragment):
-    with pytest.raises(InputError, match=fragment):
+def test_bad_input(solution, call, where):
+    with pytest.raises(InputError) as caught:
         call(solution)
+    assert [problem.where for problem in caught.value.problems] == [where]
+
+
+def test_unknown_names_are_told_with_the_known_ones(solution):
+    with pytest.raises(InputError) as caught:
+        solution.force_on(["blok", "rong"], CURRENTS)
+    assert [problem.received for problem in caught.value.problems] == ["'blok'", "'rong'"]
+    for name in ("block", "ball", "ring", "frame"):
+        assert name in caught.value.problems[0].must_hold

@@ -138,13 +138,17 @@ def test_without_pinning_it_is_the_solver_without_memory(solver):
     assert state.flux_linkage() == pytest.approx(plain.flux_linkage(), rel=1e-5)
 
 
-def test_bad_input(solver):
-    with pytest.raises(InputError, match="coercive_field"):
-        Pinning(-1.0)
-    with pytest.raises(InputError, match="cells"):
-        Pinning(100.0, 0)
-    with pytest.raises(InputError, match="one per coil"):
-        solver.step([1.0, 2.0], solver.demagnetised)
-    with pytest.raises(InputError, match="tolerance"):
-        solver.step([1.0], solver.demagnetised, tolerance=0.0)
-    assert "100 A/m" in Pinning(100.0).assumption
+@pytest.mark.parametrize(
+    ("call", "where"),
+    [
+        (lambda s: Pinning(-1.0), "coercive_field"),
+        (lambda s: Pinning(100.0, 0), "cells"),
+        (lambda s: s.step([1.0, 2.0], s.demagnetised), "currents"),
+        (lambda s: s.step([1.0], s.demagnetised, tolerance=0.0), "tolerance"),
+    ],
+)
+def test_bad_input(solver, call, where):
+    with pytest.raises(InputError) as caught:
+        call(solver)
+    (problem,) = caught.value.problems
+    assert where in problem.where

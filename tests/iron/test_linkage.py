@@ -227,7 +227,7 @@ def test_law_integral():
 def test_a_stored_solution_has_no_linkages(forms):
     """What a map keeps of a solution is the field in the air."""
     stored = from_arrays(core_and_coils(), *to_arrays(forms["potential"]))
-    with pytest.raises(InputError, match="solve the device again"):
+    with pytest.raises(InputError):
         stored.inductance()
 
 

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fieldmap.device.model import Device, WorkspaceBox
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
@@ -89,8 +89,8 @@ class Solution(Protocol):
 def workspace_surface(device: Device) -> Array:
     """Points (n, 3) on the surface of the workspace's box. Field and gradient are harmonic inside, so that errors are
     largest there. Raises InputError if the device has no workspace."""
-    space = device.workspace
-    if space is None:
+    bounds = device.bounds
+    if bounds is None:
         raise InputError(
             Problem(
                 f"device '{device.name}'",
@@ -99,11 +99,7 @@ def workspace_surface(device: Device) -> Array:
                 "add a [workspace] table to the device file",
             )
         )
-    if isinstance(space, WorkspaceBox):
-        lower, upper = space.lower, space.upper
-    else:
-        reach = np.array([space.radius, space.radius, 0.0])
-        lower, upper = space.base - reach, space.base + reach + [0, 0, space.height]
+    lower, upper = bounds
     t = np.linspace(0, 1, _POINTS_PER_EDGE)
     grid = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)
     on_surface = ((grid == 0) | (grid == 1)).any(axis=1)

@@ -35,21 +35,6 @@ def checked_points(points: ArrayLike) -> tuple[Array, bool]:
     return np.atleast_2d(x), x.ndim == 1
 
 
-def checked_currents(currents: ArrayLike, names: tuple[str, ...]) -> Array:
-    """Currents (c,) in A. Raises InputError unless there is one finite value per coil name."""
-    values = np.atleast_1d(np.asarray(currents, dtype=float))
-    if values.shape != (len(names),) or not np.isfinite(values).all():
-        raise InputError(
-            Problem(
-                "currents",
-                f"there must be {len(names)} finite currents, one per coil ({', '.join(names)})",
-                f"shape {values.shape}: {values}",
-                "give them in the order of the device file",
-            )
-        )
-    return values
-
-
 def refuse_inside(mesh: IronMesh | None, x: Array) -> None:
     """Raise InputError if a point (n, 3) lies inside the iron, where the solver defines no gradient."""
     if mesh is None:

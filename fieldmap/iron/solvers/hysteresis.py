@@ -1,27 +1,25 @@
 """Iron with rate-independent hysteresis, led through a sequence of currents: docs/theory/hysteresis.md."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.constants import mu_0
 
 from fieldmap.arguments import check_count, check_not_negative
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.field import Currents, coil_currents
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField
-from fieldmap.iron.geometry.checks import check_geometry
+from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.nonlinear_solution import SolvedState
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.quantities.air import checked_currents
+from fieldmap.iron.report import report_of
 from fieldmap.iron.soft_bodies import require_soft_bodies
+from fieldmap.iron.solution import PotentialSolution
 from fieldmap.sources import unit_flux_densities
-from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array
 
 # As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
@@ -85,23 +83,18 @@ class IronMemory:
     currents: Array
 
 
-@dataclass(frozen=True, eq=False)
-class HystereticState(SolvedState):
-    """Coils and iron after one step. Fields in T, gradients in T/m, points (n, 3) or (3,) in m.
+@dataclass(frozen=True, eq=False, repr=False)
+class HystereticState(PotentialSolution):
+    """Coils and iron after one step.
 
-    memory: where the next step begins. loss: J, what the iron turned into heat on the way here. iron_linkage (c,), Wb:
-    what the iron adds to the linkages. steps: Newton steps. parts: into which the way was divided.
+    memory: where the next step begins. loss: J, what the iron turned into heat on the way here. steps: Newton steps.
+    parts: into which the way was divided.
     """
 
     memory: IronMemory
-    iron_linkage: Array
     loss: float
     steps: int
     parts: int = 1
-
-    def flux_linkage(self) -> Array:
-        """Flux linkages (c,) of the coils in Wb, all turns."""
-        return bare_inductance(self.coils) @ self.currents + self.iron_linkage
 
 
 class HysteresisSolver:
@@ -123,6 +116,7 @@ class HysteresisSolver:
         self.device, self.pinning = device, pinning
         require_soft_bodies(device)
         check_geometry(device)
+        self._notes = geometry_notes(device)
         self._mesh = generate_mesh(device, refinement, "auto")
         self._form = PinnedForm(assemble(self._mesh))
         coils = device.coils
@@ -133,7 +127,13 @@ class HysteresisSolver:
         other = object.__new__(HysteresisSolver)
         other.device, other.pinning = self.device, pinning
         other._mesh, other._form, other._unit = self._mesh, self._form, self._unit
+        other._notes = self._notes
         return other
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What every state rests on."""
+        return (self.pinning.assumption, *self._notes)
 
     @cached_property
     def demagnetised(self) -> IronMemory:
@@ -157,13 +157,13 @@ class HysteresisSolver:
         """Number of charged faces."""
         return len(self._form.iron.surface.areas)
 
-    def step(self, currents: ArrayLike, memory: IronMemory, tolerance: float = 1e-3) -> HystereticState:
+    def step(self, currents: Currents, memory: IronMemory, tolerance: float = 1e-3) -> HystereticState:
         """The state at currents (c,) in A, to which they go straight from those of `memory`.
 
         What the iron remembers changes once in a step: currents that turn back must do so between steps. Where Newton's
         method fails, the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
         """
-        values = checked_currents(currents, self.device.coil_names)
+        values = np.array(coil_currents(currents, self.device.coil_names))
         if not (np.isfinite(tolerance) and 0 < tolerance < 1):
             must = "must lie between 0 and 1"
             raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
@@ -177,10 +177,12 @@ class HysteresisSolver:
                 raise
         first = self._reach(0.5 * (currents + memory.currents), memory, residual, halvings - 1)
         second = self._reach(currents, first.memory, residual, halvings - 1)
-        sums: dict[str, Any] = {
-            name: getattr(first, name) + getattr(second, name) for name in ("loss", "steps", "parts")
-        }
-        return HystereticState(**{**second.__dict__, **sums})
+        return replace(
+            second,
+            loss=first.loss + second.loss,
+            steps=first.steps + second.steps,
+            parts=first.parts + second.parts,
+        )
 
     def _at(self, currents: Array, memory: IronMemory, residual: float) -> HystereticState:
         constant = np.einsum("c,ced->ed", currents, self._unit.constant)
@@ -189,16 +191,25 @@ class HysteresisSolver:
         state = self._form.solve(before, field, residual, memory.potential[:, None])
         h, _, polarisation, _ = elements.evaluated(state.potential[:, 0], field, 0, before)
         after = before.after(h)
-        volume = elements.volume
-        return HystereticState(
+        form = self._form
+        report = report_of("potential", form.iron, elements.count, state.iron, {}, self.assumptions)
+        about = (
             self.device.coils,
             currents,
             self._mesh,
+            state.iron,
+            np.ones(1),
+            report,
+            self.device.sections,
+        )
+        return HystereticState(
+            *about,
             state,
-            IronMemory(after, state.potential[:, 0], currents),
             self._linkage(polarisation),
-            before.dissipated(after, volume) / mu_0,
+            IronMemory(after, state.potential[:, 0], currents),
+            before.dissipated(after, elements.volume) / mu_0,
             state.iron.iterations,
+            bounds=self.device.bounds,
         )
 
     def _linkage(self, polarisation: Array) -> Array:

@@ -15,7 +15,7 @@ from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
-from fieldmap.iron.report import SolverReport
+from fieldmap.iron.report import SolverReport, report_of
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.stages import Progress, Stages
 from fieldmap.sources import unit_flux_densities
@@ -81,23 +81,12 @@ def solved_in_form(
     """One form on one mesh."""
     iron = problem.iron
     state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
-    report = SolverReport(
-        form="potential" if isinstance(problem, PotentialForm) else "flux",
-        tetrahedra=len(iron.mesh.tets),
-        surface_faces=len(iron.surface.areas),
-        charged_faces=len(state.faces.areas),
-        unknowns=problem.elements.count,
-        magnetic_bodies=iron.magnetic_bodies,
-        iterations=state.iterations,
-        residual=state.residuals[-1],
-        matrix_bytes=iron.mutual.bytes,
-        storage=iron.mutual.storage,
-        seconds=stages.seconds,
-        assumptions=properties.assumptions + geometry_notes(device),
-        symmetry=iron.symmetry,
-    )
+    form = "potential" if isinstance(problem, PotentialForm) else "flux"
+    assumptions = properties.assumptions + geometry_notes(device)
+    report = report_of(form, iron, problem.elements.count, state, stages.seconds, assumptions)
     has_remanence = bool(properties.remanence.any())
-    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, device.sections)
+    about = (device.sections, device.bounds)
+    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, *about)
 
 
 def _solve(
@@ -160,4 +149,4 @@ def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
     """The solution of a device without iron."""
     none = ("no iron: the field of the coils alone",)
     report = SolverReport("coils", 0, 0, 0, 0, 0, 0, 0.0, 0, seconds, none)
-    return LinearSolution(device.coils, None, None, False, report)
+    return LinearSolution(device.coils, None, None, False, report, None, device.sections, device.bounds)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import BaseField, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.element_fields import PotentialField
 from fieldmap.iron.elements.nodal_elements import CoilField
@@ -19,13 +20,12 @@ from fieldmap.iron.error.residual import ResidualEstimate
 from fieldmap.iron.galerkin import GalerkinModel, project
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.nonlinear_solution import NonlinearSolution
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.quantities.air import checked_currents
 from fieldmap.iron.quantities.linkage import iron_differential_inductance, linkage_and_coenergy
-from fieldmap.iron.report import SolverReport
+from fieldmap.iron.report import SolverReport, report_of
 from fieldmap.iron.soft_bodies import material_assumptions, require_soft_bodies
+from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
 from fieldmap.iron.stages import Progress, Stages
 from fieldmap.iron.state_images import StateImage, state_images
@@ -41,11 +41,18 @@ _RESIDUAL_OF_COMPLEMENT = 1e-2
 _COARSER = 1.4
 
 
-class NonlinearSolver:
-    """A device meshed and assembled once, for any number of current states.
+class NonlinearSolver(BaseField):
+    """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
-    refinement divides the mesh sizes of the device file; symmetry: "auto" uses the mirror planes of the iron, "none"
-    does not look for them. Raises GeometryError and InputError like `solve`.
+    `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives with currents
+    are those of the state. refinement divides the mesh sizes of the device file; symmetry: "auto" uses the mirror
+    planes of the iron, "none" does not look for them; tolerance: of the states that `at` solves. Raises GeometryError
+    and InputError like `solve`.
+
+    >>> import fieldmap as fm
+    >>> solver = fm.iron.NonlinearSolver(fm.read_device("loop_and_sphere"))
+    >>> print(f"{1e3 * solver.field([0.0, 0.0, -0.014], currents=[1.0])[2]:.2f} mT")
+    1.01 mT
     """
 
     def __init__(
@@ -54,8 +61,11 @@ class NonlinearSolver:
         refinement: float = 1.0,
         progress: Progress | None = None,
         symmetry: str = "auto",
+        tolerance: float = 1e-3,
     ) -> None:
-        self.device = device
+        self.device, self.tolerance = device, tolerance
+        self._states: dict[bytes, NonlinearSolution] = {}
+        self._last: NonlinearSolution | None = None
         self._progress, self._refinement, self._symmetry = progress, refinement, symmetry
         require_soft_bodies(device)
         stages = Stages(progress)
@@ -76,19 +86,64 @@ class NonlinearSolver:
         remanence = [material.remanence for material in materials]
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
 
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return self.device.coil_names
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The box around the workspace."""
+        return self.device.bounds
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What every state rests on."""
+        return self._assumptions
+
+    @property
+    def states(self) -> tuple[NonlinearSolution, ...]:
+        """The states that `at` has solved, in the order in which it did."""
+        return tuple(self._states.values())
+
+    def is_solved(self, currents: Currents) -> bool:
+        """Whether `at` has solved the state at these currents already."""
+        return coil_currents(currents, self.coil_names).tobytes() in self._states
+
+    def at(self, currents: Currents) -> NonlinearSolution:
+        """The state at these currents: the one solved before for exactly these, or a new one.
+
+        A new state begins at the one that was asked for last. Raises InputError for currents that do not fit the
+        coils, NotConverged as `solve`.
+        """
+        values = coil_currents(currents, self.coil_names)
+        key = values.tobytes()
+        if key not in self._states:
+            self._states[key] = self.solve(values, self.tolerance, start=self._last)
+        self._last = self._states[key]
+        return self._last
+
+    def field(self, points: ArrayLike, currents: Currents) -> Array:
+        """Flux density (n, 3) or (3,) of the state at these currents; see `SolvedState.field`."""
+        return self.at(currents).field(points)
+
+    def gradient(self, points: ArrayLike, currents: Currents) -> Array:
+        """Gradient (n, 3, 3) or (3, 3) of the state at these currents; see `SolvedState.gradient`."""
+        return self.at(currents).gradient(points)
+
     def solve(
         self,
-        currents: ArrayLike,
+        currents: Currents,
         tolerance: float = 1e-3,
         start: "NonlinearSolution | Array | None" = None,
     ) -> NonlinearSolution:
-        """The state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
-        (n,)) or from zero.
+        """A new state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
+        (n,)) or from zero; not kept for `at`.
 
         Where Newton's method fails, the state is approached in steps of the currents; `report.continuation` names
         them. Raises InputError for bad arguments, NotConverged with the residual history once that has failed too.
         """
-        values = checked_currents(currents, self.device.coil_names)
+        values = np.array(coil_currents(currents, self.coil_names))
         if not (np.isfinite(tolerance) and 0 < tolerance < 1):
             raise InputError(
                 Problem("solve, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
@@ -105,10 +160,11 @@ class NonlinearSolver:
         report = self._report(
             state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
         )
-        coils, mesh, sections = self.device.coils, self._iron.mesh, self.device.sections
-        return NonlinearSolution(coils, values, mesh, state, report, *self._linked(state, field), sections)
+        device, mesh = self.device, self._iron.mesh
+        about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
+        return NonlinearSolution(*about, state, *self._linkage(state, field), bounds=device.bounds)
 
-    def _linked(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
+    def _linkage(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
         """What the iron adds to the flux linkages (c,), Wb, and to the co-energy, J."""
         elements, material = self._form.elements, self._material
         linkage, coenergy = linkage_and_coenergy(
@@ -208,20 +264,11 @@ class NonlinearSolver:
     ) -> SolverReport:
         low, high = self._material.tables.range_h[:, self._material.law]
         largest = state.largest_h[0]
-        return SolverReport(
-            form="potential",
-            tetrahedra=len(self._iron.mesh.tets),
-            surface_faces=len(self._iron.surface.areas),
-            charged_faces=len(self._iron.surface.areas),
-            unknowns=self._form.elements.count,
-            magnetic_bodies=self._iron.magnetic_bodies,
-            iterations=state.iron.iterations,
-            residual=state.iron.residuals[-1],
-            matrix_bytes=self._iron.mutual.bytes,
-            storage=self._iron.mutual.storage,
-            seconds=seconds,
-            assumptions=self._assumptions,
-            symmetry=self._iron.symmetry,
+        report = report_of(
+            "potential", self._iron, self._form.elements.count, state.iron, seconds, self._assumptions
+        )
+        return replace(
+            report,
             largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
             beyond_table=int((largest > high).sum()),
             below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),
@@ -231,7 +278,7 @@ class NonlinearSolver:
 
 def solve(
     device: Device,
-    currents: ArrayLike,
+    currents: Currents,
     tolerance: float = 1e-3,
     progress: Progress | None = None,
     refinement: float = 1.0,
