@@ -75,15 +75,15 @@ def test_the_site_is_built_and_read_without_a_network():
     assert "font: false" in settings
 
 
-def test_every_public_door_is_in_the_reference():
+def test_every_public_function_is_in_the_reference():
     import fieldmap
 
-    page = (ROOT / "docs" / "api" / "doors.md").read_text()
-    rooms = {name for name in fieldmap.__all__ if isinstance(getattr(fieldmap, name), ModuleType)}
-    assert [name for name in rooms if not (ROOT / "docs" / "api" / f"{name}.md").is_file()] == []
-    doors = [name for name in fieldmap.__all__ if not name.startswith("_") and name not in rooms]
+    page = (ROOT / "docs" / "api" / "public.md").read_text()
+    packages = {name for name in fieldmap.__all__ if isinstance(getattr(fieldmap, name), ModuleType)}
+    assert [name for name in packages if not (ROOT / "docs" / "api" / f"{name}.md").is_file()] == []
+    functions = [name for name in fieldmap.__all__ if not name.startswith("_") and name not in packages]
     assert [
-        name for name in doors if not re.search(rf"^::: fieldmap\.\w+\.{name}$", page, re.MULTILINE)
+        name for name in functions if not re.search(rf"^::: fieldmap\.\w+\.{name}$", page, re.MULTILINE)
     ] == []
 
 
@@ -94,6 +94,14 @@ def test_pages_that_the_code_names_exist():
         named_files |= set(re.findall(r"\bdocs/[\w/]+\.md\b", path.read_text()))
     assert len(named_files) > 3
     assert [name for name in sorted(named_files) if not (ROOT / name).is_file()] == []
+
+
+@pytest.mark.parametrize("page", [*SITE, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=named)
+def test_files_of_the_repository_that_pages_name_exist(page):
+    """In `code`: a file or a folder. NAME stands for what the reader chooses."""
+    places = re.findall(r"`((?:fieldmap|tests|scripts|geometry|maps)/[\w./]*)`", page.read_text())
+    chosen = [place for place in places if "NAME" not in place and not place.startswith("maps/out")]
+    assert [place for place in chosen if not (ROOT / place).exists()] == []
 
 
 CITED = re.compile(r"docs/((?:theory/)?\w+\.md),?\s+(\(\d+\)(?:(?:,\s+|-|\s+and\s+|\s+to\s+)\(\d+\))*)")
@@ -125,7 +133,7 @@ def test_equations_are_numbered_once(page):
     assert len(numbers) == len(set(numbers))
 
 
-ROOMS = [
+PACKAGES = [
     "control", "control.identification", "dynamics", "instruments", "interop", "interpolants", "iron", "levitation",
     "lookup", "maps", "parallel", "planar", "sources", "store", "studies", "plot", "thesis",
 ]  # fmt: skip
@@ -138,26 +146,30 @@ def reference():
     return {name for page in pages for name in re.findall(r"^::: ([\w.]+)$", page.read_text(), re.MULTILINE)}
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_every_function_and_class_of_a_room_is_in_the_reference(room, reference):
-    """Each alone, or with its module."""
-    module = importlib.import_module(f"fieldmap.{room}")
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_function_and_class_of_a_package_is_in_the_reference(package, reference):
+    """Each alone, under the package or the module where it is defined, or with that module."""
+
+    def home(value):
+        return getattr(value, "__module__", "")
+
+    module = importlib.import_module(f"fieldmap.{package}")
     values = {name: getattr(module, name) for name in module.__all__}
     offered = [name for name, value in values.items() if callable(value) and get_origin(value) is None]
     assert len(offered) > 1
     missing = [
         name
         for name in offered
-        if not {f"fieldmap.{room}.{name}", getattr(getattr(module, name), "__module__", "")} & reference
+        if not {f"fieldmap.{package}.{name}", home(values[name]), f"{home(values[name])}.{name}"} & reference
     ]
     assert missing == []
 
 
-def test_no_room_with_public_names_is_forgotten():
+def test_no_package_with_public_names_is_forgotten():
     import pkgutil
 
     import fieldmap
 
-    rooms = [module.name for module in pkgutil.iter_modules(fieldmap.__path__)]
-    public = [room for room in rooms if getattr(importlib.import_module(f"fieldmap.{room}"), "__all__", [])]
-    assert set(public) - set(ROOMS) <= {"device"}
+    names = [module.name for module in pkgutil.iter_modules(fieldmap.__path__)]
+    public = [name for name in names if getattr(importlib.import_module(f"fieldmap.{name}"), "__all__", [])]
+    assert set(public) - set(PACKAGES) <= {"device"}
