@@ -9,7 +9,7 @@ from fieldmap.interop.mag_manip import read_mag_manip, write_mag_manip
 from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements, read_measurements
 from fieldmap.interop.mujoco_magnets import MagnetForces
-from fieldmap.interop.whole_files import write_whole
+from fieldmap.store.whole_files import write_whole
 
 __all__ = [
     "FitReport",

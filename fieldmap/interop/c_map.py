@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.interop.whole_files import write_whole
 from fieldmap.kernels.map import map_block
 from fieldmap.lookup import FieldAtCurrents, FieldMap
+from fieldmap.store.whole_files import write_whole
 
 VERSION = 1
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.interop.whole_files import write_whole
 from fieldmap.lookup import FieldMap
 from fieldmap.store import Grid
+from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array
 
 FIXED = "fixed"

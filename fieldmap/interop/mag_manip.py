@@ -17,9 +17,9 @@ import numpy as np
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements
-from fieldmap.interop.whole_files import write_whole
 from fieldmap.lookup import FieldMap
 from fieldmap.store import Grid
+from fieldmap.store.whole_files import write_whole
 
 _AXES = "xyz"
 

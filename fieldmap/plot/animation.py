@@ -1,6 +1,5 @@
 """A recorded run as a moving picture: the machine with its currents, the body from near, and a time stamp."""
 
-import os
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +18,7 @@ from fieldmap.plot.rulers import INK, add_rulers
 from fieldmap.plot.scene import COLOUR_MAP, IRON, MM, workspace_outline
 from fieldmap.plot.trajectory import ShownRun, body_parts, outline, path_samples
 from fieldmap.plot.windings import winding_surface
+from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array
 
 WINDOW, FRAMES_PER_SECOND, MOST_SECONDS = (960, 576), 12, 10.0
@@ -45,12 +45,8 @@ def save_animation(
     count = max(2, round(FRAMES_PER_SECOND * seconds)) if frames is None else frames
     pictures = _pictures(run, count, seconds, window)
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
-    try:
+    with whole_file(target) as partial:
         write(partial, _counted(pictures, count, progress), count / seconds, window)
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
     return target
 
 

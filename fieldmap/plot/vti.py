@@ -1,6 +1,5 @@
 """A map as VTK image data (.vti), for ParaView and pyvista: the field and its gradient on the map's nodes."""
 
-import os
 from os import PathLike
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 from fieldmap.errors import InputError, Problem
 from fieldmap.interop.csv_map import current_words, map_nodes
 from fieldmap.lookup import FieldMap
+from fieldmap.store.whole_files import whole_file
 
 FRAME = "right-handed, z up, lengths in m; gradient component 3 i + j is dB_i/dx_j"
 
@@ -28,18 +28,9 @@ def write_vti(field: FieldMap, path: str | PathLike[str], currents: ArrayLike | 
         must_hold = "must be a file name that ends in .vti"
         raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
     image = map_image(field, currents)
-    partial = target.with_name(f"{target.stem}.{os.getpid()}.part.vti")
-    try:
+    with whole_file(target) as partial:
         target.parent.stat()
         image.save(partial)
-        os.replace(partial, target)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(
-            Problem(str(target), "must be a place that can be written", reason, "choose another")
-        ) from None
-    finally:
-        partial.unlink(missing_ok=True)
     return target
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import pyvista as pv
 
 from fieldmap.errors import FieldmapError, Problem
-from fieldmap.interop.whole_files import write_whole
 from fieldmap.plot.rulers import INK, MILLIMETRES
+from fieldmap.store.whole_files import write_whole
 
 # The viewer empties the page's body, but not what a style sheet puts after it.
 _HEAD = """<title>{title}</title><style>body::after {{ content: "{words}"; white-space: pre; position: fixed;

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array
 
 FORMAT = "fieldmap run 1"
@@ -31,25 +32,16 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
     `about`, JSON. Raises InputError where the place cannot be written.
     """
     target = Path(path)
-    partial = target.with_name(f"{target.name}.{os.getpid()}.part")
-    try:
-        with h5py.File(partial, "w") as file:
-            file.attrs["format"] = FORMAT
-            for name, text in about.items():
-                file.attrs[name] = text
-            for number, run in enumerate(runs):
-                group = file.create_group(f"run_{number:04d}")
-                group.attrs["about"] = json.dumps(run.about, allow_nan=False)
-                for name, (values, unit, columns) in run.arrays.items():
-                    data = group.create_dataset(name, data=values, fletcher32=np.size(values) > 0)
-                    data.attrs["unit"], data.attrs["columns"] = unit, columns
-        os.replace(partial, target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        reason = error.strerror or str(error)
-        raise InputError(
-            Problem(str(target), "must be a place that can be written", reason, "choose another")
-        ) from None
+    with whole_file(target) as partial, h5py.File(partial, "w") as file:
+        file.attrs["format"] = FORMAT
+        for name, text in about.items():
+            file.attrs[name] = text
+        for number, run in enumerate(runs):
+            group = file.create_group(f"run_{number:04d}")
+            group.attrs["about"] = json.dumps(run.about, allow_nan=False)
+            for name, (values, unit, columns) in run.arrays.items():
+                data = group.create_dataset(name, data=values, fletcher32=np.size(values) > 0)
+                data.attrs["unit"], data.attrs["columns"] = unit, columns
     return target
 
 

@@ -5,7 +5,6 @@ import importlib
 import io
 import itertools
 import json
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, Problem
 from fieldmap.provenance import library_versions
+from fieldmap.store.whole_files import whole_file
 from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
 from fieldmap.studies.study import Axis, Study
 from fieldmap.studies.summary import VariantResult
@@ -133,12 +133,8 @@ def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str
 def write_netcdf(data: Any, path: Path) -> None:
     """Write the data set; the file appears complete or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
+    with whole_file(path) as partial:
         data.to_netcdf(partial, engine="h5netcdf")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def csv_text(study: Study, results: Sequence[VariantResult]) -> str:

@@ -16,8 +16,8 @@ import numpy as np
 
 from fieldmap import provenance
 from fieldmap.curves import Curves, Series
-from fieldmap.interop.whole_files import write_whole
 from fieldmap.shipped import PACKAGE, shipped_folder
+from fieldmap.store.whole_files import write_whole
 from fieldmap.thesis.available_maps import FOLDER, map_path
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
 from fieldmap.thesis.printed import data_file, read_part

@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
-from fieldmap.interop.whole_files import write_whole
+from fieldmap.store.whole_files import write_whole
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
 from fieldmap.thesis.rows import ROWS, WITHOUT_PRINTED_NUMBERS, row_names
 from fieldmap.thesis.words import deviation_in_words, minutes, powers, resting_on

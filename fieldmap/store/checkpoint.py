@@ -1,0 +1,247 @@
+"""Long work that survives a kill: finished pieces in one file, taken up again by the next run.
+
+Everything that takes long is kept in this way: the parts of a map and the states that train it, the variants of a
+study, the states and parts of the report on the thesis. For example::
+
+    with Checkpoint(target.with_name("report.partial"), fingerprint(settings, packages)) as checkpoint:
+        for name in parts:
+            piece = checkpoint.get(name)
+            if piece is None:
+                checkpoint.put(name, arrays={"field": compute(name)}, about={"seconds": 12.0})
+    checkpoint.remove()     # once the result that the pieces are for is written
+
+A file begins with a line of JSON that holds the fingerprint. Pieces are appended: a line with the SHA-256 of what
+follows and its lengths, then key, `about` and the names, types and shapes of the arrays as JSON, then their bytes. A
+piece is on the disk before `put` returns. One that a kill has cut, or whose SHA-256 is another, counts as absent.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.typing import PathLike
+
+FORMAT = 1
+SUFFIX = ".partial"
+# Of a piece's first line: 64 digits of the SHA-256 and two lengths of 16, each with one character behind it.
+_PREFIX = 64 + 1 + 16 + 1 + 16 + 1
+
+
+class Piece(NamedTuple):
+    """What `Checkpoint.put` was given: arrays by name, and plain JSON."""
+
+    arrays: dict[str, NDArray[Any]]
+    about: dict[str, Any]
+
+
+class _Place(NamedTuple):
+    begin: int
+    header: int
+    payload: int
+
+
+def checkpoint_path(target: PathLike) -> Path:
+    """Where the work on `target` is kept while it is being made."""
+    return Path(target).with_name(Path(target).name + SUFFIX)
+
+
+class Checkpoint:
+    """Pieces of work by key, under one fingerprint; a context manager that closes the file.
+
+    path: the file, made with its folder unless it is there. fingerprint: whatever decides the pieces, as text or as
+    texts by name; a file with another one is begun anew, as is a damaged or foreign one, or any with resume=False.
+    note: why an earlier file was not used, or "". Raises InputError if the place cannot be written or another run has
+    the file open (where the operating system knows locks).
+    """
+
+    def __init__(self, path: PathLike, fingerprint: str | Mapping[str, str], resume: bool = True) -> None:
+        self.path = Path(path)
+        decides = {"fingerprint": fingerprint} if isinstance(fingerprint, str) else dict(fingerprint)
+        self._places: dict[str, _Place] = {}
+        self.note = ""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = _opened(self.path)
+        except OSError as error:
+            raise InputError(_cannot_write(self.path, error)) from error
+        try:
+            if os.fstat(self._file.fileno()).st_size:
+                self.note = self._read(decides) if resume else "begun anew, as asked"
+            if self.note or not self._file.tell():
+                self._begin(decides)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> "Checkpoint":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        """Keys in the order in which the pieces came."""
+        return iter(tuple(self._places))
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def get(self, key: str) -> Piece | None:
+        """The piece of this key, or None. Arrays have the bits, types and shapes that they were given with."""
+        place = self._places.get(key)
+        if place is None:
+            return None
+        self._file.seek(place.begin + _PREFIX)
+        header = json.loads(self._file.read(place.header))
+        arrays = {}
+        for name, dtype, shape in header["arrays"]:
+            values = np.empty(shape, np.dtype(dtype))
+            raw = self._file.read(values.nbytes)
+            arrays[name] = np.frombuffer(raw, values.dtype).reshape(shape).copy()
+        return Piece(arrays, header["about"])
+
+    def put(
+        self,
+        key: str,
+        arrays: Mapping[str, NDArray[Any]] | None = None,
+        about: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Add a piece, in the place of an earlier one of the same key; it is on the disk when this returns.
+
+        Raises FieldmapError if the disk is full; the pieces before remain.
+        """
+        contents = {name: np.asarray(values) for name, values in (arrays or {}).items()}
+        shapes = [[name, values.dtype.str, list(values.shape)] for name, values in contents.items()]
+        header = json.dumps({"key": key, "about": dict(about or {}), "arrays": shapes}).encode()
+        payload = b"".join(values.tobytes() for values in contents.values())
+        digest = hashlib.sha256(header + payload).hexdigest()
+        prefix = f"{digest} {len(header):016x} {len(payload):016x}\n".encode()
+        begin = self._file.seek(0, os.SEEK_END)
+        with _disk_errors(self.path):
+            try:
+                self._file.write(prefix + header + payload + b"\n")
+                self._to_disk()
+            except OSError:
+                with suppress(OSError):
+                    self._file.truncate(begin)
+                raise
+        self._places.pop(key, None)
+        self._places[key] = _Place(begin, len(header), len(payload))
+
+    def close(self) -> None:
+        """Close the file; its pieces remain for another run."""
+        self._file.close()
+
+    def remove(self) -> None:
+        """Close and delete the file: what the pieces are for is done."""
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def _begin(self, decides: Mapping[str, str]) -> None:
+        self._places.clear()
+        with _disk_errors(self.path):
+            self._file.truncate(0)
+            self._file.seek(0)
+            self._file.write(json.dumps(_first_line(decides)).encode() + b"\n")
+            self._to_disk()
+
+    def _read(self, decides: Mapping[str, str]) -> str:
+        """Find the pieces and cut off what follows the last whole one; why the file cannot be used, or ""."""
+        self._file.seek(0)
+        try:
+            line = self._file.readline()
+            there = json.loads(line)["fingerprint"]
+            changed = [name for name in decides if there.get(name) != decides[name]]
+        except (ValueError, KeyError, TypeError, AttributeError):
+            return "damaged, begun anew"
+        if not line.endswith(b"\n"):
+            return "damaged, begun anew"
+        if changed or len(there) != len(decides):
+            return f"made with another {', '.join(changed) or 'fingerprint'}, begun anew"
+        end = self._file.tell()
+        while (piece := _next_piece(self._file)) is not None:
+            key, place = piece
+            if key:
+                self._places.pop(key, None)
+                self._places[key] = place
+            end = self._file.tell()
+        self._file.truncate(end)
+        self._file.seek(0, os.SEEK_END)
+        return ""
+
+    def _to_disk(self) -> None:
+        """Everything written so far is on the disk when this returns, not only with the operating system."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+
+def _first_line(decides: Mapping[str, str]) -> dict[str, Any]:
+    return {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
+
+
+def _next_piece(file: BinaryIO) -> tuple[str, _Place] | None:
+    """Key and place of the piece that begins here, the file then at its end; an empty key if its SHA-256 is wrong,
+    None where no whole piece follows."""
+    begin = file.tell()
+    prefix = file.read(_PREFIX)
+    try:
+        digest, header_length, payload_length = prefix.decode("ascii").split()
+        place = _Place(begin, int(header_length, 16), int(payload_length, 16))
+    except ValueError:
+        return None
+    length = place.header + place.payload
+    if min(place.header, place.payload) < 0 or begin + _PREFIX + length + 1 > os.fstat(file.fileno()).st_size:
+        return None
+    contents = file.read(length)
+    file.read(1)
+    if hashlib.sha256(contents).hexdigest() != digest:
+        return "", place
+    return str(json.loads(contents[: place.header])["key"]), place
+
+
+def _opened(path: Path) -> BinaryIO:
+    """The file, made if need be, for this process alone where the operating system has such locks."""
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+    file = os.fdopen(handle, "r+b")
+    try:
+        import fcntl
+    except ImportError:
+        return file
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise
+    except OSError:
+        pass  # a file system without locks
+    return file
+
+
+@contextmanager
+def _disk_errors(path: Path) -> Iterator[None]:
+    """Turn a failure to write into an error that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        remedy = "free space on the disk or write elsewhere, then run again: finished parts are kept"
+        problem = Problem(str(path), "can be written", error.strerror or str(error), remedy)
+        raise FieldmapError(problem) from error
+
+
+def _cannot_write(path: Path, error: OSError) -> Problem:
+    if isinstance(error, BlockingIOError):
+        received, remedy = "a file that another run has open", "wait for that run or end it"
+        return Problem(str(path), "must be written by one run at a time", received, remedy)
+    remedy = "choose a folder that exists and that you may write to"
+    return Problem(str(path), "must be a file that can be written", error.strerror or str(error), remedy)

@@ -1,0 +1,46 @@
+"""Files that appear under their name complete, or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.typing import PathLike
+
+
+@contextmanager
+def whole_file(path: PathLike) -> Iterator[Path]:
+    """A name beside `path`, with its suffix, to write to; what lies there at the end is renamed to `path`.
+
+    Leaving with an error deletes it. Raises InputError if the place cannot be written.
+    """
+    target = Path(path)
+    partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
+    try:
+        yield partial
+        os.replace(partial, target)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(
+            Problem(str(target), "must be a place that can be written", reason, "choose another")
+        ) from None
+    finally:
+        with suppress(OSError):
+            partial.unlink()
+
+
+def write_whole(path: PathLike, content: bytes) -> None:
+    """Write a file from memory, complete or not at all. Raises InputError if the place cannot be written."""
+    with whole_file(path) as partial:
+        partial.write_bytes(content)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring a renaming to disk; where folders cannot be opened, the operating system does it in its time."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

@@ -1,0 +1,222 @@
+"""Pieces of long work: there again after a kill at any moment, absent where they are not whole."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
+
+PIECES = {
+    "first": ({"field": np.linspace(0.0, 1.0, 7).reshape(7, 1), "law": np.arange(3)}, {"seconds": 0.1}),
+    "second": (
+        {"empty": np.empty((0, 3)), "number": np.float64(np.pi)},
+        {"reason": "µ\n", "share": float("nan")},
+    ),
+    "third": ({}, {}),
+}
+
+
+@pytest.fixture
+def path(tmp_path):
+    return checkpoint_path(tmp_path / "folder" / "map.h5")
+
+
+@pytest.fixture
+def filled(path):
+    with Checkpoint(path, "one") as checkpoint:
+        for key, piece in PIECES.items():
+            checkpoint.put(key, *piece)
+    return path
+
+
+def check(checkpoint, keys):
+    assert tuple(checkpoint) == tuple(keys)
+    for key, (arrays, about) in PIECES.items():
+        found = checkpoint.get(key)
+        assert (found is not None) == (key in keys) == (key in checkpoint)
+        if found is not None:
+            assert {name: (v.dtype, v.shape, v.tobytes()) for name, v in found.arrays.items()} == {
+                name: (v.dtype, v.shape, v.tobytes())
+                for name, v in ((k, np.asarray(v)) for k, v in arrays.items())
+            }
+            assert json.dumps(found.about) == json.dumps(about)
+
+
+def test_pieces_come_back_to_the_bit(filled):
+    with Checkpoint(filled, "one") as checkpoint:
+        assert checkpoint.note == ""
+        check(checkpoint, PIECES)
+        found = checkpoint.get("first").arrays["field"]
+        found[0] = 5.0  # a copy of its own
+        check(checkpoint, PIECES)
+    assert filled.name == "map.h5.partial"
+
+
+def test_a_later_piece_takes_the_place_of_an_earlier_one(filled):
+    with Checkpoint(filled, "one") as checkpoint:
+        checkpoint.put("first", about={"again": 1})
+        assert checkpoint.get("first").about == {"again": 1}
+    with Checkpoint(filled, "one") as checkpoint:
+        assert tuple(checkpoint) == ("second", "third", "first")
+        assert checkpoint.get("first").about == {"again": 1}
+
+
+def test_a_file_cut_anywhere_holds_the_pieces_before_the_cut(filled):
+    whole = filled.read_bytes()
+    first = len(whole.split(b"\n")[0]) + 1
+    ends = [first]
+    for key, piece in PIECES.items():
+        single = filled.with_name("single")
+        with Checkpoint(single, "one") as checkpoint:
+            checkpoint.put(key, *piece)
+        ends.append(ends[-1] + single.stat().st_size - first)
+        single.unlink()
+    assert ends[-1] == len(whole)
+    near = {end + step for end in ends for step in (-1, 0, 1)}
+    for length in sorted((near | set(range(0, len(whole), 17))) - {len(whole), len(whole) + 1}):
+        filled.write_bytes(whole[:length])
+        keys = list(PIECES)[: sum(length >= end for end in ends[1:])]
+        with Checkpoint(filled, "one") as checkpoint:
+            check(checkpoint, keys)
+            assert bool(checkpoint.note) == (0 < length < first)
+            checkpoint.put("third", *PIECES["third"])
+        with Checkpoint(filled, "one") as checkpoint:
+            check(checkpoint, [key for key in keys if key != "third"] + ["third"])
+
+
+def test_a_wrong_byte_anywhere_costs_pieces_and_gives_no_wrong_one(filled):
+    whole = filled.read_bytes()
+    first = len(whole.split(b"\n")[0]) + 1
+    for place in range(0, len(whole), 5):
+        filled.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        with Checkpoint(filled, "one") as checkpoint:
+            check(checkpoint, tuple(checkpoint))
+            assert set(checkpoint) <= set(PIECES)
+            # What stands between two pieces is not read; all else makes a piece absent.
+            assert len(checkpoint) < 3 or place < first or whole[place : place + 1] == b"\n"
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+from fieldmap.store.checkpoint import Checkpoint
+
+count, late = int(sys.argv[2]), sys.argv[3] == "after"
+real, seen = os.fsync, [0]
+
+def dying(handle):
+    seen[0] += 1
+    if seen[0] == count and not late:
+        os.kill(os.getpid(), signal.SIGKILL)
+    real(handle)
+    if seen[0] == count:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+os.fsync = dying
+with Checkpoint(sys.argv[1], "one") as checkpoint:
+    for number in range(4):
+        checkpoint.put(str(number), {"values": np.arange(5.0) + number})
+"""
+
+
+@pytest.mark.parametrize(("count", "late"), [(1, "before"), (1, "after"), (3, "before"), (4, "after")])
+def test_killed_while_it_writes(path, count, late):
+    command = [sys.executable, "-c", KILLED, str(path), str(count), late]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    with Checkpoint(path, "one") as checkpoint:
+        # The first goes to the disk at the second sync.
+        assert len(checkpoint) >= count - 1 - (late == "before")
+        for key in checkpoint:
+            np.testing.assert_array_equal(checkpoint.get(key).arrays["values"], np.arange(5.0) + int(key))
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "named"),
+    [
+        ("one", "two", "fingerprint"),
+        ({"recipe": "a", "device": "b"}, {"recipe": "a", "device": "c"}, "device"),
+        ({"recipe": "a"}, {"recipe": "a", "device": "c"}, "device"),
+        ({"recipe": "a", "device": "c"}, {"recipe": "a"}, ""),
+    ],
+)
+def test_another_fingerprint_begins_anew_and_is_named(path, before, now, named):
+    with Checkpoint(path, before) as checkpoint:
+        checkpoint.put("first", *PIECES["first"])
+    with Checkpoint(path, now) as checkpoint:
+        assert len(checkpoint) == 0
+        assert named in checkpoint.note
+        assert checkpoint.note
+        checkpoint.put("third", *PIECES["third"])
+    with Checkpoint(path, now) as checkpoint:
+        check(checkpoint, ["third"])
+
+
+@pytest.mark.parametrize(
+    "contents", [b"rubbish" * 100, b"\x89HDF\r\n\x1a\n" + bytes(500), b"[]\n", b'{"a": 1}\n', b"1\n"]
+)
+def test_a_foreign_file_is_begun_anew(path, contents):
+    path.parent.mkdir()
+    path.write_bytes(contents)
+    with Checkpoint(path, "one") as checkpoint:
+        assert checkpoint.note
+        assert len(checkpoint) == 0
+        checkpoint.put("third", *PIECES["third"])
+    with Checkpoint(path, "one") as checkpoint:
+        check(checkpoint, ["third"])
+
+
+def test_begun_anew_on_request(filled):
+    with Checkpoint(filled, "one", resume=False) as checkpoint:
+        assert len(checkpoint) == 0
+        assert checkpoint.note
+
+
+def test_removed_when_the_work_is_done(filled):
+    with Checkpoint(filled, "one") as checkpoint:
+        checkpoint.remove()
+    assert not filled.exists()
+
+
+def test_one_run_at_a_time(filled):
+    program = (
+        "import sys; from fieldmap.store.checkpoint import Checkpoint; c = Checkpoint(sys.argv[1], 'one')"
+    )
+    program += "; print('open', flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", program, str(filled)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "open\n"
+        for resume in (True, False):
+            with pytest.raises(InputError):
+                Checkpoint(filled, "one", resume)
+        other.stdin.close()
+    with Checkpoint(filled, "one") as checkpoint:
+        check(checkpoint, PIECES)
+
+
+def test_a_place_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError):
+        Checkpoint(tmp_path / "file" / "map.partial", "one")
+
+
+def test_a_full_disk_costs_only_the_piece_that_did_not_fit(filled, monkeypatch):
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    with Checkpoint(filled, "one") as checkpoint:
+        with monkeypatch.context() as patch:
+            patch.setattr("os.fsync", full)
+            with pytest.raises(FieldmapError) as caught:
+                checkpoint.put("fourth", {"field": np.ones(100)})
+        assert caught.value.exit_code == 1
+        assert caught.value.problems[0].received == "No space left on device"
+        check(checkpoint, PIECES)
+        checkpoint.put("third", about={"again": 1})
+    with Checkpoint(filled, "one") as checkpoint:
+        assert tuple(checkpoint) == tuple(PIECES)
