@@ -30,7 +30,7 @@ def named(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-def test_the_front_door_has_examples():
+def test_the_first_pages_have_examples():
     assert {"README.md", "docs/tour.md"} <= {named(path) for path in WITH_EXAMPLES}
 
 
