@@ -94,9 +94,6 @@ def _coil(coil: Coil) -> dict[str, Any]:
     }
 
 
-_KINDS = {"CircularCoil": "circular", "RoundedRectangleCoil": "rounded rectangle", "PathCoil": "path"}
-
-
 def _print(device: Device, contents: dict[str, Any]) -> None:
     from fieldmap.cli.printing import assumption_lines, count_of, facts, heading, print_page
 
@@ -106,7 +103,7 @@ def _print(device: Device, contents: dict[str, Any]) -> None:
     print_page(
         heading(device.name, device.title),
         _body_table(contents["bodies"]) if device.bodies else None,
-        _coil_table(contents["coils"]) if device.coils else None,
+        _coil_table(device, contents["coils"]) if device.coils else None,
         facts([*_extras(device), *assumption_lines(contents["assumptions"])]),
         f"{bodies}, {coils}: no problem found.",
     )
@@ -121,20 +118,20 @@ def _body_table(bodies: list[dict[str, Any]]) -> Any:
     return table(("body", "material", "volume cm3", "element mm"), rows, left=2)
 
 
-def _coil_table(coils: list[dict[str, Any]]) -> Any:
+def _coil_table(device: Device, coils: list[dict[str, Any]]) -> Any:
     from fieldmap.cli.printing import place, table
 
     rows = (
         (
             c["name"],
-            _KINDS[c["kind"]],
+            coil.kind.replace("_", " "),
             f"{c['turns']:g}",
             f"{c['polarity']:+d}",
             _number(c["resistance"]),
             _number(c["inductance"], 1e3),
             place(c["centre"], 2).removesuffix(" mm"),
         )
-        for c in coils
+        for coil, c in zip(device.coils, coils, strict=True)
     )
     return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre, mm"), rows, left=2)
 

@@ -11,6 +11,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldmap.device.coils import Coil as Coil
+from fieldmap.device.coils.circular import CircularCoil as CircularCoil
+from fieldmap.device.coils.path import PathCoil as PathCoil
+from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil as RoundedRectangleCoil
 from fieldmap.device.materials import Material as Material
 from fieldmap.device.materials import SaturatingMaterial as SaturatingMaterial
 from fieldmap.device.materials.arctangent import Arctangent as Arctangent
@@ -20,21 +24,11 @@ from fieldmap.device.materials.froehlich import Froehlich as Froehlich
 from fieldmap.device.materials.linear import LinearMaterial as LinearMaterial
 from fieldmap.device.materials.marrocco import Marrocco as Marrocco
 from fieldmap.device.materials.permanent_magnet import PermanentMagnet as PermanentMagnet
+from fieldmap.device.placement import Placement as Placement
 from fieldmap.field import Bounds
 from fieldmap.typing import Array
 
 _EMPTY: Mapping[str, str] = MappingProxyType({})
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """global = rotation @ local + position.
-
-    position (3,) in m; rotation (3, 3), orthonormal, determinant +1.
-    """
-
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
 
 
 # ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
@@ -134,62 +128,6 @@ class Section:
     normal: Array
     bodies: tuple[str, ...] = ()
     half_widths: Array | None = None
-
-
-# ---- coils: axis along local z, winding centred at the local origin, positive current counter-clockwise ----
-
-
-@dataclass(frozen=True)
-class CircularCoil:
-    """Rectangular winding section: inner_radius <= r <= outer_radius, |z| <= height/2."""
-
-    name: str
-    inner_radius: float
-    outer_radius: float
-    height: float
-    turns: float
-    polarity: int = 1
-    placement: Placement = field(default_factory=Placement)
-    resistance: float | None = None
-    inductance: float | None = None
-
-
-@dataclass(frozen=True)
-class RoundedRectangleCoil:
-    """Rounded rectangle. half_width_x, half_width_y and corner_radius are those of the winding's middle line;
-    `thickness` is the winding's width in the plane, `height` along the axis. corner_radius >= thickness/2."""
-
-    name: str
-    half_width_x: float
-    half_width_y: float
-    corner_radius: float
-    thickness: float
-    height: float
-    turns: float
-    polarity: int = 1
-    placement: Placement = field(default_factory=Placement)
-    resistance: float | None = None
-    inductance: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class PathCoil:
-    """Plane closed path: corner points (n, 2) of the middle line in order (counter-clockwise = positive
-    current at polarity +1), every corner rounded with corner_radius >= thickness/2."""
-
-    name: str
-    corners: Array
-    corner_radius: float
-    thickness: float
-    height: float
-    turns: float
-    polarity: int = 1
-    placement: Placement = field(default_factory=Placement)
-    resistance: float | None = None
-    inductance: float | None = None
-
-
-Coil = CircularCoil | RoundedRectangleCoil | PathCoil
 
 
 # ---- what is levitated, what drives it, where --------------------------------------------------------------

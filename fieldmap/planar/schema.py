@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from fieldmap.device.coils import CoilName
+from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
 from fieldmap.device.materials import AnyMaterial
-from fieldmap.device.schema.coils import CoilName
-from fieldmap.device.schema.shapes import SimplePolygon, counter_clockwise
 from fieldmap.errors import DeviceFileError
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pyvista as pv
 
-from fieldmap.device.model import CircularCoil, Coil, RoundedRectangleCoil
+from fieldmap.device.coils import Coil
 from fieldmap.plot.bodies import MM, placed
 from fieldmap.plot.sweeps import closed_tube
 from fieldmap.typing import Array
@@ -16,51 +16,23 @@ def middle_line(coil: Coil) -> tuple[Array, Array]:
 
     It runs in the sense of a positive current at polarity +1; the normals point outward.
     """
-    if isinstance(coil, CircularCoil):
-        angle = 2.0 * np.pi * np.arange(4 * ARC_SEGMENTS) / (4 * ARC_SEGMENTS)
-        normal = np.column_stack([np.cos(angle), np.sin(angle)])
-        return 0.5 * MM * (coil.inner_radius + coil.outer_radius) * normal, normal
-    if isinstance(coil, RoundedRectangleCoil):
-        x, y = coil.half_width_x, coil.half_width_y
-        return _rounded(MM * np.array([[x, -y], [x, y], [-x, y], [-x, -y]]), MM * coil.corner_radius)
-    return _rounded(MM * np.asarray(coil.corners), MM * coil.corner_radius)
-
-
-def _rounded(corners: Array, radius: float) -> tuple[Array, Array]:
-    """Polygon (k, 2) with every corner replaced by an arc: points and right-hand normals (n, 2)."""
-    points, normals = [], []
-    step_in = corners - np.roll(corners, 1, axis=0)
-    step_in /= np.linalg.norm(step_in, axis=1, keepdims=True)
-    step_out = np.roll(step_in, -1, axis=0)
-    for corner, before, after in zip(corners, step_in, step_out, strict=True):
-        turn = np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after)
-        right = np.array([before[1], -before[0]])
-        # A left turn has its centre on the left of the path.
-        side = np.sign(turn) if turn else 1.0
-        start = corner - radius * np.tan(abs(turn) / 2) * before
-        centre = start - side * radius * right
-        angle = np.arctan2(right[1], right[0]) + turn * np.linspace(0.0, 1.0, ARC_SEGMENTS + 1)
-        normal = np.column_stack([np.cos(angle), np.sin(angle)])
-        points.append(centre + side * radius * normal)
-        normals.append(normal)
-    return np.concatenate(points), np.concatenate(normals)
+    path = coil.winding()
+    if path.is_circle:
+        (points, normals), *_ = path.outline(0.0, 4 * ARC_SEGMENTS + 1)
+        return MM * points[:-1], normals[:-1]
+    arcs = [piece for piece in path.outline(0.0, ARC_SEGMENTS + 1) if len(piece[0]) > 2]
+    points, normals = (np.concatenate([piece[k] for piece in arcs]) for k in range(2))
+    return MM * points, normals
 
 
 def winding_surface(coil: Coil) -> pv.PolyData:
     """The winding as a solid, global frame, mm."""
     line, normal = middle_line(coil)
-    half_width, half_height = 0.5 * MM * thickness(coil), 0.5 * MM * coil.height
+    half_width, half_height = 0.5 * MM * coil.winding().thickness, 0.5 * MM * coil.height
     section = [(-half_width, -half_height), (half_width, -half_height)]
     section += [(half_width, half_height), (-half_width, half_height)]
     rings = [np.column_stack([line + offset * normal, np.full(len(line), z)]) for offset, z in section]
     return placed(closed_tube(np.array(rings)), coil.placement)
-
-
-def thickness(coil: Coil) -> float:
-    """Radial width of the winding, m."""
-    if isinstance(coil, CircularCoil):
-        return coil.outer_radius - coil.inner_radius
-    return coil.thickness
 
 
 def current_arrow(coil: Coil, share: float = 0.3, away_from: tuple[float, float] = (0.0, 0.0)) -> pv.PolyData:
@@ -70,7 +42,7 @@ def current_arrow(coil: Coil, share: float = 0.3, away_from: tuple[float, float]
     through `away_from` (mm).
     """
     line, normal = middle_line(coil)
-    gap = 0.5 * MM * thickness(coil) + 0.6
+    gap = 0.5 * MM * coil.winding().thickness + 0.6
     loop = np.column_stack([line + gap * normal, np.zeros(len(line))])
     outward = placed(pv.PolyData(loop), coil.placement).points[:, :2] - np.array(away_from)
     loop = _arc_about(loop, int(np.argmax(np.linalg.norm(outward, axis=1))), share)

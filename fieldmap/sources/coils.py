@@ -5,11 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.device.model import CircularCoil, Coil
+from fieldmap.device.coils import Coil
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.coils.path import path_flux_density, path_flux_density_and_gradient
-from fieldmap.kernels.coils.ring import ring_flux_density, ring_flux_density_and_gradient
-from fieldmap.sources.winding_path import winding_path
 from fieldmap.typing import Array
 
 FEWEST_DIGITS, MOST_DIGITS = 4, 14
@@ -29,7 +26,7 @@ def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Ar
     [[0.      0.      0.02095]]
     """
     local = _local_points(coil, points)
-    field = _local_field(coil, local, _checked_digits(digits))
+    field = coil.unit_flux_density(local, _checked_digits(digits))
     field *= coil.turns * coil.polarity
     return field if _is_upright(coil) else field @ coil.placement.rotation.T
 
@@ -59,7 +56,7 @@ def unit_flux_density_and_gradient(
     Raises InputError as `unit_flux_density`.
     """
     local = _local_points(coil, points)
-    field, gradient = _local_field_and_gradient(coil, local, _checked_digits(digits))
+    field, gradient = coil.unit_flux_density_and_gradient(local, _checked_digits(digits))
     field *= coil.turns * coil.polarity
     gradient *= coil.turns * coil.polarity
     if _is_upright(coil):
@@ -71,22 +68,6 @@ def unit_flux_density_and_gradient(
 def _is_upright(coil: Coil) -> bool:
     """Nothing to turn: the usual case, and turning small matrices costs as much as the field."""
     return bool(np.array_equal(coil.placement.rotation, np.eye(3)))
-
-
-def _local_field(coil: Coil, points: Array, digits: float) -> Array:
-    if isinstance(coil, CircularCoil):
-        return ring_flux_density(points, coil.inner_radius, coil.outer_radius, coil.height, digits)
-    path = winding_path(coil)
-    return path_flux_density(points, path.arcs, path.bars, path.thickness, path.height, digits)
-
-
-def _local_field_and_gradient(coil: Coil, points: Array, digits: float) -> tuple[Array, Array]:
-    if isinstance(coil, CircularCoil):
-        return ring_flux_density_and_gradient(
-            points, coil.inner_radius, coil.outer_radius, coil.height, digits
-        )
-    path = winding_path(coil)
-    return path_flux_density_and_gradient(points, path.arcs, path.bars, path.thickness, path.height, digits)
 
 
 def _checked_digits(digits: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.constants import mu_0
 from scipy.spatial.distance import cdist
 
-from fieldmap.device.model import Coil
+from fieldmap.device.coils import Coil
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
 from fieldmap.typing import Array

@@ -1,15 +1,16 @@
 """Magnetised tetrahedra as magpylib objects, for use of solved iron in magpylib."""
 
 import math
+from functools import singledispatch
 
 import magpylib
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fieldmap.device.model import CircularCoil, Coil, PathCoil, RoundedRectangleCoil
+from fieldmap.device.coils import Coil, WindingPath
+from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import MU0
-from fieldmap.sources.winding_path import WindingPath, winding_path
 from fieldmap.typing import Array
 
 
@@ -57,26 +58,30 @@ def magpylib_coil(coil: Coil, current: float = 1.0, shells: int = 8) -> magpylib
     magnets = []
     for node, weight in zip(nodes, weights / 2, strict=True):
         magnetised = MU0 * coil.turns * coil.polarity * current * weight / coil.height
-        magnets += _shell(coil, float(node), magnetised)
+        magnets += _sheet(coil, float(node), magnetised)
     collection = magpylib.Collection(*magnets)
     collection.rotate(Rotation.from_matrix(coil.placement.rotation), anchor=0)
     collection.move(coil.placement.position)
     return collection
 
 
-def _shell(coil: Coil, node: float, magnetised: float) -> list:
-    """The magnets of one sheet, `node` in [-1, 1] across the thickness."""
-    if isinstance(coil, CircularCoil):
-        radius = (coil.inner_radius + coil.outer_radius + node * (coil.outer_radius - coil.inner_radius)) / 2
+@singledispatch
+def _sheet(coil: Coil, node: float, magnetised: float) -> list:
+    """The magnets of one sheet, `node` in [-1, 1] across the thickness; of any shape, from its arcs and bars."""
+    path = coil.winding()
+    if path.is_circle:
+        inner, outer = path.arcs[0, 5:7]
+        radius = (inner + outer + node * (outer - inner)) / 2
         return [
-            magpylib.magnet.Cylinder(polarization=(0, 0, magnetised), dimension=(2 * radius, coil.height))
+            magpylib.magnet.Cylinder(polarization=(0, 0, magnetised), dimension=(2 * radius, path.height))
         ]
-    if isinstance(coil, RoundedRectangleCoil):
-        return _rounded_rectangle(coil, node * coil.thickness / 2, magnetised)
-    return _path(coil, node * coil.thickness / 2, magnetised)
+    return _path(path, node * path.thickness / 2, magnetised)
 
 
-def _rounded_rectangle(coil: RoundedRectangleCoil, offset: float, magnetised: float) -> list:
+@_sheet.register
+def _rounded_rectangle(coil: RoundedRectangleCoil, node: float, magnetised: float) -> list:
+    """Blocks and four sectors: fewer and quicker magnets than those of a path."""
+    offset = node * coil.thickness / 2
     x, y = coil.half_width_x - coil.corner_radius, coil.half_width_y - coil.corner_radius
     radius = coil.corner_radius + offset
     boxes = [
@@ -103,9 +108,8 @@ def _sector(
     )
 
 
-def _path(coil: PathCoil, offset: float, magnetised: float) -> list:
+def _path(path: WindingPath, offset: float, magnetised: float) -> list:
     """Inside the outline = the polygon through arc centres and bar ends, plus or minus the sectors of the corners."""
-    path = winding_path(coil)
     magnets = []
     for cx, cy, mx, my, span, inner, outer, sense in path.arcs:
         middle = math.degrees(math.atan2(my, mx))
@@ -113,12 +117,12 @@ def _path(coil: PathCoil, offset: float, magnetised: float) -> list:
         radius = (inner + outer) / 2 + sense * offset
         place = (cx, cy, 0.0)
         magnets.append(
-            _sector(place, radius, coil.height, middle - opening, middle + opening, sense * magnetised)
+            _sector(place, radius, path.height, middle - opening, middle + opening, sense * magnetised)
         )
     polygon = _polygon(path, offset)
     origin = polygon.mean(axis=0)
     for one, two in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        magnets += _prism(np.array([origin, one, two]), coil.height, magnetised)
+        magnets += _prism(np.array([origin, one, two]), path.height, magnetised)
     return magnets
 
 

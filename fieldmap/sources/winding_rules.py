@@ -1,6 +1,6 @@
 """Quadrature over windings: current elements for forces, flux elements for flux linkages.
 
-A winding is arcs and bars (`fieldmap.sources.winding_path`); a circular coil is one arc of a full turn. All rules are
+A winding is arcs and bars (`fieldmap.device.coils.winding`); a circular coil is one arc of a full turn. All rules are
 products of Gauss-Legendre rules, along the current, across the winding and along its axis; round a full turn the
 points are equally spaced.
 """
@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.device.model import CircularCoil, Coil
-from fieldmap.sources.winding_path import WindingPath, winding_path
+from fieldmap.device.coils import Coil
 from fieldmap.typing import Array
 
 # Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
@@ -37,7 +36,7 @@ class WindingRule:
 
 def current_elements(coil: Coil) -> WindingRule:
     """Points in a winding with their current elements J dV per ampere."""
-    path = _as_path(coil)
+    path = coil.winding()
     spacing = min(path.thickness, path.height) / _PER_SIDE
     across, axial = (_count(side, spacing, _MOST_ACROSS) for side in (path.thickness, path.height))
     parts = [_arc_currents(arc, across, spacing) for arc in path.arcs]
@@ -53,8 +52,8 @@ def flux_elements(coil: Coil) -> WindingRule:
     The mean over the winding's section of the flux through a turn is an integral over the plane of the coil, in which
     a point counts by the share of turns around it: 1 inside, falling to 0 across the winding.
     """
-    path = _as_path(coil)
-    turning = math.copysign(1.0, float(path.arcs[:, 7] @ path.arcs[:, 4]))
+    path = coil.winding()
+    turning = path.turning
     middle = np.concatenate([path.arcs[:, :2], path.bars[:, :2]]).mean(axis=0)
     size = min(path.thickness, path.height)
     parts = []
@@ -70,13 +69,6 @@ def flux_elements(coil: Coil) -> WindingRule:
     vectors = np.zeros((len(area), 3))
     vectors[:, 2] = area
     return _stacked(coil, _graded(path.height / 2, size), flat, vectors)
-
-
-def _as_path(coil: Coil) -> WindingPath:
-    if isinstance(coil, CircularCoil):
-        circle = np.array([[0.0, 0.0, 1.0, 0.0, math.pi, coil.inner_radius, coil.outer_radius, 1.0]])
-        return WindingPath(circle, np.zeros((0, 5)), coil.outer_radius - coil.inner_radius, coil.height)
-    return winding_path(coil)
 
 
 def _count(length: float, spacing: float, most: int) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device import model, read_device
-from fieldmap.device.schema.placement import rotation_matrix
+from fieldmap.device.placement import rotation_matrix
 
 
 @pytest.fixture

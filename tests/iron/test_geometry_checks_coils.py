@@ -102,7 +102,7 @@ def test_windings_that_cannot_be_built_are_named():
     )
     assert [problem.where for problem in found] == ["d.toml: winding 'inside out'", "d.toml: winding 'tight'"]
     assert "inner radius" in found[0].received
-    assert "half the thickness is larger than the corner radius" in found[1].received
+    assert "0.004 m for a thickness of 0.01 m" in found[1].received
 
 
 # ---- workspace ----

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Protocol
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
 from fieldmap.device import model
-from fieldmap.device.schema.placement import PlacementKeys
+from fieldmap.device.placement import PlacementKeys
 from fieldmap.device.schema.shapes import (
     BoxKeys,
     CylinderKeys,

@@ -2,10 +2,10 @@
 
 from pydantic import Field
 
+from fieldmap.device.coils import AnyCoil
 from fieldmap.device.materials import AnyMaterial
 from fieldmap.device.materials.bh_table import CurveKeys
 from fieldmap.device.schema.bodies import AnyBody
-from fieldmap.device.schema.coils import AnyCoil
 from fieldmap.device.schema.payload import AnyPayload, DriverKeys
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace, SectionKeys
 from fieldmap.errors import DeviceFileError

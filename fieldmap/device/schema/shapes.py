@@ -4,35 +4,19 @@ Local frame of every shape: axis along z, base in the plane z = 0, centred in x 
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from fieldmap.device import model
-from fieldmap.device.polygons import polygon_fault, signed_area
-from fieldmap.inputs.tables import MILLI, Length, PlanePoint, Size, Table, Text, broken, read_only
-
-Polygon = Annotated[list[PlanePoint], Field(min_length=3)]
-
-
-def _require_simple(points: list[list[float]]) -> list[list[float]]:
-    """Raise unless the corners make a polygon that does not meet itself."""
-    fault = polygon_fault(points)
-    if fault is not None:
-        raise broken(
-            "the corners must make a simple polygon: no repeated corner, no edge that meets another one",
-            fault,
-            "list the corners once round the outline, in order, without repeating the first one",
-        )
-    return points
-
-
-SimplePolygon = Annotated[Polygon, AfterValidator(_require_simple)]
-
-
-def counter_clockwise(points: list[list[float]]) -> list[list[float]]:
-    """The same polygon with its corners in counter-clockwise order."""
-    return points if signed_area(points) > 0 else points[::-1]
+from fieldmap.device.dimensions import (
+    Polygon,
+    SimplePolygon,
+    counter_clockwise,
+    require_larger_radius,
+    require_simple,
+)
+from fieldmap.inputs.tables import MILLI, Length, Size, Table, Text, broken, read_only
 
 
 class CylinderKeys(Table):
@@ -64,17 +48,6 @@ class RingKeys(Table):
     def to_shape(self, folder: Path) -> model.Ring:
         """In SI."""
         return model.Ring(self.inner_radius_mm * MILLI, self.outer_radius_mm * MILLI, self.height_mm * MILLI)
-
-
-def require_larger_radius(outer: float, info: ValidationInfo) -> None:
-    """Raise unless the outer radius is larger than the inner one that was read before it."""
-    inner = info.data.get("inner_radius_mm")
-    if inner is not None and outer <= inner:
-        raise broken(
-            f"outer_radius_mm must be larger than inner_radius_mm = {inner:g}",
-            f"{outer:g}",
-            "swap the two, or correct one (both are radii, not diameters)",
-        )
 
 
 class BoxKeys(Table):
@@ -129,7 +102,7 @@ class RevolvedProfileKeys(Table):
                 f"r = {value[wrong[0] - 1][0]:g} at corner {wrong[0]}",
                 "give only the half of the section at r >= 0, as [r, z]; it is turned fully about the axis",
             )
-        return _require_simple(value)
+        return require_simple(value)
 
     def to_shape(self, folder: Path) -> model.RevolvedProfile:
         """In SI, corners counter-clockwise in the r-z plane."""

@@ -5,24 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import (
     Body,
     Box,
-    CircularCoil,
-    Coil,
     Cylinder,
     Device,
     ExtrudedPolygon,
-    PathCoil,
     Placement,
     RevolvedProfile,
     Ring,
-    RoundedRectangleCoil,
     Shape,
     Sphere,
     StepFile,
 )
-from fieldmap.device.polygons import signed_area
 from fieldmap.iron.symmetry.group import Operation, SymmetryGroup, multiplication_table
 from fieldmap.typing import Array
 
@@ -138,32 +134,40 @@ def body_item(body: Body, kind: tuple[object, ...]) -> Item:
 
 def coil_item(coil: Coil) -> Item:
     """A winding as a space filled with turns; the sense of the current is left out."""
-    match coil:
-        case CircularCoil():
-            half = 0.5 * coil.height * np.array([0.0, 0.0, 1.0])
-            rows = _both_ways(-half[None], half[None], coil.inner_radius, coil.outer_radius)
-            kind: tuple[object, ...] = ("circular", abs(coil.turns))
-        case RoundedRectangleCoil():
-            x, y = coil.half_width_x, coil.half_width_y
-            rows = _path_rows(np.array([[x, y], [-x, y], [-x, -y], [x, -y]]), coil)
-            kind = ("path", abs(coil.turns), coil.thickness)
-        case PathCoil():
-            rows = _path_rows(np.asarray(coil.corners, dtype=float), coil)
-            kind = ("path", abs(coil.turns), coil.thickness)
+    path = coil.winding()
+    if path.is_circle:
+        half = 0.5 * path.height * np.array([0.0, 0.0, 1.0])
+        rows = _both_ways(-half[None], half[None], *path.arcs[0, 5:7])
+        kind: tuple[object, ...] = ("circular", abs(coil.turns))
+    else:
+        rows = np.concatenate([_arc_rows(path), _bar_rows(path)])
+        kind = ("path", abs(coil.turns), path.thickness)
     return Item(kind, ((Outline((), _placed(rows, coil.placement)),),))
 
 
 def coil_axis(coil: Coil) -> Array:
     """Direction (3,) of the moment of a positive current: an axial vector."""
-    sense = np.sign(coil.turns) * coil.polarity
-    if isinstance(coil, PathCoil):
-        sense *= np.sign(signed_area(coil.corners.tolist()))
+    sense = np.sign(coil.turns) * coil.polarity * coil.winding().turning
     return np.asarray(coil.placement.rotation, dtype=float)[:, 2] * sense
 
 
-def _path_rows(corners: Array, coil: RoundedRectangleCoil | PathCoil) -> Array:
-    flat = np.column_stack([corners, np.zeros(len(corners))])
-    return _both_ways(flat, np.roll(flat, -1, axis=0), coil.corner_radius, coil.height)
+def _arc_rows(path: WindingPath) -> Array:
+    """Centre and middle of every arc, with half its length."""
+    radius = 0.5 * (path.arcs[:, 5] + path.arcs[:, 6])
+    flat = np.zeros((len(path.arcs), 3))
+    centre, middle = flat.copy(), flat
+    centre[:, :2] = path.arcs[:, :2]
+    middle[:, :2] = path.arcs[:, :2] + radius[:, None] * path.arcs[:, 2:4]
+    height = np.full(len(flat), path.height)
+    return np.column_stack([centre, middle, radius * path.arcs[:, 4], height])
+
+
+def _bar_rows(path: WindingPath) -> Array:
+    """The ends of every bar, both ways."""
+    half = path.bars[:, 4:] * path.bars[:, 2:4]
+    level = np.zeros(len(half))
+    ends = [np.column_stack([path.bars[:, :2] + side * half, level]) for side in (-1.0, 1.0)]
+    return _both_ways(*ends, 0.0, path.height)
 
 
 def _shape_rows(shape: Shape) -> tuple[tuple[object, ...], Array]:

@@ -1,13 +1,25 @@
-"""Where a shape or a coil stands: keys position_mm and rotation_deg."""
+"""Where a shape or a coil stands: the frozen data, and the keys position_mm and rotation_deg."""
 
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from fieldmap.device import model
 from fieldmap.inputs.tables import MILLI, Point, Table, read_only
+from fieldmap.typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """global = rotation @ local + position.
+
+    position (3,) in m; rotation (3, 3), orthonormal, determinant +1.
+    """
+
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+
 
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
@@ -20,7 +32,7 @@ def _cosine_and_sine(angle_deg: float) -> tuple[float, float]:
     return float(np.cos(np.deg2rad(angle_deg))), float(np.sin(np.deg2rad(angle_deg)))
 
 
-def rotation_matrix(rotation_deg: list[float]) -> NDArray[np.float64]:
+def rotation_matrix(rotation_deg: list[float]) -> Array:
     """Turn about the fixed x axis, then the fixed y axis, then the fixed z axis: Rz @ Ry @ Rx, (3, 3).
 
     >>> rotation_matrix([0, 0, 90]) @ [1.0, 0.0, 0.0]
@@ -42,7 +54,7 @@ class PlacementKeys(Table):
         description="[x, y, z] angles, turned about the fixed x, then the fixed y, then the fixed z axis",
     )
 
-    def placement(self) -> model.Placement:
+    def placement(self) -> Placement:
         """In SI."""
         rotation = read_only(rotation_matrix(self.rotation_deg).tolist())
-        return model.Placement(read_only(self.position_mm, MILLI), rotation)
+        return Placement(read_only(self.position_mm, MILLI), rotation)

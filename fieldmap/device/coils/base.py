@@ -1,0 +1,134 @@
+"""What a coil is to the rest of the package, and how a shape of one file becomes a choice of device files.
+
+A shape is a frozen class derived from `Coil` and, beside it, the keys of its [[coil]] table, derived from `CoilKeys`.
+Both stand in one module of `fieldmap.device.coils`; nothing else names them. The winding as arcs and bars
+(`Coil.winding`) is all that field, forces, inductance, solids, symmetry and drawings ask for.
+"""
+
+from abc import ABC, abstractmethod
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from pydantic import Field, ValidationInfo
+
+from fieldmap.device.coils.winding import WindingPath
+from fieldmap.device.placement import Placement, PlacementKeys
+from fieldmap.inputs.tables import MILLI, Length, Positive, broken, text_like
+from fieldmap.typing import Array
+
+# A coil's name becomes part of a record name in the map file: letters, digits and underscores only.
+CoilName = Annotated[
+    str,
+    text_like(
+        r"^[A-Za-z0-9_]+$",
+        "a coil's name has letters, digits and underscores only",
+        'rename it, for example "coil_1"',
+    ),
+]
+
+
+class Coil(ABC):
+    """A coil: axis along local z, winding centred at the local origin, rectangular winding section.
+
+    Positive current runs counter-clockwise seen from local +z at polarity 1. height: length of the winding along its
+    axis, m. resistance in ohm and inductance in H, alone in its iron, where known.
+    """
+
+    kind: ClassVar[str]
+    """The word for the shape in device files."""
+
+    name: str
+    height: float
+    turns: float
+    polarity: int
+    placement: Placement
+    resistance: float | None
+    inductance: float | None
+
+    @abstractmethod
+    def winding(self) -> WindingPath:
+        """Arcs and bars in the local frame, counter-clockwise for positive current at polarity 1.
+
+        Raises InputError for dimensions that make no closed winding.
+        """
+
+    def unit_flux_density(self, points: Array, digits: float) -> Array:
+        """B (n, 3) in T per ampere-turn at points (n, 3) in m, local frame, to about `digits` digits."""
+        from fieldmap.kernels.coils.path import path_flux_density
+
+        path = self.winding()
+        return path_flux_density(points, path.arcs, path.bars, path.thickness, path.height, digits)
+
+    def unit_flux_density_and_gradient(self, points: Array, digits: float) -> tuple[Array, Array]:
+        """B (n, 3) and its gradient (n, 3, 3) per ampere-turn, as `unit_flux_density`."""
+        from fieldmap.kernels.coils.path import path_flux_density_and_gradient
+
+        path = self.winding()
+        return path_flux_density_and_gradient(
+            points, path.arcs, path.bars, path.thickness, path.height, digits
+        )
+
+
+# ---- keys of the file ----
+
+
+class CoilKeys(PlacementKeys):
+    """What every coil has. A subclass with a `kind: Literal[...]` is a choice of device files.
+
+    rank: place in lists of choices; of equal ones the kind decides.
+    """
+
+    rank: ClassVar[int] = 50
+
+    _choices: ClassVar[dict[str, type["CoilKeys"]]] = {}
+
+    name: CoilName = Field(description="the coil's name: letters, digits, underscores")
+    turns: Positive = Field(description="number of turns")
+    polarity: Literal[1, -1] = Field(
+        default=1, description="1: positive current runs counter-clockwise seen from local +z; -1: clockwise"
+    )
+    resistance_ohm: Positive | None = Field(default=None, description="resistance of the winding")
+    inductance_mH: Positive | None = Field(default=None, description="inductance, alone in its iron")
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        super().__pydantic_init_subclass__(**options)
+        if "kind" in cls.model_fields:
+            CoilKeys._choices[get_args(cls.model_fields["kind"].annotation)[0]] = cls
+
+    def common(self) -> dict[str, Any]:
+        """What every coil of the model has, in SI."""
+        return {
+            "name": self.name,
+            "turns": float(self.turns),
+            "polarity": self.polarity,
+            "placement": self.placement(),
+            "resistance": self.resistance_ohm,
+            "inductance": None if self.inductance_mH is None else self.inductance_mH * MILLI,
+        }
+
+    def to_model(self) -> Coil:
+        """In SI."""
+        raise NotImplementedError
+
+
+class RoundedKeys(CoilKeys):
+    """What coils with rounded corners have."""
+
+    thickness_mm: Length = Field(description="width of the winding in the coil's plane")
+    height_mm: Length = Field(description="length of the winding along its axis")
+
+
+def require_room_for_the_winding(corner_radius: float, info: ValidationInfo) -> None:
+    """Raise where the winding is thicker than its corners let it be."""
+    thickness = info.data.get("thickness_mm")
+    if thickness is not None and corner_radius < thickness / 2:
+        raise broken(
+            f"corner_radius_mm must be at least thickness_mm/2 = {thickness / 2:g}",
+            f"{corner_radius:g}",
+            "give the radius of the winding's middle line: inner radius of the corner plus thickness/2",
+        )
+
+
+def coil_choices() -> dict[str, type[CoilKeys]]:
+    """The keys of all shapes by kind, in the order of lists."""
+    return dict(sorted(CoilKeys._choices.items(), key=lambda choice: (choice[1].rank, choice[0])))

@@ -1,0 +1,200 @@
+"""A plane winding of rectangular section as arcs and bars: what field, quadrature, solids and drawings are made from.
+
+The middle line is a closed plane curve of arcs and straight bars. Frame: axis along z, the winding in |z| <= height/2.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
+
+_STRAIGHT = 1e-12  # a corner that turns by less is no corner; a bar shorter than this times the path is none
+_FULL_TURN = math.pi * (1 - 1e-12)  # half angle of an arc that closes
+
+
+@dataclass(frozen=True, eq=False)
+class WindingPath:
+    """arcs (n, 8) and bars (m, 5) as documented in `fieldmap.kernels.coils.path`; thickness and height in m.
+
+    The pieces make a closed curve, in the sense of a positive current; their order does not matter. A circle is one
+    arc of a full turn.
+    """
+
+    arcs: Array
+    bars: Array
+    thickness: float
+    height: float
+
+    @property
+    def is_circle(self) -> bool:
+        """Whether the winding is one arc of a full turn."""
+        return len(self.arcs) == 1 and not len(self.bars) and bool(self.arcs[0, 4] > _FULL_TURN)
+
+    @property
+    def turning(self) -> float:
+        """1 where the path runs counter-clockwise, -1 where it runs clockwise."""
+        return math.copysign(1.0, float(self.arcs[:, 7] @ self.arcs[:, 4]))
+
+    def outline(self, offset: float, points_per_arc: int) -> list[tuple[Array, Array]]:
+        """The curve at `offset` (m) to the right of the middle line: points (k, 2) and unit normals to the right (k, 2)
+        of each piece, in order along the path.
+
+        An arc has `points_per_arc` points, its ends among them; a bar has its ends. Raises InputError where the pieces
+        make no closed curve.
+        """
+        pieces = self._pieces(offset, points_per_arc)
+        if self.is_circle:
+            return pieces
+        return [pieces[k] for k in _order([points for points, _ in self._pieces(0.0, 2)])]
+
+    def _pieces(self, offset: float, points_per_arc: int) -> list[tuple[Array, Array]]:
+        arcs = [_arc_points(row, offset, points_per_arc) for row in self.arcs]
+        return arcs + [_bar_points(row, offset) for row in self.bars]
+
+
+def arc(
+    centre: Sequence[float] | Array,
+    middle: float,
+    half_angle: float,
+    radius: float,
+    thickness: float,
+    sense: float = 1.0,
+) -> list[float]:
+    """A row of `WindingPath.arcs`: an arc of the middle line about `centre` (m), from middle - half_angle to
+    middle + half_angle (rad), `radius` at the middle line; sense 1 runs counter-clockwise, -1 clockwise."""
+    inner, outer = max(radius - thickness / 2, 0.0), radius + thickness / 2
+    return [*centre, math.cos(middle), math.sin(middle), half_angle, inner, outer, sense]
+
+
+def bar(start: Array, end: Array) -> list[float]:
+    """A row of `WindingPath.bars`: the straight piece from `start` to `end` (2,), m."""
+    length = math.dist(start, end)
+    return [*(0.5 * (start + end)), *((end - start) / length), 0.5 * length]
+
+
+def winding_path(
+    arcs: Sequence[Sequence[float]], bars: Sequence[Sequence[float]], thickness: float, height: float
+) -> WindingPath:
+    """The path of rows made by `arc` and `bar`."""
+    return WindingPath(
+        np.array(arcs, dtype=float).reshape(-1, 8),
+        np.array(bars, dtype=float).reshape(-1, 5),
+        thickness,
+        height,
+    )
+
+
+def rounded_path(
+    name: str, corners: Array, corner_radius: float, thickness: float, height: float
+) -> WindingPath:
+    """The path of a polygon (n, 2) whose corners are rounded: each is cut by an arc that touches both edges.
+
+    name: the coil's, for errors. Raises InputError where corners repeat or their roundings do not fit between each
+    other.
+    """
+    if not np.isfinite(corners).all():
+        problem = Problem(f"coil {name!r}, corners", "must be finite", f"{corners.tolist()}", "correct them")
+        raise InputError(problem)
+    if len(corners) < 3 or np.any(np.all(corners == np.roll(corners, 1, axis=0), axis=1)):
+        received = f"{len(corners)} corners, or two equal ones in a row"
+        must_hold = "a closed path needs three or more corners, each apart from the next"
+        raise InputError(Problem(f"coil {name!r}, corners", must_hold, received, "correct the corners"))
+    edges = np.roll(corners, -1, axis=0) - corners  # edge k runs from corner k to corner k + 1
+    lengths = np.hypot(edges[:, 0], edges[:, 1])
+    directions = edges / lengths[:, None]
+    turns = _turns(directions)
+    cuts = corner_radius * np.tan(np.abs(turns) / 2)  # from the corner to where its arc begins
+    rest = lengths - cuts - np.roll(cuts, -1)
+    _check_fit(name, corner_radius, thickness, rest, lengths)
+    arcs = [
+        row
+        for k in range(len(corners))
+        if abs(turns[k]) > _STRAIGHT
+        for row in _corner(corners[k], directions[k - 1], turns[k], corner_radius, thickness)
+    ]
+    bars = [
+        [*(corners[k] + (cuts[k] + rest[k] / 2) * directions[k]), *directions[k], rest[k] / 2]
+        for k in range(len(corners))
+        if rest[k] > _STRAIGHT * lengths.sum()
+    ]
+    return winding_path(arcs, bars, thickness, height)
+
+
+def _turns(directions: Array) -> Array:
+    """Angle by which the path turns at each corner, positive to the left."""
+    before = np.roll(directions, 1, axis=0)
+    cross = before[:, 0] * directions[:, 1] - before[:, 1] * directions[:, 0]
+    return np.arctan2(cross, np.sum(before * directions, axis=1))
+
+
+def _corner(corner: Array, before: Array, turn: float, radius: float, thickness: float) -> list[list[float]]:
+    """The arc of one corner, in two halves where it turns by more than a right angle."""
+    sense = math.copysign(1.0, turn)
+    start = corner - radius * math.tan(abs(turn) / 2) * before
+    centre = start + sense * radius * np.array([-before[1], before[0]])
+    first = math.atan2(start[1] - centre[1], start[0] - centre[0])
+    pieces = 1 if abs(turn) <= math.pi / 2 + 1e-9 else 2
+    step = turn / pieces
+    return [
+        arc((centre[0], centre[1]), first + (k + 0.5) * step, abs(step) / 2, radius, thickness, sense)
+        for k in range(pieces)
+    ]
+
+
+def _check_fit(name: str, corner_radius: float, thickness: float, rest: Array, lengths: Array) -> None:
+    problems = [
+        Problem(
+            f"coil {name!r}, edge {k + 1}",
+            "each edge must be long enough for the rounding of both its corners",
+            f"{lengths[k]:.6g} m, which is {-rest[k]:.3g} m too short",
+            "make corner_radius smaller or move the corners apart",
+        )
+        for k in range(len(rest))
+        if rest[k] < -1e-9 * lengths.sum()
+    ]
+    if corner_radius < thickness / 2 * (1 - 1e-9):
+        problems.append(
+            Problem(
+                f"coil {name!r}, corner_radius",
+                "corner_radius must be at least thickness/2",
+                f"{corner_radius:.6g} m for a thickness of {thickness:.6g} m",
+                "make the corner radius larger or the winding thinner",
+            )
+        )
+    if problems:
+        raise InputError(*problems)
+
+
+def _arc_points(row: Array, offset: float, count: int) -> tuple[Array, Array]:
+    middle, sense = math.atan2(row[3], row[2]), row[7]
+    angle = middle + sense * row[4] * np.linspace(-1.0, 1.0, count)
+    outward = np.column_stack([np.cos(angle), np.sin(angle)])
+    radius = 0.5 * (row[5] + row[6]) + sense * offset
+    return row[:2] + radius * outward, sense * outward
+
+
+def _bar_points(row: Array, offset: float) -> tuple[Array, Array]:
+    right = np.array([row[3], -row[2]])
+    along = np.array([[-row[4]], [row[4]]]) * row[2:4]
+    return row[:2] + along + offset * right, np.stack([right, right])
+
+
+def _order(pieces: list[Array]) -> list[int]:
+    """Numbers of the pieces (first and last point, each (2,)) in order: each begins where the one before it ends."""
+    first, last = (np.array([points[end] for points in pieces]) for end in (0, -1))
+    waiting, order = list(range(1, len(pieces))), [0]
+    while True:
+        candidates = waiting or order[:1]
+        gaps = np.linalg.norm(first[candidates] - last[order[-1]], axis=1)
+        if not gaps.min() <= 1e-6 * np.abs(first - first[0]).max():
+            received = f"a gap of {gaps.min():.3g} m"
+            raise InputError(
+                Problem("winding", "the pieces must make a closed curve", received, "correct them")
+            )
+        if not waiting:
+            return order
+        order.append(waiting.pop(int(gaps.argmin())))

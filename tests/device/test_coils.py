@@ -1,0 +1,89 @@
+"""Shapes of coils: each stands in a file of its own; the winding as a closed curve of arcs and bars."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fieldmap
+from fieldmap.device import coils
+from fieldmap.device.coils import Coil, coil_choices
+from fieldmap.device.coils.winding import arc, bar, rounded_path, winding_path
+from fieldmap.device.model import CircularCoil, PathCoil, RoundedRectangleCoil
+from fieldmap.errors import InputError
+
+PACKAGE = Path(fieldmap.__file__).parent
+FOLDER = Path(coils.__file__).parent
+L_SHAPE = np.array([[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.07], [0, 0.07]])
+COILS = [
+    (CircularCoil("c", 0.01, 0.02, 0.03, 100), 2 * np.pi * 0.015),
+    (RoundedRectangleCoil("r", 0.03, 0.02, 0.006, 0.008, 0.02, 100), 0.2 - 8 * 0.006 + 2 * np.pi * 0.006),
+    (PathCoil("p", L_SHAPE, 0.006, 0.008, 0.01, 50), 0.26 - 12 * 0.006 + 3 * np.pi * 0.006),
+    (PathCoil("back", L_SHAPE[::-1], 0.006, 0.008, 0.01, 50), 0.26 - 12 * 0.006 + 3 * np.pi * 0.006),
+]
+
+
+def test_kinds_of_file_and_of_python_are_the_same():
+    for kind, keys in coil_choices().items():
+        (made,) = [shape for shape in Coil.__subclasses__() if shape.kind == kind]
+        assert keys.to_model.__annotations__["return"] is made
+    assert next(iter(coil_choices())) == "circular"
+
+
+def test_no_other_module_names_a_shape():
+    """A new shape is one file. `fieldmap.device.model` offers the shipped ones to Python, and magpylib has blocks of
+    its own for a rounded rectangle."""
+    names = "|".join(shape.__name__ for shape in Coil.__subclasses__())
+    for path in PACKAGE.rglob("*.py"):
+        if FOLDER in path.parents or path == PACKAGE / "sources" / "magpylib_objects.py":
+            continue
+        code = re.sub(r'""".*?"""|#.*', "", path.read_text(), flags=re.DOTALL)
+        if path == PACKAGE / "device" / "model.py":
+            code = re.sub(r"^from fieldmap.device.coils.*$", "", code, flags=re.MULTILINE)
+        assert not re.findall(rf"\b({names})\b", code), path
+
+
+@pytest.mark.parametrize(("coil", "length"), COILS, ids=lambda given: getattr(given, "name", ""))
+def test_the_outline_is_a_closed_curve_beside_the_middle_line(coil, length):
+    path = coil.winding()
+    turning = -1.0 if coil.name == "back" else 1.0
+    assert path.turning == turning
+    for offset in (0.0, 0.003, -0.002):
+        pieces = path.outline(offset, 400)
+        points, normals = (np.concatenate([piece[k] for piece in pieces]) for k in range(2))
+        steps = np.roll(points, -1, axis=0) - points
+        # A parallel curve of a plane closed curve that turns once is longer by 2 pi times its distance outside.
+        expected = length + 2 * np.pi * offset * turning
+        assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(expected, rel=2e-5)
+        assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+        # The normal stands to the right of the way.
+        along = np.linalg.norm(steps, axis=1) > 1e-9
+        right = np.column_stack([steps[:, 1], -steps[:, 0]])[along]
+        cosine = (right * normals[along]).sum(axis=1) / np.linalg.norm(right, axis=1)
+        assert cosine.min() > 0.99
+
+
+def test_pieces_in_any_order_are_the_same_curve():
+    path = rounded_path("p", L_SHAPE, 0.006, 0.008, 0.01)
+    mixed = winding_path(path.arcs[::-1].tolist(), np.roll(path.bars, 2, axis=0).tolist(), 0.008, 0.01)
+    lengths = [
+        np.linalg.norm(np.diff(np.concatenate([p for p, _ in one.outline(0.0, 30)]), axis=0), axis=1)
+        for one in (path, mixed)
+    ]
+    assert np.sort(lengths[0])[-6:] == pytest.approx(np.sort(lengths[1])[-6:], abs=1e-12)
+    assert mixed.turning == 1.0
+
+
+def test_pieces_that_leave_a_gap_are_refused():
+    half = [arc((0.0, 0.0), 0.0, np.pi / 2, 0.02, 0.004)]
+    chord = [bar(np.array([0.0, 0.02]), np.array([0.0, -0.019]))]
+    with pytest.raises(InputError) as caught:
+        winding_path(half, chord, 0.004, 0.01).outline(0.0, 3)
+    assert "0.001 m" in caught.value.problems[0].received
+
+
+def test_corners_that_are_no_numbers_are_refused():
+    with pytest.raises(InputError) as caught:
+        rounded_path("p", np.where(L_SHAPE == 0.06, np.nan, L_SHAPE), 0.006, 0.008, 0.01)
+    assert caught.value.problems[0].where == "coil 'p', corners"
