@@ -46,6 +46,15 @@ def plain(value: object) -> Plain:
     raise TypeError(f"plain: cannot turn {type(value).__name__} into plain Python")
 
 
+def plain_items(**items: object) -> dict[str, Plain]:
+    """The values by their names, as plain Python.
+
+    >>> plain_items(position=np.zeros(3), currents=(1.5,))
+    {'position': [0.0, 0.0, 0.0], 'currents': [1.5]}
+    """
+    return {name: plain(item) for name, item in items.items()}
+
+
 def plain_fields(result: object) -> dict[str, Plain]:
     """The fields of a data class by their names, as plain Python.
 

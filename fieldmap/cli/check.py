@@ -1,15 +1,20 @@
-"""`fieldmap check`: is this device file or map sound, and what is in it?"""
+"""`fieldmap check`: is this device file or map file sound, and what is in it?"""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import devices
+from fieldmap.cli.options import Json, devices
 
 if TYPE_CHECKING:
-    from fieldmap.device.model import Coil, Device
+    from rich.table import Table
+
+    from fieldmap.cli.printing import Section
+    from fieldmap.iron.contents import DeviceContents
+    from fieldmap.store import MapCheck
 
 
 def check(
@@ -17,121 +22,65 @@ def check(
         str,
         typer.Argument(
             metavar="DEVICE_OR_MAP",
-            help="Device file, the name of a shipped device, or a map file.",
+            help="Device file, name of a shipped device, or map file.",
             autocompletion=devices,
         ),
     ],
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Read a device file, check its geometry, and list its bodies, coils and assumptions.
 
-    Of a map file verify everything: its seal, every data set, units, provenance, and that its numbers are a magnetic
-    field.
+    Of a map file everything is verified: its seal, every data set, units, provenance, and that its numbers are a
+    magnetic field.
     """
-    from fieldmap.cli.opening import is_map, open_device
+    from fieldmap.cli.opening import check_map_path, is_map, open_device
+    from fieldmap.cli.printing import print_result
 
     if is_map(source):
-        from fieldmap.cli.check_map import print_check
+        from fieldmap.store import check_map
 
-        print_check(source, json)
-        return
-    from fieldmap.iron import check_geometry
-
-    machine = open_device(source)
-    check_geometry(machine)
-    contents = _contents(machine)
-    if json:
-        from fieldmap.cli.printing import print_json
-
-        print_json(contents)
+        print_result(check_map(check_map_path(source)), partial(_map_page, source), json, map=source)
     else:
-        _print(machine, contents)
+        from fieldmap.iron.contents import device_contents
+
+        print_result(device_contents(open_device(source)), _device_page, json)
 
 
-def _contents(device: Device) -> dict[str, Any]:
-    from fieldmap.cli.assumptions import material_assumptions, payload_assumptions
+def _device_page(contents: "DeviceContents") -> Iterator["Section"]:
+    from fieldmap.cli.printing import assumption_lines, count_of, facts, heading
 
-    return {
-        "device": device.name,
-        "title": device.title,
-        "source": device.source,
-        "bodies": [
-            {
-                "name": body.name,
-                "material": body.material,
-                "volume": _volume(body),
-                "mesh_size": body.mesh_size,
-                "parts": len(body.parts),
-            }
-            for body in device.bodies
-        ],
-        "coils": [_coil(coil) for coil in device.coils],
-        "payload": device.payload,
-        "driver": device.driver,
-        "workspace": device.workspace,
-        "references": len(device.references),
-        "assumptions": material_assumptions(device) + payload_assumptions(device.payload),
-    }
+    yield heading(contents.device.name, contents.device.title)
+    yield _body_table(contents) if contents.bodies else None
+    yield _coil_table(contents) if contents.coils else None
+    yield facts([*_facts(contents), *assumption_lines(contents.assumptions)])
+    bodies = count_of(len(contents.bodies), "body", "bodies")
+    yield f"{bodies}, {count_of(len(contents.coils), 'coil', 'coils')}: no problem found."
 
 
-def _volume(body: Any) -> float:
-    """Volume in m^3."""
-    from fieldmap.iron.geometry.solids import body_solid
-
-    return 1e-9 * float(body_solid(body).mass)
-
-
-def _coil(coil: Coil) -> dict[str, Any]:
-    return {
-        "name": coil.name,
-        "kind": type(coil).__name__,
-        "turns": coil.turns,
-        "polarity": coil.polarity,
-        "centre": coil.placement.position,
-        "height": coil.height,
-        "resistance": coil.resistance,
-        "inductance": coil.inductance,
-    }
-
-
-def _print(device: Device, contents: dict[str, Any]) -> None:
-    from fieldmap.cli.printing import assumption_lines, count_of, facts, heading, print_page
-
-    bodies = count_of(len(device.bodies), "body", "bodies")
-    coils = count_of(len(device.coils), "coil", "coils")
-
-    print_page(
-        heading(device.name, device.title),
-        _body_table(contents["bodies"]) if device.bodies else None,
-        _coil_table(device, contents["coils"]) if device.coils else None,
-        facts([*_extras(device), *assumption_lines(contents["assumptions"])]),
-        f"{bodies}, {coils}: no problem found.",
-    )
-
-
-def _body_table(bodies: list[dict[str, Any]]) -> Any:
+def _body_table(contents: "DeviceContents") -> "Table":
     from fieldmap.cli.printing import table
 
     rows = (
-        (b["name"], b["material"], f"{1e6 * b['volume']:.2f}", f"{1e3 * b['mesh_size']:.3g}") for b in bodies
+        (body.name, body.material, f"{1e6 * body.volume:.2f}", f"{1e3 * body.mesh_size:.3g}")
+        for body in contents.bodies
     )
     return table(("body", "material", "volume cm3", "element mm"), rows, left=2)
 
 
-def _coil_table(device: Device, coils: list[dict[str, Any]]) -> Any:
+def _coil_table(contents: "DeviceContents") -> "Table":
     from fieldmap.cli.printing import place, table
 
     rows = (
         (
-            c["name"],
-            coil.kind.replace("_", " "),
-            f"{c['turns']:g}",
-            f"{c['polarity']:+d}",
-            _number(c["resistance"]),
-            _number(c["inductance"], 1e3),
-            place(c["centre"], 2).removesuffix(" mm"),
+            coil.name,
+            of_device.kind.replace("_", " "),
+            f"{coil.turns:g}",
+            f"{coil.polarity:+d}",
+            _number(coil.resistance),
+            _number(coil.inductance, 1e3),
+            place(coil.centre, 2).removesuffix(" mm"),
         )
-        for coil, c in zip(device.coils, coils, strict=True)
+        for coil, of_device in zip(contents.coils, contents.device.coils, strict=True)
     )
     return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre, mm"), rows, left=2)
 
@@ -140,22 +89,51 @@ def _number(value: float | None, scale: float = 1.0) -> str:
     return "-" if value is None else f"{scale * value:.4g}"
 
 
-def _extras(device: Device) -> list[tuple[str, str]]:
-    from fieldmap.cli.opening import workspace_corners
+def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
     from fieldmap.cli.printing import place
 
-    rows = []
+    device = contents.device
     if device.payload is not None:
-        rows.append(
-            ("payload", f"{1e3 * device.payload.mass:.4g} g, moment {device.payload.moment:.4g} A m2")
-        )
+        yield "payload", f"{1e3 * device.payload.mass:.4g} g, moment {device.payload.moment:.4g} A m2"
     if device.driver is not None:
-        rows.append(
-            ("driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil")
-        )
-    box = workspace_corners(device)
-    if box is not None:
-        rows.append(("workspace", f"{place(box[0])} to {place(box[1])}"))
+        yield "driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil"
+    if device.bounds is not None:
+        yield "workspace", f"{place(device.bounds[0])} to {place(device.bounds[1])}"
     if device.references:
-        rows.append(("references", f"{len(device.references)} known values; compare: fieldmap solve"))
-    return rows
+        yield "references", f"{len(device.references)} known values; compare: fieldmap solve"
+
+
+def _map_page(name: str, checked: "MapCheck") -> Iterator["Section"]:
+    from fieldmap.cli.printing import count_of, facts, heading
+
+    yield heading(Path(name).name, checked.info.provenance.title)
+    yield facts(_map_facts(checked))
+    yield facts([("note", text) for text in checked.notes]) if checked.notes else None
+    sets = count_of(checked.data_sets, "data set", "data sets")
+    yield f"{sets}, {checked.bytes / 1e6:.2f} MB: no problem found."
+
+
+def _map_facts(checked: "MapCheck") -> Iterator[tuple[str, str]]:
+    from fieldmap.cli.printing import count_of
+    from fieldmap.store.verification import DIVERGENCE_AND_CURL, TOTAL, VALUES_AND_GRADIENTS
+
+    info, source = checked.info, checked.info.provenance
+    yield "file", "length and SHA-256 are those of its seal; format, completeness, links"
+    shape = " x ".join(str(n) for n in info.grid.shape)
+    fields = count_of(len(info.field_names), "field", "fields")
+    yield "numbers", f"{fields} on {shape} nodes: checksums, shapes, units, finite"
+    yield (
+        "gradients",
+        (
+            f"divergence {checked.divergence:.1e}, curl {checked.curl:.1e} of the largest gradient "
+            f"(limit {DIVERGENCE_AND_CURL:g})"
+        ),
+    )
+    if checked.values_and_gradients is not None:
+        agreement = f"{checked.values_and_gradients:.1e} (limit {VALUES_AND_GRADIENTS:g})"
+        yield "B", f"agrees with its gradients to {agreement}"
+    yield "total", f"is the sum of the fields to {checked.total:.1e} (limit {TOTAL:g})"
+    if info.reduced_model is not None:
+        yield "currents", "the reduced model of saturating iron fits together"
+    versions = ", ".join(f"{name} {version}" for name, version in source.versions.items())
+    yield "made", f"{source.created or 'at an unknown time'}" + (f" by {versions}" if versions else "")

@@ -8,11 +8,10 @@ import typer
 from fieldmap.cli.options import Json
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from fieldmap.lookup import FieldMap
+    from fieldmap.typing import Array
 
-# What each format takes of --kind, --currents and --outside; a table on the nodes is the same in every form.
+# Which of --kind, --currents and --outside each format takes; a table on the nodes is the same for every kind.
 FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
     "csv": ("--currents",),
@@ -28,7 +27,7 @@ def export(
         typer.Option(
             "--to",
             metavar="NAME",
-            help="c: one flat file, and its header. csv: a table. vti: VTK image data. mag-manip: YAML.",
+            help="c: one flat file and its header. csv: a table. vti: VTK image data. mag-manip: YAML.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")],
@@ -38,28 +37,30 @@ def export(
     currents: Annotated[
         list[str] | None,
         typer.Option(
-            "--currents", metavar="A[,A...]", help="Fixed: one per coil, or one for all; else coil by coil."
+            "--currents",
+            metavar="A[,A...]",
+            help="Fixed currents: one per coil, or one for all. Otherwise coil by coil.",
         ),
     ] = None,
     outside: Annotated[
         str,
-        typer.Option("--outside", metavar="RULE", help="For c: what a point outside gives: nan or clamp."),
+        typer.Option(
+            "--outside", metavar="RULE", help="For c: what a point outside the map gives, nan or clamp."
+        ),
     ] = "nan",
     json: Json = False,
 ) -> None:
     """Write a map for other programs."""
     from fieldmap.cli.arguments import parse_currents
     from fieldmap.cli.opening import check_map_path
+    from fieldmap.cli.printing import print_json
     from fieldmap.lookup import open_map
 
     given = {"--kind": kind != "harmonic", "--currents": bool(currents), "--outside": outside != "nan"}
     _check(to, [option for option, there in given.items() if there])
     opened = open_map(check_map_path(source), kind, outside)
-    amperes = parse_currents(currents, opened.coil_names) if currents else None
-    written = _write(to, opened, output, amperes)
+    written = _write(to, opened, output, parse_currents(currents, opened.coil_names) if currents else None)
     if json:
-        from fieldmap.cli.printing import print_json
-
         print_json({"written": written})
     else:
         print(*written, sep="\n")
@@ -69,34 +70,22 @@ def _check(to: str, given: list[str]) -> None:
     from fieldmap.errors import InputError, Problem
 
     if to not in FORMATS:
-        raise InputError(
-            Problem("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one that exists")
-        )
+        raise InputError(Problem("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these"))
     wrong = [option for option in given if option not in FORMATS[to]]
     if wrong:
         received = f"{', '.join(wrong)} with {to}"
         raise InputError(
-            Problem("--to", "must be a format that knows these options", received, "leave them out")
+            Problem("--to", "must be a format that has these options", received, "leave them out")
         )
 
 
-def _write(to: str, field: "FieldMap", output: Path, currents: "NDArray | None") -> tuple[Path, ...]:
+def _write(to: str, field: "FieldMap", output: Path, currents: "Array | None") -> tuple[Path, ...]:
     if to == "vti":
         from fieldmap.plot.vti import write_vti
 
         return (write_vti(field, output, currents),)
+    from fieldmap.interop import write_c_files, write_csv, write_mag_manip
+
     if to == "c":
-        return _write_c(field, output, currents)
-    from fieldmap.interop import write_csv, write_mag_manip
-
+        return write_c_files(field if currents is None else field.at(currents), output)
     return (write_csv(field, output, currents) if to == "csv" else write_mag_manip(field, output),)
-
-
-def _write_c(field: "FieldMap", output: Path, currents: "NDArray | None") -> tuple[Path, Path]:
-    """The map, and the header beside it."""
-    from fieldmap.interop import c_header, write_c_map, write_whole
-
-    path = write_c_map(field if currents is None else field.at(currents), output)
-    header = path.with_name(c_header().name)
-    write_whole(header, c_header().read_bytes())
-    return path, header

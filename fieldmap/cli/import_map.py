@@ -1,11 +1,17 @@
-"""`fieldmap import`: a table of measured or foreign flux densities becomes a map."""
+"""`fieldmap import`: a map from a table of measured flux densities, or of another program's."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldmap.cli.options import Json
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fieldmap.cli.printing import Section
     from fieldmap.interop import MeasuredMap
 
 
@@ -16,26 +22,27 @@ def import_map(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP", help="Where to write (.h5).")],
     spacing: Annotated[
-        float, typer.Option("--spacing-mm", metavar="MM", help="Largest distance of the map's nodes.")
+        float, typer.Option("--spacing-mm", metavar="MM", help="Largest distance between nodes of the map.")
     ] = 5.0,
     degree: Annotated[
         int | None,
         typer.Option(
             "--degree",
             min=2,
-            help="Of the polynomials; the lower, the smoother. Unless given, what foretells held-out readings best.",
+            help="Degree of the polynomials: lower is smoother. Default: what predicts held-out readings best.",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+    json: Json = False,
 ) -> None:
-    """Make a map from a table of flux densities, smoothed by harmonic polynomials; what they leave is printed."""
+    """Fit harmonic polynomials to a table of flux densities and write them as a map; print how well they fit."""
+    from fieldmap.cli.printing import print_result
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 
     _check(output)
     measured = fit_map(read_measurements(source), 1e-3 * spacing, degree=degree)
     write_map(output, measured.data)
-    _show(measured, source, output, as_json)
+    print_result(measured, partial(_page, source, output), json, map=output)
 
 
 def _check(output: Path) -> None:
@@ -46,28 +53,25 @@ def _check(output: Path) -> None:
         raise InputError(Problem("--output", must_hold, str(output), "correct the name"))
 
 
-def _show(measured: "MeasuredMap", source: Path, output: Path, as_json: bool) -> None:
-    from fieldmap.cli.printing import facts, heading, print_json, print_page
+def _page(source: Path, output: Path, measured: "MeasuredMap") -> "Iterator[Section]":
+    from fieldmap.cli.printing import facts, heading
 
     report, data = measured.report, measured.data
-    if as_json:
-        print_json({"map": output, "coils": data.coil_names, "report": report})
-        return
-    rows = [
-        ("readings", f"{report.readings}, coils {', '.join(data.coil_names)}"),
-        ("nodes", " x ".join(map(str, data.grid.shape))),
-        ("degree", f"{report.degree}"),
-        ("residual", f"{1e6 * report.residual:.3g} uT rms per component"),
-        (
-            "held out",
-            f"{1e6 * report.held_out:.3g} uT rms, {1e6 * report.held_out_worst:.3g} uT at worst, of readings foretold "
-            "without them",
-        ),
-        (
-            "standard error",
-            f"{1e6 * report.standard_error.flux_density:.3g} uT, {1e3 * report.standard_error.gradient:.3g} mT/m "
-            "at the nodes, by scatter alone",
-        ),
-        ("assumed", "; ".join(text.removeprefix("measured: ") for text in data.provenance.assumptions[:2])),
-    ]
-    print_page(heading(str(output), f"from {source}"), facts(rows))
+    held_out = f"{1e6 * report.held_out:.3g} uT rms, {1e6 * report.held_out_worst:.3g} uT at worst"
+    error = report.standard_error
+    at_nodes = f"{1e6 * error.flux_density:.3g} uT, {1e3 * error.gradient:.3g} mT/m at the nodes"
+    yield heading(str(output), f"from {source}")
+    yield facts(
+        [
+            ("readings", f"{report.readings}, coils {', '.join(data.coil_names)}"),
+            ("nodes", " x ".join(map(str, data.grid.shape))),
+            ("degree", f"{report.degree}"),
+            ("residual", f"{1e6 * report.residual:.3g} uT rms per component"),
+            ("held out", f"{held_out}, of readings predicted without them"),
+            ("standard error", f"{at_nodes}, from scatter alone"),
+            (
+                "assumed",
+                "; ".join(text.removeprefix("measured: ") for text in data.provenance.assumptions[:2]),
+            ),
+        ]
+    )

@@ -62,9 +62,11 @@ def linearise_all(wanted: Wanted) -> Outcome:
     if wanted.output is not None and wanted.output.suffix == ".npz":
         np.savez(wanted.output, **_arrays(points))  # type: ignore[arg-type]
     elif wanted.output is not None:
-        from fieldmap.cli.printing import json_text
+        import json
 
-        wanted.output.write_text(json_text(as_json(outcome)) + "\n")
+        from fieldmap.plain import plain
+
+        wanted.output.write_text(json.dumps(plain(as_json(outcome)), indent=2, allow_nan=False) + "\n")
     return outcome
 
 

@@ -1,18 +1,23 @@
-"""Tables and JSON on stdout."""
+"""How results are printed: one page of headings, facts and tables for people, or JSON."""
 
-import dataclasses
-import json
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable
+from json import dumps
+from typing import TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rich import box
 from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fieldmap.plain import Result, plain
+from fieldmap.typing import Array
+
 WIDTH = 100
+
+Section: TypeAlias = RenderableType | None
+"""A part of a page; None is left out."""
 
 
 def console() -> Console:
@@ -22,7 +27,7 @@ def console() -> Console:
     return out
 
 
-def print_page(*sections: RenderableType | None) -> None:
+def print_page(*sections: Section) -> None:
     """Print the sections that are there, with an empty line between them."""
     out = console()
     with out.capture() as page:
@@ -67,17 +72,17 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
 
 
 def assumption_lines(assumptions: Iterable[str]) -> list[tuple[str, str]]:
-    """The things the numbers rest on, as rows for `facts`."""
+    """What the numbers rest on, as rows for `facts`."""
     return [("assumes" if index == 0 else "", text) for index, text in enumerate(assumptions)]
 
 
-def millimetres(point: Any) -> str:
+def millimetres(point: Iterable[float]) -> str:
     """A point in mm, to 1 um: (0.000, 0.000, -87.000) mm."""
     return "(" + ", ".join(f"{1e3 * x + 0.0:.3f}" for x in point) + ") mm"
 
 
-def place(point: Any, decimals: int = 3) -> str:
-    """A point that was given, in mm, without digits that say nothing.
+def place(point: Iterable[float], decimals: int = 3) -> str:
+    """A point that was given, in mm, without trailing zeros.
 
     >>> place([0.0, -0.0381051, -0.087])
     '(0, -38.105, -87) mm'
@@ -94,8 +99,8 @@ def count_of(number: int, singular: str, plural: str) -> str:
     return f"{number:,} {singular if number == 1 else plural}"
 
 
-def without_noise(values: Any) -> np.ndarray:
-    """The values with what rounding left, below 1e-9 of the largest, as zeros.
+def without_noise(values: ArrayLike) -> Array:
+    """The values; those below 1e-9 of the largest, which rounding leaves, as zeros.
 
     >>> without_noise([2.0, -1e-17]).tolist()
     [2.0, 0.0]
@@ -104,31 +109,20 @@ def without_noise(values: Any) -> np.ndarray:
     return np.where(np.abs(array) <= 1e-9 * np.abs(array).max(initial=0.0), 0.0, array)
 
 
-def print_json(value: Any) -> None:
-    """Print a value made of dictionaries, lists, numpy arrays and dataclasses as JSON."""
-    print(json_text(value))
+R = TypeVar("R", bound=Result)
 
 
-def json_text(value: Any) -> str:
-    """That JSON."""
-    return json.dumps(plain(value), indent=2, allow_nan=False)
+def print_result(result: R, layout: Callable[[R], Iterable[Section]], json: bool, **about: object) -> None:
+    """Print a result: `result.to_dict()` as JSON, or the sections of its layout for people.
+
+    about: what stands before the result's own entries in JSON, such as the file that was asked for.
+    """
+    if json:
+        print_json(about | result.to_dict())
+    else:
+        print_page(*layout(result))
 
 
-def plain(value: Any) -> Any:
-    """Turn numpy arrays, dataclasses and paths into what JSON knows; a number that is not finite becomes
-    null."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple, set)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
+def print_json(value: object) -> None:
+    """Print what `fieldmap.plain.plain` takes as JSON."""
+    print(dumps(plain(value), indent=2, allow_nan=False))

@@ -4,11 +4,18 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fieldmap.cli.options import Json
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from fieldmap.cli.printing import Section
+    from fieldmap.thesis import Comparison, PartResult
+    from fieldmap.typing import Progress
 
 
 def completed_rows(incomplete: str) -> list[str]:
@@ -35,7 +42,7 @@ def thesis(
         typer.Option(
             "--report",
             metavar="FOLDER",
-            help="Write index.html, report.md, numbers.csv and plots there; asked again, it goes on from what is done.",
+            help="Write index.html, report.md, numbers.csv and plots there; a second call adds what is missing.",
         ),
     ] = None,
     maps: Annotated[
@@ -66,8 +73,8 @@ def thesis(
     _close(results, bool(rows))
 
 
-def reported(rows: Iterable[str], folder: Path, maps: Path, progress: Any) -> list[Any]:
-    """Write the report of these rows into a folder, and return what became of their parts."""
+def reported(rows: Iterable[str], folder: Path, maps: Path, progress: "Progress") -> "list[PartResult]":
+    """Write the report of these rows into a folder, and return the results of their parts."""
     from fieldmap.plot.figures import save_curves
     from fieldmap.thesis import attempt_rows
     from fieldmap.thesis.finished_parts import cached_parts
@@ -76,23 +83,23 @@ def reported(rows: Iterable[str], folder: Path, maps: Path, progress: Any) -> li
 
     parts_of(rows)
     prepare_folder(folder)
-    results: list[Any] = []
+    results: list[PartResult] = []
 
-    def passing() -> Iterator[Any]:
+    def collected() -> "Iterator[PartResult]":
         for result in attempt_rows(rows, progress, cached_parts(folder / "finished", maps)):
             results.append(result)
             yield result
 
     try:
-        write_report(folder, passing(), save_curves)
+        write_report(folder, collected(), save_curves)
     except KeyboardInterrupt:
         print("finished rows are kept; the same command goes on from here", file=sys.stderr)
         raise
     return results
 
 
-def _close(results: list[Any], named: bool) -> None:
-    """Say on stderr what is not there, and leave with the exit code that belongs to it."""
+def _close(results: "list[PartResult]", named: bool) -> None:
+    """Name on stderr the parts without numbers, and end with exit code 1 if one failed."""
     for result in results:
         if result.problem:
             print(f"{result.part}: {result.state}: {result.problem}", file=sys.stderr)
@@ -101,21 +108,21 @@ def _close(results: list[Any], named: bool) -> None:
         raise typer.Exit(1)
 
 
-def _print_tables(results: list[Any]) -> None:
+def _print_tables(results: "list[PartResult]") -> None:
     from fieldmap.cli.printing import print_page
 
     sections = [section for result in results if result.comparisons for section in _sections(result)]
     print_page(*sections, _verdict(results))
 
 
-def _sections(result: Any) -> list[Any]:
+def _sections(result: "PartResult") -> "list[Section]":
     from rich.text import Text
 
     from fieldmap.cli.printing import assumption_lines, facts, heading, table
 
     numbers = result.comparisons
     columns = ("number", "unit", "thesis", "ours", "deviation", "kind", "place")
-    parts: list[Any] = [
+    parts: list[Section] = [
         heading(result.row, result.title),
         table(columns, (_cells(n) for n in numbers), left=2, words=("place",)),
     ]
@@ -125,7 +132,7 @@ def _sections(result: Any) -> list[Any]:
     return [*parts, facts(assumption_lines(assumptions))] if assumptions else parts
 
 
-def _cells(number: Any) -> tuple[str, ...]:
+def _cells(number: "Comparison") -> tuple[str, ...]:
     from fieldmap.thesis.words import deviation_in_words
 
     kind = "misprint" if number.misprint else number.kind
@@ -134,7 +141,7 @@ def _cells(number: Any) -> tuple[str, ...]:
     return (number.name.replace("_", " "), number.unit, *values, kind, number.place)
 
 
-def _verdict(results: list[Any]) -> Any:
+def _verdict(results: "list[PartResult]") -> "Text":
     from rich.text import Text
 
     from fieldmap.thesis.computation import agreeing

@@ -173,6 +173,12 @@ class Payload:
     inertia: tuple[float, float, float] | None = None
     drag: float = 0.0
 
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """That the magnet is a point, and where it sits."""
+        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm"
+        return (f"point dipole, {depth} below the point that the sensor reads",)
+
 
 @dataclass(frozen=True)
 class Driver:

@@ -3,7 +3,7 @@
 Depends on: errors, store, lookup. Never on the rooms that make maps.
 """
 
-from fieldmap.interop.c_map import c_header, write_c_map
+from fieldmap.interop.c_map import c_header, write_c_files, write_c_map
 from fieldmap.interop.csv_map import write_csv
 from fieldmap.interop.mag_manip import read_mag_manip, write_mag_manip
 from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
@@ -20,6 +20,7 @@ __all__ = [
     "fit_map",
     "read_mag_manip",
     "read_measurements",
+    "write_c_files",
     "write_c_map",
     "write_csv",
     "write_mag_manip",

@@ -56,6 +56,14 @@ def write_c_map(field: FieldMap | FieldAtCurrents, path: str | PathLike[str]) ->
     return target
 
 
+def write_c_files(field: FieldMap | FieldAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
+    """`write_c_map`, and the header that reads the map beside it."""
+    written = write_c_map(field, path)
+    header = written.with_name(c_header().name)
+    write_whole(header, c_header().read_bytes())
+    return written, header
+
+
 def _plain(block: NDArray[np.float64]) -> NDArray[np.float64]:
     """The block without the table that a global form carries for evaluation (map_block)."""
     cells = int(np.prod(block[map_block.CELLS : map_block.CELLS + 3]))

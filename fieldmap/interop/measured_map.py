@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fieldmap.errors import InputError, Problem
 from fieldmap.interop.measurements import Measurements
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
+from fieldmap.plain import Plain, plain_items
 from fieldmap.store import FieldError, Grid, MapData, Provenance
 from fieldmap.typing import Array
 
@@ -46,6 +47,10 @@ class MeasuredMap:
 
     data: MapData
     report: FitReport
+
+    def to_dict(self) -> dict[str, Plain]:
+        """Coils and report as plain Python, SI units."""
+        return plain_items(coils=self.data.coil_names, report=self.report)
 
 
 def fit_map(

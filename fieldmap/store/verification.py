@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from fieldmap.errors import MapFileError, Problem
+from fieldmap.plain import Plain, plain_items
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapInfo
 from fieldmap.store.names import MESHES, OWN, TENSOR, VECTOR
@@ -44,6 +45,29 @@ class MapCheck:
     values_and_gradients: float | None
     total: float
     notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Plain]:
+        """What was verified, with what the file says of itself, as plain Python."""
+        info = self.info
+        return plain_items(
+            title=info.provenance.title,
+            device=info.provenance.device_name,
+            coil_names=info.coil_names,
+            grid=info.grid,
+            bytes=self.bytes,
+            data_sets=self.data_sets,
+            divergence=self.divergence,
+            curl=self.curl,
+            values_and_gradients=self.values_and_gradients,
+            total=self.total,
+            fingerprint=info.provenance.fingerprint,
+            versions=info.provenance.versions,
+            created=info.provenance.created,
+            interpolation_error=info.interpolation_error,
+            error_bounds=info.error_bounds,
+            current_error=info.current_error,
+            notes=self.notes,
+        )
 
 
 @dataclass

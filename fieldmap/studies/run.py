@@ -7,16 +7,35 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fieldmap.errors import InputError, Problem
 from fieldmap.parallel import Workers
+from fieldmap.plain import Plain, plain_items
 from fieldmap.studies.data_set import csv_text, data_set, require_xarray, write_netcdf
 from fieldmap.studies.journal import Journal
+from fieldmap.studies.quantities import recorded
 from fieldmap.studies.reading import read_study
-from fieldmap.studies.study import Study
+from fieldmap.studies.study import Study, Value
 from fieldmap.studies.summary import Row, Task, VariantResult, solve_variant
+from fieldmap.typing import Array
 
 Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRow:
+    """One variant at one set of currents.
+
+    settings: varied keys in their units, or the variant's name; currents: name of the set; numbers: what was recorded,
+    SI units, NaN where it is missing; problem: why, or "".
+    """
+
+    settings: dict[str, Value]
+    currents: str
+    numbers: dict[str, Array]
+    problem: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +48,31 @@ class StudyRun:
     path: Path
     table: Path
     failed: dict[str, tuple[str, ...]]
+
+    def rows(self) -> list[StudyRow]:
+        """One row for each variant and set of currents, in the order of the data set."""
+        axes = self.study.axes
+        names = [axis.name for axis in axes] or ["variant"]
+        recorded_names = [quantity.name for quantity in recorded(self.study.record.groups)]
+        found = []
+        for variant in self.study.variants:
+            here = self.data.isel(dict(zip(names, variant.place, strict=True)))
+            about: dict[str, Value] = {
+                axis.name: axis.values[k] for axis, k in zip(axes, variant.place, strict=False)
+            } or {"variant": variant.name}
+            for name in self.data.currents.values:
+                at = here.sel(currents=name)
+                numbers = {quantity: np.asarray(at[quantity].values) for quantity in recorded_names}
+                found.append(StudyRow(about, str(name), numbers, str(at["problem"].item())))
+        return found
+
+    def to_dict(self) -> dict[str, Plain]:
+        """Title, rows and failures as plain Python: SI units, but varied keys in theirs."""
+        rows = [
+            row.settings | {"currents": row.currents} | row.numbers | {"problem": row.problem}
+            for row in self.rows()
+        ]
+        return plain_items(title=self.study.title, rows=rows, failed=self.failed)
 
 
 def run_study(
