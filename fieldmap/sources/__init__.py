@@ -1,8 +1,9 @@
-"""Coils as sources: flux density and its gradient per ampere, from a device's data.
+"""Coils as sources: flux density and its gradient per ampere, from a device's data; coils alone as a field.
 
-Depends on: errors, kernels, device. The only doors to magpylib are `magpylib_coils` and `magpylib_magnets` here.
+Nothing else talks to magpylib: `magpylib_coil` and `magpylib_tetrahedra` in `fieldmap.sources.magpylib_objects`.
 """
 
+from fieldmap.sources.coil_set import CoilSet
 from fieldmap.sources.coils import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 
-__all__ = ["unit_flux_densities", "unit_flux_density", "unit_flux_density_and_gradient"]
+__all__ = ["CoilSet", "unit_flux_densities", "unit_flux_density", "unit_flux_density_and_gradient"]

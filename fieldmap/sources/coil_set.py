@@ -1,0 +1,72 @@
+"""The field of coils alone: no iron, every coil's field proportional to its current."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.device.coils import Coil
+from fieldmap.field import BaseField, Bounds, Currents, coil_currents
+from fieldmap.sources.coils import checked_points, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.typing import Array
+
+
+class CoilSet(BaseField):
+    """Coils in air as a `fieldmap.field.Field`, in closed form and exact to rounding at any distance.
+
+    coils: in the order of the currents. bounds: lower and upper corner (3,) in m of the box in which the field is
+    used, for functions that look for one. Currents (n_coils,), or (n, n_coils) with one row for every point. B is
+    finite and continuous everywhere; the gradient jumps at the surface of a winding (see
+    `fieldmap.sources.unit_flux_density_and_gradient`), so that second gradients hold outside the windings.
+
+    >>> import fieldmap as fm
+    >>> coils = CoilSet(fm.read_device("loop_and_sphere").coils)
+    >>> bool(coils.field([0.0, 0.0, 0.0], 1.0)[2] > 0.0)
+    True
+    """
+
+    def __init__(self, coils: Sequence[Coil], bounds: Bounds | None = None) -> None:
+        self.coils = tuple(coils)
+        self._bounds = bounds
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+        return tuple(coil.name for coil in self.coils)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The box in which the field is used; None where none was given."""
+        return self._bounds
+
+    @property
+    def proportional(self) -> bool:
+        """True: the field is the sum of the coils' fields."""
+        return True
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the field rests on."""
+        return ("coils in air, uniform current density over each winding's section",)
+
+    def field(self, points: ArrayLike, currents: Currents) -> Array:
+        """B (n, 3) or (3,), T. Raises InputError for bad points or currents."""
+        x, amperes, single = self._checked(points, currents)
+        flux = np.zeros((len(x), 3))
+        for k, coil in enumerate(self.coils):
+            if amperes[..., k].any():
+                flux += amperes[..., k, None] * unit_flux_density(coil, x)
+        return flux[0] if single else flux
+
+    def gradient(self, points: ArrayLike, currents: Currents) -> Array:
+        """dB_i/dx_j (n, 3, 3) or (3, 3), T/m. Raises InputError for bad points or currents."""
+        x, amperes, single = self._checked(points, currents)
+        slope = np.zeros((len(x), 3, 3))
+        for k, coil in enumerate(self.coils):
+            if amperes[..., k].any():
+                slope += amperes[..., k, None, None] * unit_flux_density_and_gradient(coil, x)[1]
+        return slope[0] if single else slope
+
+    def _checked(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array, bool]:
+        x = checked_points(points, "points")
+        return x, coil_currents(currents, self.coil_names, len(x)), np.ndim(points) == 1
