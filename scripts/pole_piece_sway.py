@@ -29,8 +29,8 @@ _PUSHED = {
     "field.scale": 1.0,
     "reference.0.by_mm": 0.0,
     "reference.1.by_mm": 0.0,
-    "control.linked.depths_mm": [8.0, 12.0],
-    "control.linked.designs": 3,
+    "control.coupled.depths_mm": [8.0, 12.0],
+    "control.coupled.designs": 3,
 }
 
 
@@ -57,13 +57,15 @@ def judged(opened, scale):
     changes = {**_PUSHED, "field.scale": scale}
     experiment = prepare(read_scenario("without_block", changes), opened)
     sway = [
-        mode.frequency for mode in modes(linearise(experiment.machine, experiment.rest)) if mode.frequency > 0
+        mode.frequency
+        for mode in modes(linearise(experiment.machine, experiment.operating_point))
+        if mode.frequency > 0
     ]
     run = experiment.run(1)
     aside = 1e6 * np.hypot(*(run.sensed - run.references)[:, :2].T)
     quiet = run.time > 4.0
-    without_linked = {key: value for key, value in changes.items() if not key.startswith("control.linked")}
-    pid = prepare(read_scenario("without_block_pid", without_linked), opened).run(1)
+    without_coupled = {key: value for key, value in changes.items() if not key.startswith("control.coupled")}
+    pid = prepare(read_scenario("without_block_pid", without_coupled), opened).run(1)
     wide = 1e6 * np.hypot(*(pid.sensed - pid.references)[:, :2].T)
     return min(sway), aside[~quiet].max(), np.sqrt(np.mean(aside[quiet] ** 2)), wide.max(), pid.time[-1]
 

@@ -41,8 +41,8 @@ def _modes(points: tuple[LinearPoint, ...]) -> list[tuple[str, ...]]:
                     f"{mode.frequency:.3f}",
                     f"{mode.damping:.3f}",
                     ", ".join(sorted(shares, key=lambda name: -shares[name])),
-                    f"{mode.reached.max():.3g}",
-                    f"{mode.seen.max():.3g}",
+                    f"{mode.input_gains.max():.3g}",
+                    f"{mode.output_gains.max():.3g}",
                 )
             )
     return lines
@@ -127,13 +127,13 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
 
 
 def _point_json(point: LinearPoint) -> dict[str, Any]:
-    linear, reach = point.linear, point.reach
+    linear, controllability = point.linear, point.controllability
     return {
         "depth_mm": point.depth_mm,
         "rest": {
-            "sensed": linear.rest.sensed,
-            "currents": linear.rest.currents,
-            "outputs": linear.rest.outputs,
+            "sensed": linear.operating_point.sensed,
+            "currents": linear.operating_point.currents,
+            "outputs": linear.operating_point.outputs,
         },
         **{name: getattr(linear, name) for name in ("A", "B", "C", "D", "G")},
         "modes": [
@@ -142,13 +142,13 @@ def _point_json(point: LinearPoint) -> dict[str, Any]:
                 "frequency_Hz": mode.frequency,
                 "damping": mode.damping,
                 "moves": mode.named_shares(linear),
-                "reached": mode.reached,
-                "seen": mode.seen,
+                "reached": mode.input_gains,
+                "seen": mode.output_gains,
             }
             for mode in point.modes
         ],
-        "controllability": reach.controllability,
-        "observability": reach.observability,
+        "controllability": controllability.controllability,
+        "observability": controllability.observability,
         "coupling": {
             "signals": signals(point),
             "gain": point.coupling.gain,

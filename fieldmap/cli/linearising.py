@@ -76,7 +76,7 @@ def _arrays(points: tuple[LinearPoint, ...]) -> dict[str, object]:
     stacks = {name: np.stack([getattr(p.linear, name) for p in points]) for name in ("A", "B", "C", "D", "G")}
     loops = {f"loop_{name}": np.stack([getattr(p.loop, name) for p in points]) for name in ("A", "B", "C")}
     rests = {
-        name: np.stack([getattr(p.linear.rest, name) for p in points])
+        name: np.stack([getattr(p.linear.operating_point, name) for p in points])
         for name in ("sensed", "currents", "state")
     }
     names = {name: np.array(getattr(first, name)) for name in ("states", "inputs", "outputs")}
@@ -86,6 +86,6 @@ def _arrays(points: tuple[LinearPoint, ...]) -> dict[str, object]:
         **stacks,
         **loops,
         **{f"rest_{name}": value for name, value in rests.items()},
-        "rest_outputs": np.stack([p.linear.rest.outputs for p in points]),
+        "rest_outputs": np.stack([p.linear.operating_point.outputs for p in points]),
         **names,
     }

@@ -25,7 +25,7 @@ def print_runs(outcome: Outcome) -> None:
 
 
 def _facts(batch: Batch) -> Any:
-    rest, contents = batch.experiment.rest, batch.experiment.scenario.contents
+    rest, contents = batch.experiment.operating_point, batch.experiment.scenario.contents
     amperes = ", ".join(f"{value:.4g}" for value in rest.currents)
     # A force that steps between cells of a coarse map has no zero.
     left = f"; {rest.residual:.0e} of the weight left" if rest.residual > 1e-6 else ""
@@ -50,7 +50,7 @@ def _facts(batch: Batch) -> Any:
 def _reading(batch: Batch) -> Any:
     from fieldmap.dynamics.scenario import reading_mm
 
-    return reading_mm(batch.experiment.scenario, batch.experiment.rest.sensed)
+    return reading_mm(batch.experiment.scenario, batch.experiment.operating_point.sensed)
 
 
 def _events(batch: Batch) -> list[str]:
@@ -117,7 +117,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
     """The same as numbers; SI but for names that end in _mm and _deg."""
     batches = []
     for batch in outcome.batches:
-        rest = batch.experiment.rest
+        rest = batch.experiment.operating_point
         batches.append(
             {
                 "value": batch.label,

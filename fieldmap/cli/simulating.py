@@ -12,8 +12,7 @@ import numpy as np
 
 from fieldmap.cli.arguments import output_problems
 from fieldmap.dynamics import simulate_many
-from fieldmap.dynamics.outcome import LoopRun
-from fieldmap.dynamics.record import as_csv, recorded
+from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario import Experiment, RunMetrics, prepare, read_scenario, reading_mm, run_metrics
 from fieldmap.errors import InputError, Problem
 
@@ -42,7 +41,7 @@ class Result:
     """One run: its metrics, and its signals if they are kept."""
 
     metrics: RunMetrics
-    run: LoopRun | None
+    run: LevitationRun | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,7 @@ def _batch(
     seed = wanted.seed if wanted.seed is not None else scenario.contents.noise.seed or 0
     keep_all = wanted.runs <= MOST_KEPT and (wanted.output is not None or wanted.save is not None)
 
-    def keep(run: LoopRun) -> Result:
+    def keep(run: LevitationRun) -> Result:
         return Result(run_metrics(scenario, run), run if keep_all else None)
 
     experiment.warm()

@@ -4,12 +4,17 @@ Depends on: errors, arguments, kernels, device (payload, current division), levi
 Models are plain arrays, so that they go into scipy.signal and python-control as they are.
 """
 
-from fieldmap.control.compensator import compensated_reference
-from fieldmap.control.levitated_plants import (
-    LumpedMagnet,
-    levitated_plant,
-    lumped_magnet_from_lift_currents,
+from fieldmap.control.blocks import (
+    AxisReading,
+    Controller,
+    ControllerBlock,
+    constant_block,
+    pid_block,
+    regulator_block,
+    stacked,
+    state_block,
 )
+from fieldmap.control.compensator import compensated_reference
 from fieldmap.control.linear_models import (
     StateSpace,
     TransferFunction,
@@ -25,9 +30,15 @@ from fieldmap.control.linear_models import (
     with_output_integral,
     zero_order_hold,
 )
-from fieldmap.control.loop import LoopInstruments, LoopRun, simulate_loop
+from fieldmap.control.loop import LinearLoopRun, LoopInstruments, LoopRun, simulate_loop
 from fieldmap.control.pid import PID, RunningPID, pid_transfer_function, run_pid
-from fieldmap.control.plants_from_maps import MapPlant, plant_from_map
+from fieldmap.control.plants import (
+    LumpedMagnet,
+    MapPlant,
+    levitated_plant,
+    lumped_magnet_from_lift_currents,
+    plant_from_map,
+)
 from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
@@ -40,8 +51,12 @@ from fieldmap.currents import (
 
 __all__ = [
     "PID",
+    "AxisReading",
+    "Controller",
+    "ControllerBlock",
     "DivisionSignals",
     "Estimator",
+    "LinearLoopRun",
     "LoopInstruments",
     "LoopRun",
     "LumpedMagnet",
@@ -54,6 +69,7 @@ __all__ = [
     "TransferFunction",
     "closed_loop",
     "compensated_reference",
+    "constant_block",
     "continuous",
     "controller_form",
     "divide_currents",
@@ -64,12 +80,16 @@ __all__ = [
     "levitated_plant",
     "lqrd",
     "lumped_magnet_from_lift_currents",
+    "pid_block",
     "pid_transfer_function",
     "plant_from_map",
+    "regulator_block",
     "run_pid",
     "run_regulator",
     "sampled",
     "simulate_loop",
+    "stacked",
+    "state_block",
     "steady_gain",
     "step_metrics",
     "to_transfer_function",

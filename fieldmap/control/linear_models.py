@@ -4,7 +4,7 @@ Plain arrays, so that they go straight into scipy.signal or python-control: a tr
 denominator), highest power first, a state space is (A, B, C, D).
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_matrix, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 
 class TransferFunction(NamedTuple):
@@ -108,7 +107,7 @@ def controller_form(numerator: ArrayLike, denominator: ArrayLike) -> StateSpace:
 def to_transfer_function(model: StateSpace) -> TransferFunction:
     """The transfer function of a model with one input and one output: det(s - A + B C) / det(s - A) - 1 + D."""
     A, B, C, D = check_model("to_transfer_function", model, inputs=1, outputs=1)
-    bottom = np.poly(A)
+    bottom = cast(Array, np.poly(A))
     return TransferFunction(np.poly(A - B @ C) + (D[0, 0] - 1.0) * bottom, bottom)
 
 

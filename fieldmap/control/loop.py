@@ -1,19 +1,32 @@
-"""A sampled plant with its controller, in closed loop: one run, or thousands for statistics, in compiled code."""
+"""Closed loops: what every run of one has, and the loop of a sampled linear plant, one run or thousands.
 
+The loop of a magnet on a map is `fieldmap.dynamics.simulate_closed_loop`. Both take the same controllers and
+instruments, and both return a `LoopRun`. Their compiled loops stay apart: this one advances a state by one matrix
+product a sample, for many runs at once; the other one integrates a rigid body in an interpolated field between the
+samples and ends at events.
+"""
+
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_count, check_signal
+from fieldmap.arguments import check_count, check_positive, check_signal
+from fieldmap.control.blocks import Controller
 from fieldmap.control.linear_models import StateSpace, check_model, controller_form
 from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.sampled_loop import pid_loop, regulator_loop
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.kernels.control.sampled_loop import (
+    LoopChain,
+    LoopSignals,
+    SampledPlant,
+    block_loop,
+    pid_loop,
+    regulator_loop,
+)
+from fieldmap.typing import Array
 
 
 def _ideal_chain() -> Array:
@@ -30,8 +43,7 @@ class LoopInstruments:
 
     chain (10,), drive (7,): see fieldmap.kernels.control.instruments, and fieldmap.instruments, which makes them of
     data sheets. position, output: the operating point, in the units of plant and controller, about which the loop's
-    signals
-    are deviations: where steps and limits of the instruments lie depends on it.
+    signals are deviations: where steps and limits of the instruments lie depends on it.
     """
 
     chain: Array = field(default_factory=_ideal_chain)
@@ -41,37 +53,76 @@ class LoopInstruments:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopRun:
-    """Signals of closed-loop runs, deviations from the operating point.
+class LoopRun(ABC):
+    """A closed-loop run of any plant: time (samples,), s, of the records; references: what was asked for."""
 
-    time (samples,), s; reference (samples,); y (runs, samples): the true output of the plant; u (runs, samples): the
+    time: Array
+    references: Array
+
+    @property
+    @abstractmethod
+    def response(self) -> Array:
+        """What the references are for, as it was."""
+
+    @property
+    @abstractmethod
+    def outputs(self) -> Array:
+        """Of the controller."""
+
+    @property
+    def error(self) -> Array:
+        """Response less references."""
+        return self.response - self.references
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLoopRun(LoopRun):
+    """Closed-loop runs of a linear plant, deviations from the operating point.
+
+    time (samples,), s; references (samples,); y (runs, samples): the true output of the plant; u (runs, samples): the
     controller's output.
     """
 
-    time: Array
-    reference: Array
     y: Array
     u: Array
+
+    @property
+    def reference(self) -> Array:
+        """The one reference (samples,)."""
+        return self.references
+
+    @property
+    def response(self) -> Array:
+        """y (runs, samples)."""
+        return self.y
+
+    @property
+    def outputs(self) -> Array:
+        """u (runs, samples)."""
+        return self.u
 
 
 def simulate_loop(
     plant: tuple,
-    controller: PID | Regulator,
+    controller: PID | Regulator | Controller,
     reference: ArrayLike,
     *,
+    Ts: float | None = None,
     runs: int = 1,
     position_noise: ArrayLike = 0.0,
     voltage_noise: ArrayLike = 0.0,
     current_noise: ArrayLike = 0.0,
     disturbance: ArrayLike = 0.0,
     instruments: LoopInstruments | None = None,
-) -> LoopRun:
+) -> LinearLoopRun:
     """Closed-loop runs of a sampled plant from rest, one controller step per sample.
 
     plant: (numerator, denominator) in q or (A, B, C, D), sampled at controller.Ts, one input, one output, strictly
-    proper. reference (samples,). Noise and disturbance (of the plant's input): numbers, (samples,) or (runs, samples),
-    for example of a seeded generator; position noise is in the plant's output unit, voltage noise at the converter,
-    current noise in the drive's unit. A limit of the controller or the drive saturates as it would.
+    proper. controller: a PID, a regulator, or a block of one output, whose signals of all axes are this one; a block
+    does not know its sampling time, so give Ts, s. reference (samples,). Noise and disturbance (of the plant's input):
+    numbers, (samples,) or (runs, samples), for example of a seeded generator; position noise is in the plant's output
+    unit, voltage noise at the converter, current noise in the drive's unit. A limit of the controller or the drive
+    saturates as it would.
 
     Raises InputError for signals that are not finite or do not fit, and for a plant that is not strictly proper.
 
@@ -93,19 +144,39 @@ def simulate_loop(
     names = ("position_noise", "voltage_noise", "current_noise", "disturbance")
     filled = [_filled(name, noise, shape) for name, noise in zip(names, noises, strict=True)]
     at = instruments or LoopInstruments()
-    numbers = (
+    numbers = LoopChain(
         np.ascontiguousarray(at.chain, dtype=float),
         np.ascontiguousarray(at.drive, dtype=float),
-        at.position,
+        float(at.position),
     )
     y, u = np.empty(shape), np.empty(shape)
-    signals = ((*model, at.output), target, tuple(filled[:3]), filled[3], numbers)
+    signals = (SampledPlant(*model, float(at.output)), target, LoopSignals(*filled), numbers)
+    period = _sampling_time(controller, Ts)
     if isinstance(controller, PID):
         slope_of_error = int(controller.derivative == "error")
         pid_loop(*signals, controller.sign, slope_of_error, controller.gains, controller.options, y, u)
-    else:
+    elif isinstance(controller, Regulator):
         regulator_loop(*signals, controller.matrices, controller.k, controller.settings, y, u)
-    return LoopRun(controller.Ts * np.arange(target.size), target, y, u)
+    else:
+        block_loop(*signals, controller.arrays, np.array(controller.memory, float), y, u)
+    return LinearLoopRun(period * np.arange(target.size, dtype=np.float64), target, y, u)
+
+
+def _sampling_time(controller: PID | Regulator | Controller, given: float | None) -> float:
+    """The controller's own, or the given one for a block of one output. Raises InputError."""
+    if isinstance(controller, PID | Regulator):
+        if given not in (None, controller.Ts):
+            must = f"must be the controller's, {controller.Ts:g} s"
+            raise InputError(Problem("simulate_loop(Ts)", must, f"{given!r}", "leave it out"))
+        return controller.Ts
+    if controller.outputs != 1:
+        must, received = "must have one output", f"{controller.outputs}"
+        raise InputError(Problem("simulate_loop(controller)", must, received, "give the block of one axis"))
+    if given is None:
+        must, remedy = "must be given: a block does not know it", "give the plant's sampling time, s"
+        raise InputError(Problem("simulate_loop(Ts)", must, "None", remedy))
+    check_positive("simulate_loop", Ts=given)
+    return given
 
 
 def _strictly_proper(plant: tuple) -> tuple[Array, Array, Array]:

@@ -14,7 +14,7 @@ from fieldmap.arguments import (
     check_signal,
 )
 from fieldmap.control.linear_models import TransferFunction, transfer_function
-from fieldmap.kernels.control.pid import pid_run, pid_step
+from fieldmap.kernels.control.pid import PidGains, PidOptions, pid_run, pid_step
 from fieldmap.typing import Array
 
 INTEGRATION = ("rectangular", "trapezoidal")
@@ -64,19 +64,22 @@ class PID:
         return -1.0 if self.acts_on_minus_error else 1.0
 
     @property
-    def gains(self) -> Array:
+    def gains(self) -> PidGains:
         """Proportional, integral per sample, derivative per sample."""
-        return np.array([self.Kc, self.Kc * self.Ts / self.Ti, self.Kc * self.Td / self.Ts])
+        return PidGains(
+            float(self.Kc), float(self.Kc * self.Ts / self.Ti), float(self.Kc * self.Td / self.Ts)
+        )
 
     @property
-    def options(self) -> Array:
-        """Limits, anti-windup and integration as numbers, in the order of fieldmap.kernels.control.pid."""
+    def options(self) -> PidOptions:
+        """Limits, anti-windup and integration as numbers."""
         tracking = self.tracking_time
         if tracking is None:
             tracking = np.sqrt(self.Ti * self.Td) if self.Td else self.Ti
         share = min(1.0, self.Ts / tracking)
         kind = float(ANTI_WINDUP.index(self.anti_windup))
-        return np.array([self.lower, self.upper, kind, share, float(self.integration == "trapezoidal")])
+        trapezoidal = float(self.integration == "trapezoidal")
+        return PidOptions(float(self.lower), float(self.upper), kind, float(share), trapezoidal)
 
 
 class RunningPID:

@@ -1,10 +1,9 @@
 """Optimal state feedback on estimated states, with an integrator and a term that carries the weight."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import (
     check_choice,
@@ -16,9 +15,8 @@ from fieldmap.arguments import (
 )
 from fieldmap.control.sampled_optimum import Estimator
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.regulator import regulator_run, regulator_step
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.kernels.control.regulator import EstimatorRows, RegulatorSettings, regulator_run, regulator_step
+from fieldmap.typing import Array
 
 ESTIMATES = ("predicted", "filtered", "delayed")
 EQUILIBRIUM_AT = ("reference", "measured")
@@ -86,17 +84,18 @@ class Regulator:
             check_positive("Regulator", divisor=self.divisor)
 
     @property
-    def matrices(self) -> tuple[Array, Array, Array, Array]:
+    def matrices(self) -> EstimatorRows:
         """A_est, B_est, and the rows of C_est and of D_est's last column that give the filtered states."""
         A, B, C, D = (np.ascontiguousarray(matrix, dtype=float) for matrix in self.estimator)
-        return A, B, np.ascontiguousarray(C[1:]), np.ascontiguousarray(D[1:, 1])
+        return EstimatorRows(A, B, np.ascontiguousarray(C[1:]), np.ascontiguousarray(D[1:, 1]))
 
     @property
-    def settings(self) -> Array:
-        """The other numbers, in the order of fieldmap.kernels.control.regulator."""
+    def settings(self) -> RegulatorSettings:
+        """The other numbers."""
         which = float(ESTIMATES.index(self.estimate))
         measured = float(EQUILIBRIUM_AT.index(self.equilibrium_at))
-        return np.array([self.Ts, self.divisor, self.lower, self.upper, which, *self.equilibrium, measured])
+        numbers = (self.Ts, self.divisor, self.lower, self.upper, which, *self.equilibrium, measured)
+        return RegulatorSettings(*(float(number) for number in numbers))
 
 
 class RunningRegulator:
@@ -109,7 +108,7 @@ class RunningRegulator:
 
     def reset(self) -> None:
         """Forget the past: all states at the equilibrium."""
-        order = self._matrices[0].shape[0]
+        order = self._matrices.a.shape[0]
         self._state, self._filtered = np.zeros(2 * order + 1), np.zeros(order)
 
     @property
@@ -124,7 +123,7 @@ class RunningRegulator:
             regulator_step(
                 reference,
                 measured,
-                *self._matrices,
+                self._matrices,
                 self.regulator.k,
                 self._settings,
                 self._state,
@@ -141,8 +140,8 @@ def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLik
     seen = np.atleast_1d(check_signal("run_regulator(measured)", measured))
     target = np.array(np.broadcast_to(check_signal("run_regulator(reference)", reference), seen.shape))
     matrices = regulator.matrices
-    order = matrices[0].shape[0]
+    order = matrices.a.shape[0]
     outputs, states = np.empty(seen.size), np.empty((seen.size, order))
     state = np.zeros(2 * order + 1)
-    regulator_run(target, seen, *matrices, regulator.k, regulator.settings, state, outputs, states)
+    regulator_run(target, seen, matrices, regulator.k, regulator.settings, state, outputs, states)
     return outputs, states

@@ -4,17 +4,16 @@ C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans
 every integral here is a block of one exponential.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_matrix, check_positive
 from fieldmap.control.linear_models import check_model, zero_order_hold
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 
 class Estimator(NamedTuple):
@@ -48,7 +47,7 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
     A_d, B_d, cost = _integrated_cost(A, B, scipy.linalg.block_diag(Q, R), Ts)
     Q_d, N_d, R_d = cost[:order, :order], cost[:order, order:], cost[order:, order:]
     P = _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)
-    return np.linalg.solve(R_d + B_d.T @ P @ B_d, B_d.T @ P @ A_d + N_d.T)
+    return np.asarray(np.linalg.solve(R_d + B_d.T @ P @ B_d, B_d.T @ P @ A_d + N_d.T), np.float64)
 
 
 def kalmd(

@@ -3,8 +3,9 @@
 Depends on: errors, arguments, kernels, device, store, lookup, levitation, control, instruments.
 """
 
-from fieldmap.dynamics.blocks import (
+from fieldmap.control.blocks import (
     AxisReading,
+    Controller,
     ControllerBlock,
     constant_block,
     pid_block,
@@ -12,27 +13,31 @@ from fieldmap.dynamics.blocks import (
     stacked,
     state_block,
 )
-from fieldmap.dynamics.closed_loop import (
-    Division,
-    Machine,
-    Mixing,
-    Schedule,
-    simulate_closed_loop,
-    simulate_many,
+from fieldmap.control.loop import LoopRun
+from fieldmap.deprecated import renamed
+from fieldmap.dynamics.allocation import (
+    ControlAllocation,
+    MatrixAllocation,
+    ParametrisedAllocation,
+    least_power_allocation,
+    lift_and_directions,
+    lift_shares,
 )
+from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop, simulate_many
 from fieldmap.dynamics.drives import CoilDrive, drive_of_device
-from fieldmap.dynamics.iron import FieldOfCurrents, linearised, superposed, tabled
-from fieldmap.dynamics.least_power import least_power_mixing, lift_shares
-from fieldmap.dynamics.linear import (
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, superposed, tabled
+from fieldmap.dynamics.linearisation import (
     LinearMachine,
     close_loop,
+    controllability,
     coupling,
     linearise,
     margins,
     modes,
-    reach,
     sampled_machine,
 )
+from fieldmap.dynamics.loop_run import Event, LevitationRun
+from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import (
     FixedCurrentsRun,
     angular_momentum,
@@ -41,7 +46,7 @@ from fieldmap.dynamics.motion import (
     move_adaptively,
     state_of,
 )
-from fieldmap.dynamics.outcome import Event, LoopRun
+from fieldmap.dynamics.operating_point import OperatingPoint, find_operating_point
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
 from fieldmap.dynamics.scenario import (
     ScenarioRun,
@@ -53,36 +58,41 @@ from fieldmap.dynamics.scenario import (
 )
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.dynamics.trim import Trim, trim
 
 __all__ = [
     "AxisReading",
     "CoilDrive",
+    "ControlAllocation",
+    "Controller",
     "ControllerBlock",
-    "Division",
     "Drag",
     "Event",
     "FieldOfCurrents",
     "FixedCurrentsRun",
+    "LevitationRun",
     "LinearMachine",
     "LoopRun",
     "Machine",
-    "Mixing",
+    "MatrixAllocation",
+    "OperatingPoint",
+    "ParametrisedAllocation",
     "Plate",
     "RigidBody",
     "ScenarioRun",
     "Schedule",
     "Sensors",
-    "Trim",
     "Walls",
     "angular_momentum",
     "body_of_payload",
     "close_loop",
     "constant_block",
+    "controllability",
     "coupling",
     "drive_of_device",
     "energy",
-    "least_power_mixing",
+    "find_operating_point",
+    "least_power_allocation",
+    "lift_and_directions",
     "lift_shares",
     "linear_points",
     "linearise",
@@ -93,7 +103,6 @@ __all__ = [
     "move_adaptively",
     "pid_block",
     "prepare",
-    "reach",
     "read_scenario",
     "regulator_block",
     "run_metrics",
@@ -106,5 +115,18 @@ __all__ = [
     "state_of",
     "superposed",
     "tabled",
-    "trim",
 ]
+
+__getattr__ = renamed(
+    __name__,
+    {
+        "Division": "lift_and_directions",
+        "Mixing": "MatrixAllocation",
+        "Trim": "OperatingPoint",
+        "least_power_mixing": "least_power_allocation",
+        "linear": "fieldmap.dynamics.linearisation:",
+        "linked": "fieldmap.dynamics.coupled:",
+        "reach": "controllability",
+        "trim": "find_operating_point",
+    },
+)

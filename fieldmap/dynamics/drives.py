@@ -49,8 +49,8 @@ class CoilDrive:
     def drives(self) -> Array:
         """(n, 7), in the order of fieldmap.kernels.control.instruments."""
         a, c = self.amplifier, self.converter
-        step, reach = (0.0, np.inf) if c is None else (c.resolution, c.range)
-        lower, upper = max(a.lower, -reach), min(a.upper, reach)
+        step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
+        lower, upper = max(a.lower, -widest), min(a.upper, widest)
         row = [step, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper]
         return np.tile(np.array(row), (self.coils, 1))
 
@@ -65,7 +65,7 @@ class CoilDrive:
         return np.maximum(low, self.supply[0] / R), np.minimum(high, self.supply[1] / R)
 
     def numbers(self, step: float) -> Array:
-        """(n, 4) for a length of step, s, in the order of fieldmap.kernels.motion.coils."""
+        """(n, 4) for a length of step, s, in the order of fieldmap.kernels.motion.currents."""
         numbers = np.zeros((self.coils, 4))
         numbers[:, 1] = np.exp(-step / self.time_constant) if self.time_constant else 0.0
         if self.resistance is None or self.inductance is None:
@@ -96,9 +96,13 @@ def drive_of_device(device: Device, lowest_voltage: float | None = None, **more:
         raise InputError(problem)
     known = all(coil.resistance and coil.inductance for coil in device.coils)
     supply = driver.supply_voltage or np.inf
-    reach = driver.current_limit / driver.gain
+    largest = driver.current_limit / driver.gain
     amplifier = Amplifier(
-        driver.gain, -reach, reach, current_lower=-driver.current_limit, current_upper=driver.current_limit
+        driver.gain,
+        -largest,
+        largest,
+        current_lower=-driver.current_limit,
+        current_upper=driver.current_limit,
     )
     numbers: dict[str, object] = {
         "resistance": [coil.resistance for coil in device.coils] if known else None,

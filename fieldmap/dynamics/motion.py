@@ -8,12 +8,13 @@ from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from fieldmap.arguments import check_choice, check_count, check_positive, check_signal
+from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.kernels.map.cached_field import keep_field
 from fieldmap.kernels.map.map_block import INSIDE
-from fieldmap.kernels.motion.layout import SPIN, STATE, TURN, VELOCITY
+from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.magnet import magnet_energy
 from fieldmap.kernels.motion.step import fixed_currents, rates
 from fieldmap.typing import Array
@@ -43,17 +44,24 @@ def state_of(
     position: ArrayLike,
     velocity: ArrayLike = (0, 0, 0),
     quaternion: ArrayLike = (1, 0, 0, 0),
-    spin: ArrayLike = (0, 0, 0),
+    angular_velocity: ArrayLike = (0, 0, 0),
+    *,
+    spin: ArrayLike | None = None,
 ) -> Array:
-    """A state (13,) from its parts; the quaternion is brought to length 1."""
-    parts = {"position": position, "velocity": velocity, "spin": spin}
+    """A state (13,) from its parts; the quaternion is brought to length 1. spin: older name of angular_velocity."""
+    if spin is not None:
+        warn_renamed("state_of(spin)", "state_of(angular_velocity)")
+        angular_velocity = spin
+    parts = {"position": position, "velocity": velocity, "angular_velocity": angular_velocity}
     checked = {name: check_signal(f"state_of({name})", part, columns=3) for name, part in parts.items()}
     turn = check_signal("state_of(quaternion)", quaternion, columns=4)
     length = float(np.linalg.norm(turn))
     if length == 0.0:
         problem = Problem("state_of(quaternion)", "must have a length", "zeros", "(1, 0, 0, 0) for upright")
         raise InputError(problem)
-    return np.concatenate([checked["position"], checked["velocity"], turn / length, checked["spin"]])
+    return np.concatenate(
+        [checked["position"], checked["velocity"], turn / length, checked["angular_velocity"]]
+    )
 
 
 def move(
@@ -82,7 +90,7 @@ def move(
     rows = round(duration / (step * every)) + 1
     states = np.empty((rows, STATE))
     numbers = body.numbers(drag, plate, walls)
-    filled, status, touched = fixed_currents(_kept(field, body), numbers, start, step, every, rule, states)
+    filled, status, touched = fixed_currents(_cached(field, body), numbers, start, step, every, rule, states)
     time = step * every * np.arange(filled)
     return FixedCurrentsRun(time, states[:filled], bool(status == INSIDE), bool(touched))
 
@@ -104,11 +112,11 @@ def move_adaptively(
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)
-    kept, numbers, load = _kept(field, body), body.numbers(drag, plate), np.empty(6)
+    cached, numbers, load = _cached(field, body), body.numbers(drag, plate), np.empty(6)
 
     def slope(_: float, y: Array) -> Array:
         out = np.empty(STATE)
-        return out if rates(kept, numbers, y, load, out) == INSIDE else np.full(STATE, np.nan)
+        return out if rates(cached, numbers, y, load, out) == INSIDE else np.full(STATE, np.nan)
 
     atol = tolerance * np.maximum(np.abs(start), 1e-3)
     ends = (moments[0], moments[-1])
@@ -122,10 +130,10 @@ def move_adaptively(
 def energy(field: Fixed, body: RigidBody, states: ArrayLike) -> Array:
     """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
-    kept, numbers = _kept(field, body), body.numbers()
-    magnetic = [magnet_energy(kept, numbers, row) for row in rows]
+    cached, numbers = _cached(field, body), body.numbers()
+    magnetic = [magnet_energy(cached, numbers, row) for row in rows]
     kinetic = 0.5 * body.mass * (rows[:, VELOCITY : VELOCITY + 3] ** 2).sum(axis=1)
-    turning = 0.5 * (rows[:, SPIN : SPIN + 3] ** 2) @ body.inertia
+    turning = 0.5 * (rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3] ** 2) @ body.inertia
     return kinetic + turning + np.array(magnetic) + body.mass * body.gravity * rows[:, 2]
 
 
@@ -133,12 +141,12 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
     """Angular momentum about the centre of mass (n, 3), kg m^2/s, in the frame of the map."""
     rows = np.atleast_2d(check_signal("angular_momentum(states)", states, columns=STATE))
     w, u = rows[:, TURN], rows[:, TURN + 1 : TURN + 4]
-    p = rows[:, SPIN : SPIN + 3] * body.inertia
+    p = rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3] * body.inertia
     twice = 2.0 * np.cross(u, p)
     return p + w[:, None] * twice + np.cross(u, twice)
 
 
-def _kept(field: Fixed, body: RigidBody) -> tuple[Any, ...]:
+def _cached(field: Fixed, body: RigidBody) -> tuple[Any, ...]:
     """The field as compiled steps take it: one set of coefficients, of weight 1."""
     return tuple(keep_field(field.compiled()[1], np.ones(1), len(body.magnet.points)))
 

@@ -123,9 +123,9 @@ def body_of_payload(
     [6.802, 6.802, 1.948]
     """
     r, h, low = _cylinder(payload, radius, height, below)
-    inertia, words = _inertia(payload, r, h, own_size=radius is None)
+    inertia, notes = _inertia(payload, r, h, own_size=radius is None)
     if upright:
-        words = ("the body stays upright: it does not turn",)
+        notes = ("the body stays upright: it does not turn",)
     point = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
     carried, shift = magnet or point, -centre_of_mass
     return RigidBody(
@@ -137,7 +137,7 @@ def body_of_payload(
         _nowhere() if r is None or h is None else _rims(r, shift - low, shift - low + h),
         upright=upright,
         assumptions=(
-            *words,
+            *notes,
             f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre",
             f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre",
             "point dipole" if len(carried.points) == 1 else f"magnet of {len(carried.points)} dipoles",

@@ -1,12 +1,12 @@
 """The position sensors of a rig, as compiled loops take them."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from fieldmap.arguments import check_count, check_not_negative, check_numbers
 from fieldmap.instruments import Rig, SensorFrame
+from fieldmap.kernels.motion.sensing import Sensing
 from fieldmap.levitation.conventions import SENSOR_ZERO_DEPTH
 from fieldmap.typing import Array
 
@@ -56,8 +56,8 @@ class Sensors:
         return given if isinstance(given, tuple) else (given, given, given)
 
     @property
-    def numbers(self) -> tuple[Any, ...]:
-        """As fieldmap.kernels.motion.sensing takes them."""
+    def numbers(self) -> Sensing:
+        """As compiled loops take them."""
         into, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, -self.zero_depth])
         if self.frame is not None:
             shift[:2] = self.frame.to_local([0.0, 0.0, 0.0])[:2]
@@ -66,7 +66,7 @@ class Sensors:
         chains = np.array([_ideal() if rig is None else rig.chain for rig in self.rigs])
         period = 1.0 / self.scan_rate if self.scan_rate else 0.0
         scan = np.array([period, float(self.latency), *map(float, self.means)])
-        return into, shift, chains, np.ascontiguousarray(np.linalg.inv(into)), scan
+        return Sensing(into, shift, chains, np.ascontiguousarray(np.linalg.inv(into)), scan)
 
     @property
     def scan_deviations(self) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.motion.plate import plate_force
+from fieldmap.kernels.motion.losses import plate_force
 from fieldmap.typing import Array
 
 Three = tuple[float, float, float]
@@ -89,7 +89,7 @@ class Plate:
 
     @property
     def numbers(self) -> Array:
-        """In the order of fieldmap.kernels.motion.plate."""
+        """In the order of fieldmap.kernels.motion.losses."""
         n = np.asarray(self.normal, float)
         return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
 

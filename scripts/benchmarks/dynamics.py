@@ -19,7 +19,6 @@ from fieldmap.currents import divide_currents
 from fieldmap.device import read_device
 from fieldmap.dynamics import (
     AxisReading,
-    Division,
     Drag,
     Machine,
     Plate,
@@ -28,16 +27,17 @@ from fieldmap.dynamics import (
     body_of_payload,
     constant_block,
     drive_of_device,
+    find_operating_point,
+    lift_and_directions,
     pid_block,
     simulate_closed_loop,
     simulate_many,
     stacked,
     superposed,
-    trim,
 )
-from fieldmap.dynamics.iron import FieldOfCurrents
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.instruments import SensorFrame
-from fieldmap.kernels.motion.weights import TABLED
+from fieldmap.kernels.motion.currents import TABLED
 from fieldmap.lookup import FieldMap, interpolate, unit_block, volume_rule
 from fieldmap.lookup.current_table import spline_table
 from fieldmap.store import Grid, MapData
@@ -104,7 +104,7 @@ def machines() -> dict[str, Machine]:
     device = read_device("drive_unit")
     seeing = Sensors(SensorFrame(np.pi / 4, 0.026), deviations=(5.42e-6, 8.38e-6, 1.04e-5))
     drag = Drag((0.3, 0.3, 0.5), turning=(1e-5,) * 3)
-    around = (drive_of_device(device), seeing, Division(1.25), drag)
+    around = (drive_of_device(device), seeing, lift_and_directions(1.25), drag)
     found = fields()
     payload = device.payload
     assert payload is not None
@@ -122,7 +122,7 @@ def machines() -> dict[str, Machine]:
 
 def prepared(machine: Machine, seconds: float) -> Any:
     """A function of the seed that makes one run."""
-    rest = trim(machine, [NAN, NAN, -0.087], [NAN, 0.0, 0.0], [4.0, 0.0, 0.0])
+    rest = find_operating_point(machine, [NAN, NAN, -0.087], [NAN, 0.0, 0.0], [4.0, 0.0, 0.0])
     at = np.concatenate([rest.sensed, rest.sensed, [1.0]])
     pid = PID(0.334, 0.42, 0.06, 2e-3, 0.0, 10.0, acts_on_minus_error=True)
     still = constant_block(0.0)

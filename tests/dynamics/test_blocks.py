@@ -7,7 +7,7 @@ from numba import njit
 from fieldmap.control import PID, Regulator, RunningPID, RunningRegulator, kalmd
 from fieldmap.dynamics import AxisReading, constant_block, pid_block, regulator_block, stacked, state_block
 from fieldmap.errors import InputError
-from fieldmap.kernels.motion.controller import control
+from fieldmap.kernels.control.block import control
 
 DEPTH = AxisReading("z", -1e3, -77.0)
 

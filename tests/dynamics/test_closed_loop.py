@@ -11,7 +11,7 @@ from fieldmap.dynamics import (
     CoilDrive,
     Drag,
     Machine,
-    Mixing,
+    MatrixAllocation,
     RigidBody,
     Schedule,
     Sensors,
@@ -41,7 +41,7 @@ def machine(axial):
         skin=[[0, 0, -6e-3], [5e-3, 0, 0]],
     )
     amplifier = Amplifier(GAIN, -10.0, 10.0)
-    one = Mixing(np.eye(1), np.zeros(1))
+    one = MatrixAllocation(np.eye(1), np.zeros(1))
     field = superposed(axial.map((0.02, SLOPE, CURVE), kind="harmonic"))
     drag = Drag(linear=(0.05, 0.05, 0.05), turning=(1e-5,) * 3)
     return Machine(field, body, CoilDrive(amplifier, 1), Sensors(zero_depth=0.0), one, drag)
@@ -206,7 +206,9 @@ def test_failing_runs_end_with_a_name_and_what_was_so_far(machine, name, change,
     pid = weak if start.get("pid") == "weak" else None
     if start.get("current") == 8.0:
         pid = controller(Kc=0.0, lower=9.0, upper=10.0)
-    begin = state_of([0, 0, 0], start.get("velocity", [0, 0, 0]), spin=start.get("spin", [0, 0, 0]))
+    begin = state_of(
+        [0, 0, 0], start.get("velocity", [0, 0, 0]), angular_velocity=start.get("spin", [0, 0, 0])
+    )
     found = run(
         replace(machine, **change),
         start.get("rise", 0.0),

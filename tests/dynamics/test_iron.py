@@ -7,7 +7,7 @@ from fieldmap.currents import divide_currents
 from fieldmap.dynamics import linearised, superposed, tabled
 from fieldmap.errors import InputError
 from fieldmap.kernels.map.lookup import evaluate_with
-from fieldmap.kernels.motion.weights import find_weights
+from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.lookup import iron_weights
 
 POINTS = np.random.default_rng(0).uniform(-0.015, 0.015, (20, 3))

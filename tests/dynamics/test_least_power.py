@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.dynamics import linear_points, prepare, read_scenario, simulate
-from fieldmap.dynamics.least_power import least_power_mixing, lift_shares
+from fieldmap.dynamics.allocation import least_power_allocation, lift_shares
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from fieldmap.lookup import open_map, wrench_actuation
 
@@ -48,7 +48,7 @@ duration_s = 1.0
 linear_N_s_per_m = [0.001, 0.001, 0.001]
 [sensors]
 zero_depth_mm = 0
-[control.linked]
+[control.coupled]
 kind = "lqg"
 [start]
 depth_mm = 100
@@ -109,7 +109,7 @@ def test_currents_at_rest_are_those_of_least_power(some):
     moment = experiment.machine.body.magnet.moment * np.array([0.0, 0.0, 1.0])
     weight = 6e-3 * 9.80665
     known = opened.currents_for([0, 0, -0.1], [0.0, 0.0, weight], moment)
-    np.testing.assert_allclose(experiment.rest.currents, known, rtol=1e-6)
+    np.testing.assert_allclose(experiment.operating_point.currents, known, rtol=1e-6)
     # Lift, x and y push along z, x and y, and nowhere else.
     force = wrench_actuation(opened, [0, 0, -0.1], moment).matrix[:3]
     made = (force @ experiment.machine.allocation.matrix)[:, [1, 2, 0]]
@@ -125,7 +125,7 @@ def test_the_linear_loop_is_stable_and_tells_what_is_held(some):
 
 
 def test_one_coil_holds_the_depth_and_leaves_the_rest_to_the_field(some):
-    path = some([[0.0, 0.0]], SCENARIO.replace('[control.linked]\nkind = "lqg"\n', PIDS))
+    path = some([[0.0, 0.0]], SCENARIO.replace('[control.coupled]\nkind = "lqg"\n', PIDS))
     run = simulate(path)
     assert run.event is None
     assert abs(run.sensed[-1, 2] + 0.099) < 1e-4
@@ -142,7 +142,7 @@ def test_one_coil_holds_the_depth_and_leaves_the_rest_to_the_field(some):
         ([[0.0, 0.0]], {"control.feedforward": {}}, ScenarioError, "along x, y and z"),
         (RING, {"control.allocation": "division"}, ScenarioError, "for six coils"),
         (RING, {"field.scale": 0.05}, Infeasible, "supply drives"),
-        (RING, {"control.linked.upper": [1.0, 1.0, 1.0]}, Infeasible, "within the limits"),
+        (RING, {"control.coupled.upper": [1.0, 1.0, 1.0]}, Infeasible, "within the limits"),
         (RING, {"start.x_mm": 50.0}, ScenarioError, "inside the map"),
         (RING, {"device": "drive_unit"}, ScenarioError, "of the device's 6 coils"),
     ],
@@ -164,11 +164,11 @@ def test_shares_and_signals_of_a_known_matrix():
     """Two coils in a row along x, a third that only lifts: least squares by hand."""
     force = np.array([[0.1, -0.1, 0.0], [0.0, 0.0, 0.0], [0.3, 0.3, 0.3]])
     np.testing.assert_allclose(lift_shares(force), [1, 1, 1])
-    mixing = least_power_mixing(force, [1, 1, 1], 3.0)
+    mixing = least_power_allocation(force, [1, 1, 1], 3.0)
     np.testing.assert_allclose(mixing.matrix, [[1, 3, 0], [1, -3, 0], [1, 0, 0]], atol=1e-12)
     assert mixing.idle == ("y",)
     with pytest.raises(InputError, match="one per coil"):
-        least_power_mixing(force, [1, 1], 3.0)
+        least_power_allocation(force, [1, 1], 3.0)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])

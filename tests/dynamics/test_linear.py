@@ -16,26 +16,26 @@ from fieldmap.dynamics import (
     CoilDrive,
     Drag,
     Machine,
-    Mixing,
+    MatrixAllocation,
     RigidBody,
     Schedule,
     Sensors,
     close_loop,
+    controllability,
     coupling,
+    find_operating_point,
     linear_points,
     linearise,
     margins,
     modes,
     pid_block,
     prepare,
-    reach,
     read_scenario,
     simulate_closed_loop,
     superposed,
-    trim,
 )
-from fieldmap.dynamics.linear import moved_state, sampled_machine, sensor_answer
-from fieldmap.dynamics.linear.loop import _shares_of_the_past
+from fieldmap.dynamics.linearisation import moved_state, sampled_machine, sensor_answer
+from fieldmap.dynamics.linearisation.loop import _shares_of_the_past
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
 from fieldmap.lookup import open_map
@@ -54,7 +54,7 @@ def machine(axial):
     """One coil whose 2 A carry the body at the origin; nothing drives it aside."""
     body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), seen_at=[0, 0, 5e-3], upright=True)
     field = superposed(axial.map((0.02, SLOPE, CURVE)))
-    one = Mixing(np.eye(1), np.zeros(1))
+    one = MatrixAllocation(np.eye(1), np.zeros(1))
     drag = Drag(linear=(0.05, 0.05, 0.05))
     return Machine(field, body, CoilDrive(Amplifier(GAIN), 1), Sensors(zero_depth=0.0), one, drag)
 
@@ -62,7 +62,7 @@ def machine(axial):
 @pytest.fixture
 def linear(machine):
     # Height and both horizontal places are given or found: the lift is what is free.
-    return linearise(machine, trim(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
+    return linearise(machine, find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
 
 
 def test_one_coil_has_its_closed_form(linear):
@@ -77,30 +77,30 @@ def test_one_coil_has_its_closed_form(linear):
 
 
 def test_what_no_coil_moves_is_out_of_reach(linear):
-    found = reach(linear)
+    found = controllability(linear)
     assert found.controllability < 1e-9
     assert found.observability > 1e-2
     assert abs(found.worst_input.imag) > 1
     upward = linear.only(("z", "vz"))
-    assert reach(upward).controllability > 1.0
-    assert {mode.reached.max() > 1 for mode in modes(upward)} == {True}
+    assert controllability(upward).controllability > 1.0
+    assert {mode.input_gains.max() > 1 for mode in modes(upward)} == {True}
     with pytest.raises(InputError, match="turn_x"):
         linear.only(("turn_x",))
 
 
 def test_time_constants_of_amplifiers_are_states(machine):
     slow = replace(machine, drive=CoilDrive(Amplifier(GAIN), 1, time_constant=4e-3))
-    found = linearise(slow, trim(slow, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
+    found = linearise(slow, find_operating_point(slow, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
     assert found.states[-1] == "i1"
     assert min(mode.pole.real for mode in modes(found)) == pytest.approx(-250.0)
-    fast = linearise(machine, found.rest)
+    fast = linearise(machine, found.operating_point)
     np.testing.assert_allclose(
         -found.C @ np.linalg.solve(found.A, found.B), -fast.C @ np.linalg.solve(fast.A, fast.B)
     )
 
 
 def test_a_rest_at_the_edge_of_the_map_is_refused(machine):
-    rest = trim(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0])
+    rest = find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0])
     state = rest.state.copy()
     state[2] = 0.0199
     with pytest.raises(OutsideMapError, match=r"0\.4 mm"):
@@ -125,10 +125,10 @@ def difference(experiment, linear, loop, size, periods=60):
         size * np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])[: len(linear.states)]
     )
     state = moved_state(linear, deviation)
-    wanted = np.tile(experiment.rest.sensed, (periods, 1))
+    wanted = np.tile(experiment.operating_point.sensed, (periods, 1))
     schedule = Schedule(wanted, PERIOD, 2e-5, experiment.schedule.delay)
     run = simulate_closed_loop(
-        experiment.machine, experiment.controller, schedule, state, experiment.rest.currents, None
+        experiment.machine, experiment.controller, schedule, state, experiment.operating_point.currents, None
     )
     z = np.zeros(len(loop.A))
     z[: len(deviation)] = deviation
@@ -136,13 +136,13 @@ def difference(experiment, linear, loop, size, periods=60):
     for _ in range(periods):
         path.append(loop.C @ here)
         here = loop.A @ here
-    return np.abs(run.sensed - experiment.rest.sensed - path).max() / size
+    return np.abs(run.sensed - experiment.operating_point.sensed - path).max() / size
 
 
 def test_the_nonlinear_loop_comes_to_the_linear_one_with_the_square_of_what_disturbs(six):
     """Taylor test of the whole: body that turns, coils, delay, controllers of three axes."""
     experiment = prepare(read_scenario("vertical_step", FREE), six)
-    linear = linearise(experiment.machine, experiment.rest)
+    linear = linearise(experiment.machine, experiment.operating_point)
     assert len(linear.states) == 12
     loop = close_loop(linear, experiment.controller, experiment.schedule)
     relative = [difference(experiment, linear, loop, size) for size in (4e-4, 2e-4, 1e-4)]
@@ -152,7 +152,7 @@ def test_the_nonlinear_loop_comes_to_the_linear_one_with_the_square_of_what_dist
 
 def test_a_body_that_keeps_its_direction_obeys_earnshaw(six):
     experiment = prepare(read_scenario("vertical_step", {"reference.0.by_mm": 0.0}), six)
-    linear = linearise(experiment.machine, experiment.rest)
+    linear = linearise(experiment.machine, experiment.operating_point)
     K = linear.A[3:, :3]
     # Up to what the map steps by from cell to cell.
     np.testing.assert_allclose(K, K.T, atol=2e-5 * np.abs(K).max())
@@ -219,7 +219,7 @@ def test_averaging_makes_unstable_what_the_simulation_loses(six, averages, holds
     changes = {
         "field.scale": 2.1,
         "start.depth_mm": 10.0,
-        "control.linked.depths_mm": [8.0, 12.0],
+        "control.coupled.depths_mm": [8.0, 12.0],
         "reference.0.by_mm": 0.0,
         "reference.1.by_mm": 0.0,
         "duration_s": 6.0,

@@ -42,7 +42,7 @@ def spinning(axial, inertia, spin, duration, step, order):
     """A body in a uniform field without moment and weight: free."""
     body = RigidBody(0.01, inertia, axial.dipole(0.0), gravity=0.0)
     still = axial.map((0.01, 0.0, 0.0)).at([1.0])
-    return body, move(still, body, state_of([0, 0, 0], spin=spin), duration, step, order=order)
+    return body, move(still, body, state_of([0, 0, 0], angular_velocity=spin), duration, step, order=order)
 
 
 @pytest.mark.parametrize(("order", "power"), [("second", 2), ("fourth", 4)])
@@ -89,7 +89,7 @@ def tilted(angle):
 
 def test_a_spinning_top_floats_and_keeps_its_energy_for_ten_seconds(axial, top):
     """Spin makes a magnet against the field float (the levitron): ten seconds of bounded motion without losses."""
-    start = state_of([1e-3, -5e-4, 1e-3], quaternion=tilted(0.05), spin=[0.0, 0.0, 200.0])
+    start = state_of([1e-3, -5e-4, 1e-3], quaternion=tilted(0.05), angular_velocity=[0.0, 0.0, 200.0])
     run = move(axial.floating(), top, start, 10.0, 1e-4, order="fourth", every=20)
     assert run.inside
     assert np.linalg.norm(run.states[:, :3], axis=1).max() < 4e-3

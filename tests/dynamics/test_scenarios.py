@@ -125,20 +125,20 @@ def test_at_rest_forces_balance_and_a_quiet_run_stays_there(written):
     experiment = prepare(
         read_scenario(written(TEXT.replace("by_mm = 0.5", "by_mm = 0.0")), {"noise.off": True})
     )
-    assert experiment.rest.residual < 1e-9
+    assert experiment.operating_point.residual < 1e-9
     run = experiment.run()
     np.testing.assert_allclose(
-        run.sensed, np.broadcast_to(experiment.rest.sensed, run.sensed.shape), atol=1e-9
+        run.sensed, np.broadcast_to(experiment.operating_point.sensed, run.sensed.shape), atol=1e-9
     )
-    np.testing.assert_allclose(experiment.rest.sensed, [0, 0, -0.087], atol=1e-7)
-    six = experiment.rest.currents
+    np.testing.assert_allclose(experiment.operating_point.sensed, [0, 0, -0.087], atol=1e-7)
+    six = experiment.operating_point.currents
     np.testing.assert_allclose(six, six[0], rtol=1e-6)
 
 
 def test_free_bodies_lean_into_rest_where_they_must(written):
     """Given a place beside the axis, the signals and the lean that hold the magnet there are found."""
     changes = {"body.turning": "free", "start.x_mm": 2.0, "start.y_mm": -1.0, "noise.off": True}
-    rest = prepare(read_scenario(written(), changes)).rest
+    rest = prepare(read_scenario(written(), changes)).operating_point
     np.testing.assert_allclose(rest.sensed[:2], [2e-3, -1e-3], atol=1e-12)
     assert rest.residual < 1e-7
     assert rest.outputs[1] > 0 > rest.outputs[2]

@@ -8,7 +8,7 @@ import pytest
 from fieldmap.dynamics import Drag, Plate, RigidBody, Walls, move, state_of
 from fieldmap.errors import InputError
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.motion.plate import plate_force
+from fieldmap.kernels.motion.losses import plate_force
 
 MOMENT, HEIGHT, SIGMA = 0.8, 0.02, 3.5e7
 
@@ -36,7 +36,7 @@ def test_quadratic_drag_along_an_axis_of_a_body_that_lies(axial):
 
 
 def test_drag_of_turning_slows_a_spin(axial):
-    run = falling(axial, Drag(turning=(0.0, 0.0, 3e-6)), 1.0, spin=[0.0, 0.0, 7.0])
+    run = falling(axial, Drag(turning=(0.0, 0.0, 3e-6)), 1.0, angular_velocity=[0.0, 0.0, 7.0])
     np.testing.assert_allclose(run.states[:, 12], 7.0 * np.exp(-3.0 * run.time), atol=1e-9)
 
 

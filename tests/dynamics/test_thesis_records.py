@@ -51,7 +51,9 @@ def test_integral_times_scale_as_the_gains_at_rest(six, records):
     inputs, numbers = records(horizontal_records, "S17_records")
     changes = {"start.depth_mm": 10.0, "control.y.output": 0.0}
     places = [
-        prepare(read_scenario("horizontal_open_loop", {**changes, "control.x.output": u}), six).rest.sensed[0]
+        prepare(
+            read_scenario("horizontal_open_loop", {**changes, "control.x.output": u}), six
+        ).operating_point.sensed[0]
         for u in (0.005, -0.005)
     ]
     machine = 1e3 * (places[0] - places[1]) / 0.01

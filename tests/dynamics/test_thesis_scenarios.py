@@ -54,7 +54,7 @@ def shift_per_signal(six, depth_mm):
             "control.x.output": signal,
             "control.y.output": signal,
         }
-        places.append(prepare(read_scenario("horizontal_open_loop", changes), six).rest.sensed)
+        places.append(prepare(read_scenario("horizontal_open_loop", changes), six).operating_point.sensed)
     return 1e3 * (places[0] - places[1])[:2] / 0.01
 
 
@@ -145,7 +145,7 @@ def test_range_is_what_is_asked_for_where_nothing_bounds_it(answers):
 def test_the_regulator_scenario_has_the_printed_gains(six):
     scenario = read_scenario("regulator")
     experiment = prepare(scenario, six)
-    block = block_of(scenario, "z", experiment.rest)
+    block = block_of(scenario, "z", experiment.operating_point)
     # u = ... - k x / 0.69 on the predicted states: (7-13).
     gains = 0.69 * np.abs(np.ravel(block.C))
     for printed in (627.22, 2306.0, 914.07):

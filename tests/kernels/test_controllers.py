@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fieldmap.kernels.control.instruments import convert, drive, held_scans, measure, round_to_step
-from fieldmap.kernels.control.pid import pid_run
-from fieldmap.kernels.control.regulator import regulator_run
+from fieldmap.kernels.control.pid import PidGains, PidOptions, pid_run
+from fieldmap.kernels.control.regulator import EstimatorRows, RegulatorSettings, regulator_run
 
 IDEAL = np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
 
@@ -29,8 +29,8 @@ def test_pid_without_limits_is_a_filter():
     pid_run(
         errors,
         errors,
-        np.array([2.0, 0.1, 3.0]),
-        np.array([-np.inf, np.inf, 0.0, 0.0, 0.0]),
+        PidGains(2.0, 0.1, 3.0),
+        PidOptions(-np.inf, np.inf, anti_windup=0.0, tracking=0.0, trapezoidal=0.0),
         np.zeros(3),
         outputs,
     )
@@ -42,11 +42,20 @@ def test_regulator_of_one_state():
     """Filtered state d y of an estimator without memory, feedback k, integral."""
     measured = np.array([0.1, 0.2, -0.1])
     outputs, states = np.empty(3), np.empty((3, 1))
-    settings = np.array([0.5, 2.0, -np.inf, np.inf, 1.0, 0.0, 0.0, 0.0])
+    settings = RegulatorSettings(
+        Ts=0.5,
+        divisor=2.0,
+        lower=-np.inf,
+        upper=np.inf,
+        estimate=1.0,
+        intercept=0.0,
+        slope=0.0,
+        at_measured=0.0,
+    )
     zero = np.zeros((1, 1))
     regulator_run(
-        np.zeros(3), measured, zero, np.zeros((1, 2)), zero, np.array([0.8]), np.array([3.0, 4.0]), settings,
-        np.zeros(3), outputs, states,
+        np.zeros(3), measured, EstimatorRows(zero, np.zeros((1, 2)), zero, np.array([0.8])), np.array([3.0, 4.0]),
+        settings, np.zeros(3), outputs, states,
     )  # fmt: skip
     integral = 0.5 * np.array([0.0, 0.1, 0.3])
     np.testing.assert_allclose(states[:, 0], 0.8 * measured)

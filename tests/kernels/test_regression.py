@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.control.regression import recursive, triangles
+from fieldmap.kernels.control.regression import Structure, recursive, triangles
 
 RNG = np.random.default_rng(5)
 Y, U = RNG.normal(size=(2, 40)), RNG.normal(size=(2, 40))
@@ -32,7 +32,9 @@ def test_triangle_has_the_products_of_the_columns(poles, terms, delay):
 def test_recursion_ends_at_the_least_squares_with_its_prior():
     """(X'X + P0^-1)^-1 X'y, in closed form."""
     theta, covariance, history = np.zeros(4), 1e3 * np.eye(4), np.empty((40, 4))
-    recursive(Y[0], U[0], (2, 2, 1, 0, 2), 1.0, theta, covariance, history)
+    recursive(
+        Y[0], U[0], Structure(poles=2, terms=2, delay=1, noise=0, first=2), 1.0, theta, covariance, history
+    )
     x = regressors(Y[0], U[0], 2, 2, 1, 2)
     np.testing.assert_allclose(theta, np.linalg.solve(x.T @ x + 1e-3 * np.eye(4), x.T @ Y[0, 2:]), rtol=1e-9)
     np.testing.assert_allclose(covariance, np.linalg.inv(x.T @ x + 1e-3 * np.eye(4)), rtol=1e-9)
@@ -41,7 +43,9 @@ def test_recursion_ends_at_the_least_squares_with_its_prior():
 
 def test_forgetting_weighs_old_samples_less():
     theta, covariance, history = np.zeros(2), 1e6 * np.eye(2), np.empty((40, 2))
-    recursive(Y[0], U[0], (1, 1, 1, 0, 1), 0.9, theta, covariance, history)
+    recursive(
+        Y[0], U[0], Structure(poles=1, terms=1, delay=1, noise=0, first=1), 0.9, theta, covariance, history
+    )
     x = regressors(Y[0], U[0], 1, 1, 1, 1)
     weights = 0.9 ** np.arange(x.shape[0])[::-1]
     expected = np.linalg.solve(x.T @ (weights[:, None] * x), x.T @ (weights * Y[0, 1:]))

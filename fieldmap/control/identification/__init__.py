@@ -9,7 +9,7 @@ from fieldmap.control.identification.closed_loop import (
     identify_indirect,
     identify_two_stage,
 )
-from fieldmap.control.identification.estimate import Estimate, EstimatedRuns
+from fieldmap.control.identification.estimate import Estimate, EstimatedRuns, Orders
 from fieldmap.control.identification.excitation import pseudo_random_binary
 from fieldmap.control.identification.least_squares import (
     least_squares,
@@ -18,7 +18,6 @@ from fieldmap.control.identification.least_squares import (
 )
 from fieldmap.control.identification.log import Log, make_log, read_log, write_log
 from fieldmap.control.identification.noise_models import armax, generalised_least_squares
-from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.recursive import RecursiveRun, recursive_least_squares
 from fieldmap.control.identification.root_locus import RootLocus, root_locus
 from fieldmap.control.identification.step_fits import (

@@ -4,20 +4,17 @@ The loop is u = C (r - y), y = P u + noise; y is what the sensor says. Three way
 with the controller known (indirect, (5-1)), from r, u and y without it (two-stage, (5-2), (5-3)).
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate, not_settled
+from fieldmap.control.identification.estimate import Estimate, Orders, not_settled
 from fieldmap.control.identification.least_squares import (
     estimate_of,
     modified_least_squares,
     modified_least_squares_runs,
 )
-from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.regression import (
     Solution,
     check_records,
@@ -28,8 +25,7 @@ from fieldmap.control.identification.regression import (
 )
 from fieldmap.control.linear_models import transfer_function
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 _NOISE_FREE_REFERENCE = "the reference does not depend on the noise; the noise may be of any colour"
 

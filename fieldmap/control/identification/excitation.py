@@ -1,15 +1,12 @@
 """Pseudo-random binary signals: maximal length shift registers of any order."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import max_len_seq
 
 from fieldmap.arguments import check_count, check_numbers
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 LONGEST = 2**26  # samples: half a gigabyte
 

@@ -1,13 +1,10 @@
 """Least squares on records of input and output, plain and modified: thesis (5-4), (5-5)."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate, EstimatedRuns, not_settled
-from fieldmap.control.identification.orders import Orders
+from fieldmap.control.identification.estimate import Estimate, EstimatedRuns, Orders, not_settled
 from fieldmap.control.identification.regression import (
     Solution,
     check_records,
@@ -17,8 +14,7 @@ from fieldmap.control.identification.regression import (
     stable_denominators,
     to_model,
 )
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 _WHITE_EQUATION = (
     "errors of the equation A y = B u are white: noise enters through 1/A, as hardly any sensor's does"

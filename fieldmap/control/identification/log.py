@@ -1,27 +1,63 @@
-"""Records of a rig as CSV files with units in their header; SI inside.
-
-    time (s),reference (mm),position (mm),control (V)
-    0.000,8,8.013,3.42
-    0.002,9,8.009,3.92
-
-The first column is the time; a column is `name (unit)`. Lines that begin with # are comments.
-"""
+"""Units in the headings of CSV columns."""
 
 import csv
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
-from fieldmap.control.identification.units import in_si, named_unit, split_heading
 from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
 
-Array = NDArray[np.floating[Any]]
+# unit -> SI unit, factor
+UNITS: dict[str, tuple[str, float]] = {
+    "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "µs": ("s", 1e-6), "min": ("s", 60.0),
+    "m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3), "um": ("m", 1e-6), "µm": ("m", 1e-6),
+    "A": ("A", 1.0), "mA": ("A", 1e-3), "V": ("V", 1.0), "mV": ("V", 1e-3),
+    "T": ("T", 1.0), "mT": ("T", 1e-3), "N": ("N", 1.0), "mN": ("N", 1e-3), "kg": ("kg", 1.0), "g": ("kg", 1e-3),
+    "rad": ("rad", 1.0), "deg": ("rad", 0.017453292519943295), "1": ("1", 1.0),
+}  # fmt: skip
+_QUANTITIES = {"s": "time", "m": "length", "A": "current", "V": "voltage", "T": "flux density", "N": "force"}
+_QUANTITIES |= {"kg": "mass", "rad": "angle", "1": "numbers without unit"}
+_HEADING = re.compile(r"^\s*(?P<name>[^()]*\S)\s*\((?P<unit>[^()]*)\)\s*$")
+
+
+def in_si(where: str, unit: str) -> tuple[str, float]:
+    """SI unit and factor of a unit. Raises InputError for one that is not in the table."""
+    if unit not in UNITS:
+        raise InputError(_unknown(where, unit))
+    return UNITS[unit]
+
+
+def named_unit(unit: str) -> str:
+    """The quantity that an SI unit measures, in words."""
+    return _QUANTITIES[unit]
+
+
+def split_heading(where: str, heading: str) -> tuple[str, str, float] | Problem:
+    """Name, SI unit and factor of `name (unit)`, or what is wrong with it."""
+    match = _HEADING.match(heading)
+    if not match:
+        return Problem(
+            f"{where}:1",
+            "must give every column as `name (unit)`, (1) for numbers without unit",
+            heading.strip() or "an empty heading",
+            "write, for one: time (s),position (mm),current (A)",
+        )
+    unit = match["unit"].strip()
+    if unit not in UNITS:
+        return _unknown(f"{where}:1 column {match['name']}", unit)
+    return match["name"], *UNITS[unit]
+
+
+def _unknown(where: str, unit: str) -> Problem:
+    return Problem(where, f"must be a unit of {', '.join(UNITS)}", unit or "no unit", "convert the column")
+
 
 # Times may be off the even grid by this share of the sampling time: rounding of a log's printed times.
 UNEVEN = 0.02
@@ -48,7 +84,7 @@ class Log:
     def time(self) -> Array:
         """Times of the samples (n,), s."""
         count = len(next(iter(self.signals.values())))
-        return self.start + self.Ts * np.arange(count)
+        return self.start + self.Ts * np.arange(count, dtype=np.float64)
 
     def deviations(self, *, rest: int) -> "Log":
         """The same record from the mean of its first `rest` samples, in which the rig must be at rest."""

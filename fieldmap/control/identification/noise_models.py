@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate, not_settled
+from fieldmap.control.identification.estimate import Estimate, Orders, not_settled
 from fieldmap.control.identification.least_squares import estimate_of, modified_least_squares_runs
-from fieldmap.control.identification.orders import Orders
 from fieldmap.control.identification.regression import (
     check_records,
     columns_of,
@@ -22,8 +21,7 @@ from fieldmap.control.identification.regression import (
     to_model,
 )
 from fieldmap.errors import NotConverged, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 
 def generalised_least_squares(

@@ -1,19 +1,17 @@
 """Recursive least squares: an estimate after every sample, in compiled code."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
-from fieldmap.control.identification.orders import Orders
+from fieldmap.control.identification.estimate import Orders
 from fieldmap.control.identification.regression import check_records, polynomials, to_model
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.regression import recursive
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.kernels.control.regression import Structure, recursive
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +52,7 @@ def recursive_least_squares(
         )
     y, u = (x[0] for x in check_records(where, orders, outputs=outputs, inputs=inputs))
     p = orders.parameters + noise_order
-    structure = (orders.poles, orders.zeros + 1, orders.delay, noise_order, orders.first)
+    structure = Structure(orders.poles, orders.zeros + 1, orders.delay, noise_order, orders.first)
     history = np.empty((y.size, p))
     recursive(
         np.ascontiguousarray(y),

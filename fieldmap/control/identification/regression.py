@@ -8,19 +8,18 @@ solved by rotations of the columns beside y: no normal equations, whose conditio
 large already for poles near q = 1. Arrays are (runs, samples).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from fieldmap.arguments import check_signal
-from fieldmap.control.identification.orders import Orders
+from fieldmap.control.identification.estimate import Orders
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.regression import triangles
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 # Beyond this condition of the columns, each scaled to length one, rounding decides about the coefficients.
 LARGEST_CONDITION = 1e12

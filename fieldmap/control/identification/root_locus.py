@@ -11,8 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from fieldmap.arguments import check_signal
 from fieldmap.control.linear_models import transfer_function
 from fieldmap.errors import InputError, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 import scipy.optimize
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import savgol_filter
 
 from fieldmap.arguments import check_count, check_numbers, check_signal
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
 from fieldmap.errors import InputError, NotConverged, Problem
-
-Array = NDArray[np.floating[Any]]
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False)

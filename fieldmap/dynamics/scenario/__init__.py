@@ -1,10 +1,9 @@
 """Scenarios: an experiment in a TOML file, and what comes out of it."""
 
-from fieldmap.dynamics.scenario.build import Experiment, prepare
+from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, prepare, simulate
 from fieldmap.dynamics.scenario.linear_points import LinearPoint, linear_points
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
-from fieldmap.dynamics.scenario.one_run import ScenarioRun, simulate
-from fieldmap.dynamics.scenario.reader import Scenario, find_scenario, read_scenario
+from fieldmap.dynamics.scenario.reading import Scenario, find_scenario, read_scenario
 
 __all__ = [
     "AxisMetrics",

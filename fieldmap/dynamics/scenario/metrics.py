@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from fieldmap.control import StepMetrics, step_metrics
-from fieldmap.dynamics.outcome import LoopRun
-from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.loop_run import LevitationRun
+from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import StepKeys
 from fieldmap.kernels.motion.layout import STATE, VELOCITY
@@ -50,7 +50,7 @@ def reading_mm(scenario: Scenario, points: Array) -> Array:
     return np.asarray(points) * [1e3, 1e3, -1e3] - [0.0, 0.0, scenario.contents.sensors.zero_depth_mm]
 
 
-def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
+def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
     """The metrics of a run; those of a step are taken over the part of the run from it to the next on its axis."""
     true, seen, wanted = (reading_mm(scenario, p) for p in (run.sensed, run.seen, run.references))
     if not len(run.time):
@@ -81,7 +81,7 @@ def run_metrics(scenario: Scenario, run: LoopRun) -> RunMetrics:
     )
 
 
-def _end(scenario: Scenario, run: LoopRun) -> tuple[Any, Any, tuple[float, ...]]:
+def _end(scenario: Scenario, run: LevitationRun) -> tuple[Any, Any, tuple[float, ...]]:
     """Place and velocity in the reading of the sensors, and currents, at the event or in the last row."""
     if run.event is not None:
         state, currents = run.event.state, run.event.currents

@@ -6,7 +6,7 @@ import numpy as np
 
 from fieldmap.control import compensated_reference
 from fieldmap.control.identification import pseudo_random_binary
-from fieldmap.dynamics.scenario.reader import Scenario
+from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.schema import (
     BinaryKeys,
     CircleKeys,

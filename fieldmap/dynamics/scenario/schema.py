@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from fieldmap.dynamics.scenario.controller_keys import AxisController, FeedforwardKeys, LinkedController
+from fieldmap.dynamics.scenario.controller_schema import AxisController, CoupledController, FeedforwardKeys
 from fieldmap.errors import ScenarioError
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import (
@@ -29,8 +29,8 @@ class FieldKeys(Table):
     scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
     iron: Literal["auto", "linearised", "table"] = Field(
         default="auto",
-        description="of saturating iron: a table of its division, or linearised about the currents at rest; auto: the "
-        "table where the map has a division",
+        description="of saturating iron: a table over its current parametrisation, or linearised about the currents "
+        "of the operating point; auto: the table where the map has one",
     )
     table: Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)] | None = Field(
         default=None,
@@ -131,7 +131,7 @@ class SensorKeys(Table):
 
 
 class CompensatorKeys(Table):
-    """The push of the vertical reference, thesis 7.1.2."""
+    """A push of the vertical reference when the horizontal one moves."""
 
     push_mm: float = Field(default=0.05, description="how far")
     duration_ms: Positive = Field(default=10.0, description="how long")
@@ -146,14 +146,16 @@ class ControlKeys(Table):
     step_ms: Positive = Field(default=0.1, description="of the mechanics")
     allocation: Literal["division", "least_power"] | None = Field(
         default=None,
-        description="how lift, x and y become currents: by the thesis's division of six coils, or by least power about "
-        "the start; the division for six coils unless given",
+        description="how lift, x and y become currents: by the division among six coils, or by least power about the "
+        "start; the division for six coils unless given",
     )
-    division_n: Positive = Field(default=1.25, description="n of the current division (6-3)")
+    division_n: Positive = Field(
+        default=1.25, description="n of that division: how much more its two middle coils take"
+    )
     z: AxisController | None = Field(default=None, description="depth in mm to lift voltage")
     x: AxisController | None = Field(default=None, description="x in mm to x signal")
     y: AxisController | None = Field(default=None, description="y in mm to y signal")
-    linked: LinkedController | None = Field(
+    coupled: CoupledController | None = Field(
         default=None, description="of all axes, in the place of x, y and z"
     )
     feedforward: FeedforwardKeys | None = Field(
@@ -162,28 +164,28 @@ class ControlKeys(Table):
     compensator: CompensatorKeys | None = Field(default=None, description="push of the vertical reference")
 
     @model_validator(mode="after")
-    def _axes_or_linked(self) -> "ControlKeys":
+    def _axes_or_coupled(self) -> "ControlKeys":
         given = [axis for axis in "zxy" if getattr(self, axis) is not None]
-        if len(given) != (0 if self.linked is not None else 3):
-            received = ", ".join(given + (["linked"] if self.linked is not None else [])) or "none"
-            must = "must have either z, x and y, or linked"
+        if len(given) != (0 if self.coupled is not None else 3):
+            received = ", ".join(given + (["coupled"] if self.coupled is not None else [])) or "none"
+            must = "must have either z, x and y, or coupled"
             raise broken(must, received, "give every axis a controller, or one for all")
         return self
 
 
 class StartKeys(Table):
-    """Where the run begins, at rest unless said otherwise."""
+    """Where the run begins, in equilibrium unless said otherwise."""
 
     depth_mm: float | None = Field(
         default=None,
         description="reading of the vertical sensor; the middle of the map, or next to it where the coils carry the "
         "body easily, unless given",
     )
-    x_mm: float | None = Field(default=None, description="left out: where the x signal lets the body rest")
-    y_mm: float | None = Field(default=None, description="left out: where the y signal lets the body rest")
-    shift_mm: Vector = Field(default=[0.0] * 3, description="away from rest: x, y, depth")
+    x_mm: float | None = Field(default=None, description="left out: where the x signal lets the body float")
+    y_mm: float | None = Field(default=None, description="left out: where the y signal lets the body float")
+    shift_mm: Vector = Field(default=[0.0] * 3, description="away from equilibrium: x, y, depth")
     velocity_mm_per_s: Vector = Field(default=[0.0] * 3, description="x, y, z")
-    lean_deg: float = Field(default=0.0, description="about x, away from rest")
+    lean_deg: float = Field(default=0.0, description="about x, away from equilibrium")
 
 
 class StepKeys(Table):
@@ -229,7 +231,7 @@ class BinaryKeys(Table):
 
 
 class CircleKeys(Table):
-    """A circle in x and y about the starting reference, thesis (7-2)."""
+    """A circle in x and y about the starting reference."""
 
     kind: Literal["circle"] = Field(description="a circle in x and y")
     at_s: NotNegative = Field(
@@ -285,7 +287,7 @@ class DisturbanceKeys(Table):
 
 
 class RecordKeys(Table):
-    """What is kept of a run."""
+    """What is recorded of a run."""
 
     every: Annotated[int, Field(ge=1)] = Field(default=1, description="control periods from row to row")
 
@@ -321,7 +323,7 @@ class ScenarioFile(Table):
     signal: list[SignalKeys] = Field(default=[], description="steps of outputs in open loop")
     disturbance: list[DisturbanceKeys] = Field(default=[], description="forces on the body")
     noise: NoiseKeys = Field(default=NoiseKeys(), description="where noise comes from")
-    record: RecordKeys = Field(default=RecordKeys(), description="what is kept")
+    record: RecordKeys = Field(default=RecordKeys(), description="what is recorded")
 
 
 SCENARIO = register(

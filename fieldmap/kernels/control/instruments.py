@@ -1,13 +1,22 @@
 """A position through sensor and converter, and a voltage through converter and amplifier, one sample at a time.
 
-chain: zero (m at 0 V), scale (m/V), sensor step, lower and upper limit (V), gain and offset error of the converter
-(relative, V), converter step, lower and upper limit (V). drive: converter step, lower and upper limit (V), gain (A/V),
-offset (A), lower and upper limit (A). A step of 0 does not round.
+Each chain is a row of numbers, so that chains of several axes and drives of n coils are arrays. A step of 0 does not
+round. docs/theory/control.md (8)..(10).
 """
 
 import math
 
 from numba import njit
+
+# A measuring chain (10,): position at 0 V (m), scale (m/V), step and limits of the sensor's output (V), gain and offset
+# error of the converter (relative, V), its step and limits (V).
+ZERO, SCALE, SENSOR_STEP, SENSOR_LOWER, SENSOR_UPPER = 0, 1, 2, 3, 4
+GAIN_ERROR, OFFSET_ERROR, INPUT_STEP, INPUT_LOWER, INPUT_UPPER = 5, 6, 7, 8, 9
+CHAIN = 10
+# A drive (7,): step and limits of the converter (V), gain (A/V) and offset (A) of the amplifier, limits of the
+# current (A).
+OUTPUT_STEP, LOWER, UPPER, GAIN, OFFSET, CURRENT_LOWER, CURRENT_UPPER = 0, 1, 2, 3, 4, 5, 6
+DRIVE = 7
 
 
 @njit(cache=True)
@@ -25,16 +34,20 @@ def convert(value, step, lower, upper):
 @njit(cache=True)
 def measure(position, voltage_noise, chain):
     """The position that the controller sees. Noise of the sensor is in `position` already."""
-    sensed = convert((position - chain[0]) / chain[1], chain[2], chain[3], chain[4])
-    disturbed = sensed * (1.0 + chain[5]) + chain[6] + voltage_noise
-    return chain[0] + chain[1] * convert(disturbed, chain[7], chain[8], chain[9])
+    volts = (position - chain[ZERO]) / chain[SCALE]
+    sensed = convert(volts, chain[SENSOR_STEP], chain[SENSOR_LOWER], chain[SENSOR_UPPER])
+    disturbed = sensed * (1.0 + chain[GAIN_ERROR]) + chain[OFFSET_ERROR] + voltage_noise
+    return chain[ZERO] + chain[SCALE] * convert(
+        disturbed, chain[INPUT_STEP], chain[INPUT_LOWER], chain[INPUT_UPPER]
+    )
 
 
 @njit(cache=True)
 def drive(voltage, current_noise, numbers):
     """The current that flows for a voltage of the controller."""
-    current = numbers[3] * convert(voltage, numbers[0], numbers[1], numbers[2]) + numbers[4] + current_noise
-    return min(max(current, numbers[5]), numbers[6])
+    shown = convert(voltage, numbers[OUTPUT_STEP], numbers[LOWER], numbers[UPPER])
+    current = numbers[GAIN] * shown + numbers[OFFSET] + current_noise
+    return min(max(current, numbers[CURRENT_LOWER]), numbers[CURRENT_UPPER])
 
 
 @njit(cache=True)

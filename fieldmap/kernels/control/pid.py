@@ -1,25 +1,44 @@
-"""The sampled PID controller, one sample at a time: thesis (5-10), with limits and anti-windup.
+"""The sampled PID controller, one sample at a time, with limits and anti-windup: docs/theory/control.md (1), (2).
 
-gains: proportional, integral per sample, derivative per sample = Kc, Kc Ts / Ti, Kc Td / Ts.
-options: lower limit, upper limit, anti-windup (0 none, 1 hold, 2 track), Ts / Tt for tracking, 1 for the trapezoidal
-rule or 0 for the rectangular one.
-state: integral part of the output, previous error, previous value of the signal that is differentiated.
+state (3,): integral part of the output, previous error, previous value of the signal that is differentiated.
 """
 
+from typing import NamedTuple
+
 from numba import njit
+
+
+class PidGains(NamedTuple):
+    """Kc; per sample Kc Ts / Ti and Kc Td / Ts."""
+
+    proportional: float
+    integral: float
+    derivative: float
+
+
+class PidOptions(NamedTuple):
+    """Limits of the output; anti-windup (0 none, 1 hold, 2 track); share Ts / Tt by which the integral tracks; 1 for
+    the trapezoidal rule, 0 for the rectangular one. All are floats, so that every controller compiles to the
+    same code."""
+
+    lower: float
+    upper: float
+    anti_windup: float
+    tracking: float
+    trapezoidal: float
 
 
 @njit(cache=True)
 def pid_step(error, slope_signal, gains, options, state):
     """The output at this sample; advances the state."""
-    increment = gains[1] * (0.5 * (error + state[1]) if options[4] != 0.0 else error)
+    increment = gains.integral * (0.5 * (error + state[1]) if options.trapezoidal != 0.0 else error)
     integral = state[0] + increment
-    wanted = gains[0] * error + integral + gains[2] * (slope_signal - state[2])
-    output = min(max(wanted, options[0]), options[1])
-    if options[2] == 1.0 and (wanted - output) * increment > 0.0:
+    wanted = gains.proportional * error + integral + gains.derivative * (slope_signal - state[2])
+    output = min(max(wanted, options.lower), options.upper)
+    if options.anti_windup == 1.0 and (wanted - output) * increment > 0.0:
         integral = state[0]
-    elif options[2] == 2.0:
-        integral += options[3] * (output - wanted)
+    elif options.anti_windup == 2.0:
+        integral += options.tracking * (output - wanted)
     state[0], state[1], state[2] = integral, error, slope_signal
     return output
 

@@ -6,8 +6,20 @@ records, and no squared condition. Recursive: Ljung, System Identification, 2nd 
 Signals float64, C-contiguous; arguments are not checked here.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+
+
+class Structure(NamedTuple):
+    """Numbers of poles, of terms of the input, samples of delay, terms of past errors, and the first sample used."""
+
+    poles: int
+    terms: int
+    delay: int
+    noise: int
+    first: int
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -52,8 +64,8 @@ def triangles(y, u, poles, terms, delay, first, out):
 def recursive(y, u, structure, forgetting, theta, covariance, history):
     """Recursive (extended) least squares from the given theta (p,) and covariance (p, p), both updated.
 
-    structure: poles, terms, delay, noise terms, first. With noise terms the regressor goes on with past errors after
-    the update (extended least squares). history (samples, p): theta after each sample.
+    structure: `Structure`. With noise terms the regressor goes on with past errors after the update (extended least
+    squares). history (samples, p): theta after each sample.
     """
     poles, terms, delay, noise, first = structure
     known, p = poles + terms, poles + terms + noise

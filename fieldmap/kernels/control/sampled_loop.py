@@ -1,67 +1,110 @@
-"""A sampled plant in closed loop with a controller and its instruments, for many runs.
+"""A sampled linear plant in closed loop with a controller and its instruments, for many runs.
 
 Plant x[n+1] = A x[n] + B (u[n] + disturbance[n]), y[n] = C x[n] (strictly proper: y[n] does not wait for u[n]).
-Arrays of signals are (runs, samples). Instruments: see fieldmap.kernels.control.instruments; the loop's u is what the
-drive makes of the controller's output, less the operating value.
+Signals are (runs, samples), the reference (samples,); y: true position, u: the controller's output. The plant's u is
+what the drive makes of the controller's output, less the operating value.
+
+The loop stands once for each law, so that a sample costs no choice: PID, regulator, and any linear block.
 """
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.control.instruments import drive, measure
+from fieldmap.kernels.control.block import SIGNALS, control
+from fieldmap.kernels.control.instruments import GAIN, OFFSET, drive, measure
 from fieldmap.kernels.control.pid import pid_step
 from fieldmap.kernels.control.regulator import regulator_step
 
 
+class SampledPlant(NamedTuple):
+    """A (n, n), B (n,), C (n,) of the deviations; output of the controller at the operating point."""
+
+    A: Any
+    B: Any
+    C: Any
+    operating: float
+
+
+class LoopSignals(NamedTuple):
+    """Noise of position, of the converter's voltage and of the current, and disturbance of the plant's input."""
+
+    position_noise: Any
+    voltage_noise: Any
+    current_noise: Any
+    disturbance: Any
+
+
+class LoopChain(NamedTuple):
+    """Measuring chain (10,) and drive (7,), as in fieldmap.kernels.control.instruments; position of the operating
+    point."""
+
+    chain: Any
+    drive: Any
+    position: float
+
+
 @njit(cache=True)
-def _advance_plant(a, b, u, x, scratch):
-    n = a.shape[0]
-    for i in range(n):
-        scratch[i] = b[i] * u
-        for j in range(n):
-            scratch[i] += a[i, j] * x[j]
-    for i in range(n):
+def _sense(plant, signals, instruments, run, n, x, y):
+    """Fill y[run, n]; what the controller sees of it."""
+    y[run, n] = np.dot(plant.C, x)
+    true = instruments.position + y[run, n] + signals.position_noise[run, n]
+    return measure(true, signals.voltage_noise[run, n], instruments.chain) - instruments.position
+
+
+@njit(cache=True)
+def _actuate(plant, signals, instruments, run, n, output, x, scratch):
+    """Advance x (n,) by a sample with this output of the controller."""
+    numbers = instruments.drive
+    applied = drive(plant.operating + output, signals.current_noise[run, n], numbers)
+    applied -= numbers[GAIN] * plant.operating + numbers[OFFSET]
+    u = applied + signals.disturbance[run, n]
+    for i in range(x.shape[0]):
+        scratch[i] = plant.B[i] * u
+        for j in range(x.shape[0]):
+            scratch[i] += plant.A[i, j] * x[j]
+    for i in range(x.shape[0]):
         x[i] = scratch[i]
 
 
 @njit(cache=True)
-def pid_loop(plant, reference, noise, disturbance, instruments, sign, slope_of_error, gains, options, y, u):
-    """PID on sign * (reference - measured). plant: A, B, C, operating output. noise: of position, of voltage, of
-    current. instruments: chain, drive, operating position. slope_of_error: 1 to differentiate the error, 0 the
-    measurement. y: true position; u: the controller's output."""
-    a, b, c, operating = plant
-    position_noise, voltage_noise, current_noise = noise
-    chain, numbers, zero = instruments
-    scratch = np.empty(a.shape[0])
+def pid_loop(plant, reference, signals, instruments, sign, slope_of_error, gains, options, y, u):
+    """PID on sign * (reference - measured). slope_of_error: 1 to differentiate the error, 0 the measurement."""
+    scratch = np.empty(plant.A.shape[0])
     for run in range(y.shape[0]):
-        x, state = np.zeros(a.shape[0]), np.zeros(3)
+        x, state = np.zeros(plant.A.shape[0]), np.zeros(3)
         for n in range(y.shape[1]):
-            y[run, n] = np.dot(c, x)
-            seen = measure(zero + y[run, n] + position_noise[run, n], voltage_noise[run, n], chain) - zero
+            seen = _sense(plant, signals, instruments, run, n, x, y)
             error = sign * (reference[n] - seen)
             slope = error if slope_of_error != 0 else -sign * seen
             u[run, n] = pid_step(error, slope, gains, options, state)
-            applied = drive(operating + u[run, n], current_noise[run, n], numbers)
-            applied -= numbers[3] * operating + numbers[4]
-            _advance_plant(a, b, applied + disturbance[run, n], x, scratch)
+            _actuate(plant, signals, instruments, run, n, u[run, n], x, scratch)
 
 
 @njit(cache=True)
-def regulator_loop(plant, reference, noise, disturbance, instruments, estimator, k, settings, y, u):
-    """The regulator with its estimator (A_est, B_est, rows of C_est and D_est for the states) on the plant. The
-    equilibrium output that the regulator adds is part of u; the plant gets u less its own operating output at the
-    position 0, and `settings` says what the regulator takes for it."""
-    a, b, c, operating = plant
-    position_noise, voltage_noise, current_noise = noise
-    chain, numbers, zero = instruments
-    a_est, b_est, cx, dx = estimator
-    scratch, filtered = np.empty(a.shape[0]), np.empty(a_est.shape[0])
+def regulator_loop(plant, reference, signals, instruments, estimator, k, settings, y, u):
+    """The regulator with its estimator. The equilibrium output that the regulator adds is part of u; the plant gets u
+    less its own operating output at the position 0, and `settings` says what the regulator takes for it."""
+    scratch, filtered = np.empty(plant.A.shape[0]), np.empty(estimator.a.shape[0])
     for run in range(y.shape[0]):
-        x, state = np.zeros(a.shape[0]), np.zeros(2 * a_est.shape[0] + 1)
+        x, state = np.zeros(plant.A.shape[0]), np.zeros(2 * estimator.a.shape[0] + 1)
         for n in range(y.shape[1]):
-            y[run, n] = np.dot(c, x)
-            seen = measure(zero + y[run, n] + position_noise[run, n], voltage_noise[run, n], chain) - zero
-            u[run, n] = regulator_step(reference[n], seen, a_est, b_est, cx, dx, k, settings, state, filtered)
-            applied = drive(operating + u[run, n], current_noise[run, n], numbers)
-            applied -= numbers[3] * operating + numbers[4]
-            _advance_plant(a, b, applied + disturbance[run, n], x, scratch)
+            seen = _sense(plant, signals, instruments, run, n, x, y)
+            u[run, n] = regulator_step(reference[n], seen, estimator, k, settings, state, filtered)
+            _actuate(plant, signals, instruments, run, n, u[run, n], x, scratch)
+
+
+@njit(cache=True)
+def block_loop(plant, reference, signals, instruments, block, memory, y, u):
+    """Any linear block of one output: reference and measured position stand for all three axes of its signals."""
+    size = memory.shape[0]
+    scratch, inner = np.empty(plant.A.shape[0]), np.empty(size + 1)
+    v, output, none = np.ones(SIGNALS), np.empty(1), np.zeros(1)
+    for run in range(y.shape[0]):
+        x, state = np.zeros(plant.A.shape[0]), memory.copy()
+        for n in range(y.shape[1]):
+            v[:3], v[3:6] = reference[n], _sense(plant, signals, instruments, run, n, x, y)
+            control(block, v, none, state, inner, output)
+            u[run, n] = output[0]
+            _actuate(plant, signals, instruments, run, n, u[run, n], x, scratch)

@@ -9,6 +9,7 @@ from numba import njit
 
 from fieldmap.kernels.map.map_block import PLAIN
 from fieldmap.kernels.motion.layout import (
+    ANGULAR_VELOCITY,
     AXIS,
     CEILING,
     DAMPING,
@@ -20,12 +21,10 @@ from fieldmap.kernels.motion.layout import (
     RADIUS,
     SKIN,
     SLIP,
-    SPIN,
     STIFFNESS,
     VELOCITY,
 )
-from fieldmap.kernels.motion.losses import _cross
-from fieldmap.kernels.motion.rotation import to_body, to_map, turn_matrix
+from fieldmap.kernels.motion.rotation import cross, to_body, to_map, turn_matrix
 
 FREE, ON_FLOOR, ON_CEILING, ON_WALL = 0, 1, 2, 4
 
@@ -45,7 +44,7 @@ def _push(body, depth, n, v):
 def add_contact(body, state, load):
     """Add the walls' force and torque to load (6,); what is touched, as the sum of ON_FLOOR, ON_CEILING, ON_WALL."""
     r = turn_matrix(state)
-    w = to_map(r, state[SPIN], state[SPIN + 1], state[SPIN + 2])
+    w = to_map(r, state[ANGULAR_VELOCITY], state[ANGULAR_VELOCITY + 1], state[ANGULAR_VELOCITY + 2])
     touched = FREE
     first = FIRST + 6 * int(body[MAGNETS])
     for p in range(int(body[SKIN])):
@@ -57,7 +56,7 @@ def add_contact(body, state, load):
         floor, ceiling, wall = z < body[FLOOR], z > body[CEILING], distance > body[RADIUS]
         if not (floor or ceiling or wall):
             continue
-        swing = _cross(w, arm)
+        swing = cross(w, arm)
         v = (
             state[VELOCITY] + swing[0],
             state[VELOCITY + 1] + swing[1],
@@ -78,7 +77,7 @@ def add_contact(body, state, load):
 
 @njit(cache=True)
 def _add(load, r, arm, force):
-    t = _cross(arm, force)
+    t = cross(arm, force)
     turned = to_body(r, t[0], t[1], t[2])
     for k in range(3):
         load[k] += force[k]

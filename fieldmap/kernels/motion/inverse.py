@@ -1,34 +1,45 @@
 """The inverse map: the outputs of a controller that put a wanted force on the magnet, by Newton's method.
 
-docs/theory/dynamics.md (38). inverse: (rounds, limits, signals, believed): how many rounds a sample is given, 0 for a
-controller whose outputs go to the coils as they are; limits (2, 3) of the outputs; signals (3,), those of the last
-sample, where the search begins and what it leaves behind; believed (13,): the state whose turn is taken for the body's,
-its place filled in.
+docs/theory/dynamics.md (38).
 """
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.control.instruments import GAIN, OFFSET
 from fieldmap.kernels.map.cached_field import forget, keep_field
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, SETS, WHOLE
-from fieldmap.kernels.motion.allocation import allocate
-from fieldmap.kernels.motion.layout import MAGNETS, POSITION
+from fieldmap.kernels.motion.currents import allocate, find_weights
+from fieldmap.kernels.motion.layout import MAGNETS, POSITION, STATE
 from fieldmap.kernels.motion.magnet import magnet_wrench
-from fieldmap.kernels.motion.weights import find_weights
 
-GAIN, OFFSET = 3, 4
+
+class Inverse(NamedTuple):
+    """rounds: how many a sample is given, 0 for a controller whose outputs go to the coils as they are; limits (2, 3)
+    of the outputs; signals (3,): those of the last sample, where the search begins and what it leaves behind; believed
+    (13,): the state whose turn is taken for the body's, its place filled in."""
+
+    rounds: int
+    limits: Any
+    signals: Any
+    believed: Any
+
+
+NO_INVERSE = Inverse(0, np.zeros((2, 3)), np.zeros(3), np.zeros(STATE))
 
 
 @njit(**PLAIN)
 def _force(plant, field, allocation, signals, state, currents, load):
     """Fill load[:3] with the magnet's force, N; False outside the map."""
-    iron, drives = plant[3], plant[5]
+    drives, superposition = plant.drives, plant.superposition
     allocate(allocation, signals, currents)
     for k in range(currents.shape[0]):
         currents[k] = drives[k, GAIN] * currents[k] + drives[k, OFFSET]
-    find_weights(iron[0], iron[1], iron[2], currents, field[1])
+    find_weights(superposition.kind, superposition.scale, superposition.table, currents, field[1])
     forget(field)
-    return magnet_wrench(field, plant[1], state, load) == INSIDE
+    return magnet_wrench(field, plant.body, state, load) == INSIDE
 
 
 @njit(**PLAIN)
@@ -66,8 +77,8 @@ def find_signals(plant, allocation, wanted, inverse):
     limits; where those do not give the force, what is left says so. NaN outside the map.
     """
     rounds, limits, signals, believed = inverse
-    field = keep_field(plant[0], np.empty(int(plant[0][SETS])), int(plant[1][MAGNETS]))
-    currents = np.empty(plant[5].shape[0])
+    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), int(plant.body[MAGNETS]))
+    currents = np.empty(plant.drives.shape[0])
     load, moved, left, step = np.empty(6), np.empty(3), np.empty(3), np.empty(3)
     J = np.empty((3, 3))
     for turn in range(rounds + 1):
@@ -95,7 +106,7 @@ def find_signals(plant, allocation, wanted, inverse):
 def signals_along(plant, allocation, inverse, positions, forces, found, left):
     """Fill found (p, 3): the outputs at which the magnet of a body at positions (p, 3) feels forces (p, 3), N, each
     search beginning where the last ended; and left (p,), N."""
-    _, _, signals, believed = inverse
+    signals, believed = inverse.signals, inverse.believed
     for p in range(positions.shape[0]):
         believed[POSITION : POSITION + 3] = positions[p]
         left[p] = find_signals(plant, allocation, forces[p], inverse)

@@ -3,7 +3,9 @@
 One array each, because a compiled function that takes tuples of arrays apart pays for every array in them.
 """
 
-POSITION, VELOCITY, TURN, SPIN = 0, 3, 6, 10
+from typing import Any, NamedTuple
+
+POSITION, VELOCITY, TURN, ANGULAR_VELOCITY = 0, 3, 6, 10
 STATE = 13
 
 # The body and its surroundings: mass, three principal moments of inertia, acceleration of gravity (3), force (3) and
@@ -23,3 +25,19 @@ STIFFNESS, DAMPING, FRICTION, SLIP, FLOOR, CEILING, RADIUS, AXIS = 43, 44, 45, 4
 # How many dipoles the magnet has and how many points the surface; then six numbers a dipole, its point and its moment,
 # and three a point of the surface, all in the frame of the body, about its centre of mass.
 MAGNETS, SKIN, FIRST = 52, 53, 54
+
+
+class Plant(NamedTuple):
+    """What a controller moves and what drives it.
+
+    block: coefficients of the map's fields; body: the flat array above; seen_at (3,): the sensed point in the body;
+    superposition: `fieldmap.kernels.motion.currents.Superposition`; coils (n, 4): as there; drives (n, 7): as in
+    fieldmap.kernels.control.instruments.
+    """
+
+    block: Any
+    body: Any
+    seen_at: Any
+    superposition: Any
+    coils: Any
+    drives: Any

@@ -12,7 +12,7 @@ import math
 from numba import njit
 
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
-from fieldmap.kernels.motion.layout import INERTIA, SPIN, TURN
+from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, INERTIA, TURN
 
 
 @njit(**PLAIN_INLINED)
@@ -46,6 +46,12 @@ def to_body(r, x, y, z):
 
 
 @njit(**PLAIN_INLINED)
+def cross(a, b):
+    """a x b of two triples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**PLAIN_INLINED)
 def _turn_by(state, w, x, y, z):
     """state's quaternion times (w, x, y, z): a rotation about axes of the body."""
     a, b, c, d = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]
@@ -69,7 +75,11 @@ def _about_momentum(state, px, py, pz, h):
 def free_turn(state, body, h):
     """Advance quaternion and angular velocity by a time h without torque."""
     i1, i2, i3 = body[INERTIA], body[INERTIA + 1], body[INERTIA + 2]
-    p1, p2, p3 = i1 * state[SPIN], i2 * state[SPIN + 1], i3 * state[SPIN + 2]
+    p1, p2, p3 = (
+        i1 * state[ANGULAR_VELOCITY],
+        i2 * state[ANGULAR_VELOCITY + 1],
+        i3 * state[ANGULAR_VELOCITY + 2],
+    )
     _about_momentum(state, p1 / i1, p2 / i1, p3 / i1, h)
     unlike = i1 != i2
     if unlike:
@@ -82,7 +92,11 @@ def free_turn(state, body, h):
         p1, p2 = cosine * p1 + sine * p2, cosine * p2 - sine * p1
     if unlike:
         p1, p3 = _about_second(state, p1, p2, p3, 0.5 * h * (1.0 / i2 - 1.0 / i1))
-    state[SPIN], state[SPIN + 1], state[SPIN + 2] = p1 / i1, p2 / i2, p3 / i3
+    state[ANGULAR_VELOCITY], state[ANGULAR_VELOCITY + 1], state[ANGULAR_VELOCITY + 2] = (
+        p1 / i1,
+        p2 / i2,
+        p3 / i3,
+    )
 
 
 @njit(**PLAIN_INLINED)

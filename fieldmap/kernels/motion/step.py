@@ -15,6 +15,7 @@ from numba import njit
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 from fieldmap.kernels.motion.contact import add_contact
 from fieldmap.kernels.motion.layout import (
+    ANGULAR_VELOCITY,
     CONDUCTIVITY,
     FORCE,
     GRAVITY,
@@ -24,11 +25,10 @@ from fieldmap.kernels.motion.layout import (
     PLATE,
     POSITION,
     SKIN,
-    SPIN,
     TORQUE,
     VELOCITY,
 )
-from fieldmap.kernels.motion.losses import losses, spin_of, velocity_of
+from fieldmap.kernels.motion.losses import angular_velocity_of, losses, velocity_of
 from fieldmap.kernels.motion.magnet import magnet_wrench
 from fieldmap.kernels.motion.rotation import free_turn, normalise, to_body, turn_matrix
 
@@ -53,7 +53,7 @@ def find_load(field, body, state, load):
 
 @njit(**PLAIN_INLINED)
 def _changes(body, state, r, v, s, load):
-    """Rates of velocity (3) and spin (3) at velocity v and spin s, without what the spin does by itself."""
+    """Rates of velocity (3) and angular velocity (3) at v and s, without the gyroscopic part."""
     force, torque = losses(body, state, r, v, s)
     m = body[MASS]
     return (
@@ -73,14 +73,14 @@ def _moved(v, a, h):
 
 @njit(**PLAIN)
 def kick(body, state, load, h, order):
-    """Velocity and spin after a time h at rest in place and turn; with losses by a Runge-Kutta rule of `order`."""
+    """Velocities after a time h at rest in place and turn; with losses by a Runge-Kutta rule of `order`."""
     if body[LOSSY] == 0.0 and body[PLATE + CONDUCTIVITY] == 0.0:
         for k in range(3):
             state[VELOCITY + k] += h * load[k] / body[MASS]
-            state[SPIN + k] += h * load[3 + k] / body[INERTIA + k]
+            state[ANGULAR_VELOCITY + k] += h * load[3 + k] / body[INERTIA + k]
         return
     r = turn_matrix(state)
-    v, s = velocity_of(state), spin_of(state)
+    v, s = velocity_of(state), angular_velocity_of(state)
     a, b = _changes(body, state, r, v, s, load)
     a2, b2 = _changes(body, state, r, _moved(v, a, 0.5 * h), _moved(s, b, 0.5 * h), load)
     if order == 4:
@@ -88,11 +88,11 @@ def kick(body, state, load, h, order):
         a4, b4 = _changes(body, state, r, _moved(v, a3, h), _moved(s, b3, h), load)
         for k in range(3):
             state[VELOCITY + k] += h / 6.0 * (a[k] + 2.0 * a2[k] + 2.0 * a3[k] + a4[k])
-            state[SPIN + k] += h / 6.0 * (b[k] + 2.0 * b2[k] + 2.0 * b3[k] + b4[k])
+            state[ANGULAR_VELOCITY + k] += h / 6.0 * (b[k] + 2.0 * b2[k] + 2.0 * b3[k] + b4[k])
         return
     for k in range(3):
         state[VELOCITY + k] += h * a2[k]
-        state[SPIN + k] += h * b2[k]
+        state[ANGULAR_VELOCITY + k] += h * b2[k]
 
 
 @njit(**PLAIN_INLINED)
@@ -138,7 +138,7 @@ def rates(field, body, state, load, out):
     """Time derivative (13,) of a state: the right-hand side for an integrator of another kind. Status of the map."""
     status, _ = find_load(field, body, state, load)
     r = turn_matrix(state)
-    v, s = velocity_of(state), spin_of(state)
+    v, s = velocity_of(state), angular_velocity_of(state)
     a, b = _changes(body, state, r, v, s, load)
     w, x, y, z = state[6], state[7], state[8], state[9]
     i1, i2, i3 = body[INERTIA], body[INERTIA + 1], body[INERTIA + 2]

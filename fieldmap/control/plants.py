@@ -1,0 +1,283 @@
+"""Linear plants of a levitated body about its equilibrium: from a map's forces, or from the lumped model."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy.constants
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_choice, check_matrix, check_not_negative, check_positive, check_signal
+from fieldmap.control.linear_models import StateSpace
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
+from fieldmap.levitation.balance import Balance
+from fieldmap.levitation.checks import check_currents, check_payload, check_position
+from fieldmap.levitation.equilibrium import assumptions
+from fieldmap.levitation.interface import LevitationField
+from fieldmap.levitation.lift import direction_of_lift
+from fieldmap.typing import Array
+
+
+def levitated_plant(
+    mass: float, stiffness: ArrayLike, force_per_ampere: ArrayLike, damping: ArrayLike = 0.0
+) -> StateSpace:
+    """m d2x/dt2 = -stiffness x - damping dx/dt + force_per_ampere i about an equilibrium, one axis or several.
+
+    mass kg; stiffness = -dF/dx, N/m (negative: unstable), a number or (axes, axes); force_per_ampere, N/A, a number or
+    (axes, inputs); damping, N s/m, a number or (axes, axes). States: positions, then velocities; outputs: positions.
+    For one axis take the diagonal of `Equilibrium.stiffness` or `LiftCurrent.stiffness` and its entry of
+    `LiftCurrent.force_per_ampere`; the whole matrix, with the force per ampere of every coil, is the linked model of
+    all axes. The angle of a magnet that turns is not part of it. Raises InputError for numbers that are not finite,
+    matrices that do not fit, a mass that is not positive.
+
+    >>> levitated_plant(mass=0.01, stiffness=-4.0, force_per_ampere=0.1).A.tolist()
+    [[0.0, 1.0], [400.0, -0.0]]
+    """
+    check_positive("levitated_plant", mass=mass)
+    K = check_matrix("levitated_plant(stiffness)", stiffness, (None, None))
+    axes = K.shape[0]
+    K = check_matrix("levitated_plant(stiffness)", K, (axes, axes))
+    force = check_matrix("levitated_plant(force_per_ampere)", force_per_ampere, (axes, None))
+    given = np.asarray(damping, dtype=float)
+    loss = check_matrix(
+        "levitated_plant(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes)
+    )
+    still = np.zeros((axes, axes))
+    A = np.block([[still, np.eye(axes)], [-K / mass, -loss / mass]])
+    B = np.vstack([np.zeros_like(force), force / mass])
+    return StateSpace(A, B, np.eye(axes, 2 * axes), np.zeros((axes, force.shape[1])))
+
+
+@dataclass(frozen=True)
+class LumpedMagnet:
+    """An electromagnet that lifts a body z below it (z downward, m): thesis (2-18)..(2-20).
+
+    Inductance L(z) = L1 + L0 / (1 + z/a), force 1/2 dL/dz i^2. inductance: L0, H; length: a, m; mass: M, kg; damping:
+    N s/m, positive where it opposes motion (in (2-20) drag is printed as M d2z/dt2 = M g + c dz/dt, so its c would be
+    minus this); gravity: m/s^2.
+    """
+
+    inductance: float
+    length: float
+    mass: float
+    damping: float = 0.0
+    gravity: float = scipy.constants.g
+
+    def __post_init__(self) -> None:
+        check_positive(
+            "LumpedMagnet",
+            inductance=self.inductance,
+            length=self.length,
+            mass=self.mass,
+            gravity=self.gravity,
+        )
+        check_not_negative("LumpedMagnet", damping=self.damping)
+
+    def force(self, z: float, current: float) -> float:
+        """Magnetic force along z, N: negative, as it pulls up. (2-18) with (2-19)."""
+        return -self.inductance * current**2 / (2 * self.length * self._widening(z) ** 2)
+
+    def acceleration(self, z: float, velocity: float, current: float) -> float:
+        """d2z/dt2, m/s^2: (2-20)."""
+        return self.gravity + (self.force(z, current) - self.damping * velocity) / self.mass
+
+    def equilibrium_current(self, z: float) -> float:
+        """The current that carries the weight at z, A: (1 + z/a) sqrt(2 a M g / L0), a straight line in z."""
+        weight = self.mass * self.gravity
+        return self._widening(z) * float(np.sqrt(2 * self.length * weight / self.inductance))
+
+    def plant(self, z: float) -> StateSpace:
+        """The motion about the equilibrium at z, current in, position out: (2-21), (2-22). Its gain is negative.
+
+        >>> magnet = LumpedMagnet(inductance=0.01, length=0.05, mass=0.01)
+        >>> bool(magnet.plant(0.02).B[1, 0] < 0 < magnet.plant(0.02).A[1, 0])
+        True
+        """
+        current, wide = self.equilibrium_current(z), self._widening(z)
+        stiffness = -self.inductance * current**2 / (self.length**2 * wide**3)
+        per_ampere = -self.inductance * current / (self.length * wide**2)
+        return levitated_plant(self.mass, stiffness, per_ampere, self.damping)
+
+    def _widening(self, z: float) -> float:
+        check_not_negative("LumpedMagnet", z=z)
+        return 1.0 + z / self.length
+
+
+def lumped_magnet_from_lift_currents(
+    current_at_zero: float,
+    slope: float,
+    mass: float,
+    damping: float = 0.0,
+    gravity: float = scipy.constants.g,
+) -> LumpedMagnet:
+    """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured: (7-18).
+
+    The model's own law is a straight line, so both constants follow: a = current_at_zero / slope and
+    L0 = 2 a M g / current_at_zero^2.
+
+    >>> magnet = lumped_magnet_from_lift_currents(1.215, 34.3, mass=0.01119)
+    >>> print(round(magnet.equilibrium_current(0.010), 4), "A")
+    1.558 A
+    """
+    where = "lumped_magnet_from_lift_currents"
+    check_positive(where, current_at_zero=current_at_zero, slope=slope, mass=mass, gravity=gravity)
+    length = current_at_zero / slope
+    return LumpedMagnet(2 * length * mass * gravity / current_at_zero**2, length, mass, damping, gravity)
+
+
+_WHERE = "plant_from_map"
+_MOMENTS = ("fixed", "aligned")
+_CURRENT_STEP = 0.01
+"""Largest change of a current, of the largest current, over which a force is differenced unless told otherwise."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapPlant:
+    """A levitated magnet, linear about a point of a map and one set of currents, in the frame of the map (z up).
+
+    position (3,), m; currents (n_coils,), A; mass, kg; stiffness (3, 3) = -dF_i/dx_j, N/m; force_per_signal
+    (3, signals), N per unit of each signal; damping (3, 3), N s/m; imbalance (3,): magnetic force plus weight over the
+    weight at the point, 0 at an equilibrium (what is not balanced accelerates the real magnet and is no part of the
+    linear model); assumptions: what the numbers rest on.
+    """
+
+    position: Array
+    currents: Array
+    mass: float
+    stiffness: Array
+    force_per_signal: Array
+    damping: Array
+    imbalance: Array
+    assumptions: tuple[str, ...]
+
+    @property
+    def pole_products(self) -> Array:
+        """K_ii/m (3,), 1/s^2: product of the two poles of x, y and z, each alone. Negative: one of them is unstable.
+
+        Their sum is 0 for a moment that keeps its direction, whatever coils and iron are (Earnshaw).
+        """
+        return np.diag(self.stiffness) / self.mass
+
+    def model(self) -> StateSpace:
+        """All three axes: states x, y, z and their velocities, inputs the signals, outputs x, y, z."""
+        return levitated_plant(self.mass, self.stiffness, self.force_per_signal, self.damping)
+
+    def axis(self, axis: Literal["x", "y", "z"], signal: int = 0) -> StateSpace:
+        """One axis alone, the others held: input one of the signals, output the coordinate."""
+        i = self._axis("MapPlant.axis", axis)
+        count = self.force_per_signal.shape[1]
+        if not 0 <= signal < count:
+            raise InputError(
+                Problem("MapPlant.axis(signal)", f"must be 0 to {count - 1}", f"{signal}", "count from 0")
+            )
+        force = self.force_per_signal[i, signal]
+        return levitated_plant(self.mass, self.stiffness[i, i], force, self.damping[i, i])
+
+    def damping_for_pole(self, axis: Literal["x", "y", "z"], pole: float) -> float:
+        """The damping rate c/m, 1/s, with which the axis alone has this real pole, 1/s: -(s + K/(m s)).
+
+        A map knows no damping. Where an identification gives a pole, its slow one for instance, this is the damping
+        that it implies together with the map's stiffness.
+        """
+        if not (np.isfinite(pole) and pole != 0):
+            raise InputError(
+                Problem("MapPlant.damping_for_pole(pole)", "must be finite and not 0", f"{pole}", "in 1/s")
+            )
+        return float(-(pole + self.pole_products[self._axis("MapPlant.damping_for_pole", axis)] / pole))
+
+    @staticmethod
+    def _axis(where: str, axis: str) -> int:
+        return "xyz".index(check_choice(f"{where}(axis)", axis, "xyz"))
+
+
+def plant_from_map(
+    field_map: LevitationField,
+    payload: Payload | None,
+    position: ArrayLike,
+    currents: ArrayLike,
+    signals: ArrayLike | None = None,
+    damping: ArrayLike = 0.0,
+    moment: Literal["fixed", "aligned"] = "fixed",
+    signal_steps: ArrayLike | None = None,
+) -> MapPlant:
+    """The linear motion of the payload's magnet about a point of a map, at currents that should carry it there.
+
+    field_map: an opened map, or any `LevitationField`. position (3,): the magnet's centre, m. currents (n_coils,), A,
+    such as `lift_current(...).currents` or those of `find_equilibrium`. signals (n_coils, k): currents per unit of
+    each input signal, A, such as `division_slopes(u, x, y, n)`; without it every coil is an input. damping: N s/m, a
+    number or (3, 3). moment: "fixed" keeps it vertical, turned so that it is lifted; "aligned" lets it follow B.
+    signal_steps (k,): forces per signal are central differences over plus and minus these; without it over steps in
+    which no current changes by more than 1 % of the largest. They are exact where the force is linear in the currents,
+    of second order in the step where iron saturates.
+
+    Raises InputError for arguments that do not fit, OutsideMapError for a point or currents beyond the map,
+    Infeasible where the field does not lift.
+
+    Example::
+
+        lift = lift_current(m, device.payload, point)
+        plant = plant_from_map(m, device.payload, point, lift.currents, division_slopes(lift.current, 0, 0, n=1.25))
+        A, B = zero_order_hold(*plant.axis("z", signal=0)[:2], Ts=2e-3)
+    """
+    carried = check_payload(payload, _WHERE)
+    amperes = check_currents(field_map, currents, _WHERE)
+    point = check_position(field_map, position, f"{_WHERE}(position)")
+    count = len(field_map.coil_names)
+    directions = check_matrix(
+        f"{_WHERE}(signals)", np.eye(count) if signals is None else signals, (count, None)
+    )
+    balance = _balance(
+        field_map, amperes, carried, point, check_choice(f"{_WHERE}(moment)", moment, _MOMENTS)
+    )
+    given = np.asarray(damping, dtype=float)
+    loss = check_matrix(f"{_WHERE}(damping)", given * np.eye(3) if given.ndim == 0 else given, (3, 3))
+    steps = _steps(directions, signal_steps, _CURRENT_STEP * (np.abs(amperes).max() or 1.0))
+    slopes = [_force_slope(balance, point, *pair) for pair in zip(directions.T, steps, strict=True)]
+    return MapPlant(
+        position=point,
+        currents=amperes,
+        mass=carried.mass,
+        stiffness=balance.stiffness(point),
+        force_per_signal=np.column_stack(slopes),
+        damping=loss,
+        imbalance=balance.residual(point[None, :])[0] / balance.weight,
+        assumptions=(
+            *assumptions(moment)[:2],
+            "the field follows the currents without delay (no eddy currents, no amplifier)",
+        ),
+    )
+
+
+def _balance(
+    source: LevitationField, currents: Array, payload: Payload, point: Array, moment: str
+) -> Balance:
+    gradient = source.gradient(point[None, :], currents)[0]
+    if moment == "aligned":
+        return Balance(source, currents, payload.mass, payload.moment, None)
+    up = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
+    return Balance(source, currents, payload.mass, payload.moment, up)
+
+
+def _steps(directions: Array, given: ArrayLike | None, change: float) -> Array:
+    """How far each signal is changed; unless given, so far that a current changes by `change`, A."""
+    if given is None:
+        largest = np.abs(directions).max(axis=0)
+        return np.divide(change, largest, out=np.ones_like(largest), where=largest > 0.0)
+    steps = check_signal(f"{_WHERE}(signal_steps)", given)
+    if steps.shape != directions.shape[1:] or (steps <= 0.0).any():
+        must = f"must be {directions.shape[1]} positive numbers, one for each signal"
+        raise InputError(
+            Problem(f"{_WHERE}(signal_steps)", must, f"{steps.tolist()}", "leave it out for small steps")
+        )
+    return steps
+
+
+def _force_slope(balance: Balance, point: Array, direction: Array, step: float) -> Array:
+    """dF/ds (3,) where the currents change by `direction` (n_coils,) per unit of s."""
+    forces = [_force(balance, point, balance.currents + ds * direction) for ds in (step, -step)]
+    return (forces[0] - forces[1]) / (2.0 * step)
+
+
+def _force(balance: Balance, point: Array, currents: Array) -> Array:
+    return replace(balance, currents=currents).magnetic_force(point[None, :])[0]

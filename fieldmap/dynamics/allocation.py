@@ -1,0 +1,207 @@
+"""Control allocation: how the outputs of a controller become the voltages of the coils' amplifiers.
+
+By a current parametrisation, or by a matrix, which for any number of coils can be one of least power:
+docs/theory/dynamics.md (47)..(49).
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_positive, check_signal
+from fieldmap.currents import CurrentParametrisation, LiftAndDirections
+from fieldmap.errors import Infeasible, InputError, Problem
+from fieldmap.kernels.map.parametrisation import MATRIX
+from fieldmap.kernels.motion.currents import Allocation
+from fieldmap.typing import Array
+
+# A combination of coils weaker than this share of the strongest is taken for none: of currents, it would ask for more
+# than a thousand times as much.
+_WEAKEST = 1e-3
+# Share of a wanted force that coils may leave or put elsewhere and still count as pushing that way.
+_LEFT = 0.1
+SIGNALS = ("lift_V", "x_signal", "y_signal")
+"""Names of the outputs that lift and push along x and y."""
+
+
+class ControlAllocation(ABC):
+    """Outputs (m,) to the voltages (n,) of n coils."""
+
+    @property
+    @abstractmethod
+    def coils(self) -> int:
+        """Number of voltages."""
+
+    @property
+    @abstractmethod
+    def output_names(self) -> tuple[str, ...]:
+        """Names (m,) of the outputs."""
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Axes whose output does nothing."""
+        return ()
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What it rests on."""
+        return ()
+
+    @abstractmethod
+    def voltages(self, outputs: Array) -> Array:
+        """Voltages (n,), V, of outputs (m,)."""
+
+    @abstractmethod
+    def derivative(self, outputs: Array) -> Array:
+        """d voltages / d outputs (n, m) at outputs (m,)."""
+
+    @abstractmethod
+    def numbers(self) -> Allocation:
+        """As compiled loops take it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParametrisedAllocation(ControlAllocation):
+    """Outputs are the signals of a current parametrisation, whose currents, in A, are taken for voltages, in V.
+
+    names (m,): of the outputs; those of the signals unless given.
+    """
+
+    parametrisation: CurrentParametrisation
+    names: tuple[str, ...] = ()
+
+    @property
+    def coils(self) -> int:
+        """Those of the parametrisation."""
+        return self.parametrisation.coil_count
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The given names, or those of the signals."""
+        return self.names or self.parametrisation.signal_names
+
+    def voltages(self, outputs: Array) -> Array:
+        """Voltages (n,), V."""
+        return self.parametrisation.currents(outputs)
+
+    def derivative(self, outputs: Array) -> Array:
+        """d voltages / d outputs (n, m)."""
+        return self.parametrisation.derivative(outputs)
+
+    def numbers(self) -> Allocation:
+        """As compiled loops take it."""
+        kernel = self.parametrisation.kernel()
+        return Allocation(kernel.kind, kernel.exponent, kernel.matrix, np.zeros(self.coils))
+
+
+def lift_and_directions(n: float = 1.25) -> ParametrisedAllocation:
+    """Outputs lift (V), x and y become the voltages of six coils in two rows of three: `LiftAndDirections`."""
+    return ParametrisedAllocation(LiftAndDirections(n), SIGNALS)
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixAllocation(ControlAllocation):
+    """Outputs (m,) become the voltages of the coils by matrix (n, m) @ outputs + constant (n,).
+
+    names (m,): of the outputs; "output_0" and so on unless given. idle: axes whose output does nothing. assumptions:
+    what it rests on.
+    """
+
+    matrix: Array
+    constant: Array
+    names: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+    @property
+    def coils(self) -> int:
+        """Rows of the matrix."""
+        return len(self.matrix)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The given names, or numbers."""
+        return self.names or tuple(f"output_{k}" for k in range(self.matrix.shape[1]))
+
+    def voltages(self, outputs: Array) -> Array:
+        """Voltages (n,), V."""
+        return self.matrix @ outputs + self.constant
+
+    def derivative(self, outputs: Array) -> Array:
+        """The matrix."""
+        return np.asarray(self.matrix, float)
+
+    def numbers(self) -> Allocation:
+        """As compiled loops take it."""
+        # Of its own and so writable: otherwise the loop would be compiled once more.
+        constant = np.array(np.broadcast_to(self.constant, (self.coils,)), float)
+        return Allocation(MATRIX, 1.0, np.ascontiguousarray(self.matrix, float), constant)
+
+
+def lift_shares(force_per_ampere: ArrayLike) -> Array:
+    """Currents (n,) of least power that lift, the largest of size 1, and push sideways as little as they can.
+
+    force_per_ampere (3, n): force of the magnet by the coils' currents, N/A. Raises Infeasible where they do not lift.
+
+    >>> lift_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]]).round(9).tolist()
+    [1.0, 1.0]
+    """
+    return _largest_is_one(_towards(_checked(force_per_ampere), 2))
+
+
+def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts: float) -> MatrixAllocation:
+    """Outputs lift (V), x and y become the voltages of n coils.
+
+    force_per_ampere (3, n): N/A, about the operating point. shares (n,): of the lift's volt, such as `lift_shares`.
+    volts: lift there; an x signal of 1 adds that many volts to the coil that takes most of it, in the proportions that
+    push along x and nowhere else with least power. Along an axis on which the coils do not push by themselves the
+    signal does nothing, and the assumptions say so. Raises InputError for arguments that do not fit.
+
+    >>> allocation = least_power_mixing([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], [1.0, 1.0], 2.0)
+    >>> allocation.matrix.round(9).tolist(), allocation.idle
+    ([[1.0, 2.0, 0.0], [1.0, -2.0, 0.0]], ('y',))
+    """
+    force = _checked(force_per_ampere)
+    check_positive("least_power_mixing", volts=volts)
+    lift = check_signal("least_power_mixing(shares)", shares)
+    if lift.shape != force.shape[1:]:
+        must = f"must be ({force.shape[1]},)"
+        raise InputError(Problem("least_power_mixing(shares)", must, f"{lift.shape}", "give one per coil"))
+    columns, idle = [lift], []
+    for axis in (0, 1):
+        try:
+            columns.append(volts * _largest_is_one(_towards(force, axis)))
+        except Infeasible:
+            columns.append(np.zeros_like(lift))
+            idle.append("xy"[axis])
+    shown = ", ".join(f"{share:.3g}" for share in lift)
+    pushed = " or ".join(axis for axis in "xy" if axis not in idle)
+    signals = f"; a signal {pushed} of 1 adds {volts:.3g} V to a coil" if pushed else ""
+    notes = [f"coils by least power: lift in the shares {shown}{signals}"]
+    notes += [f"the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle]
+    return MatrixAllocation(np.column_stack(columns), np.zeros(len(lift)), SIGNALS, tuple(idle), tuple(notes))
+
+
+def _checked(force_per_ampere: ArrayLike) -> Array:
+    return check_signal("least_power(force_per_ampere).T", np.transpose(force_per_ampere), columns=3).T
+
+
+def _towards(force: Array, axis: int) -> Array:
+    """Currents (n,) of least power for 1 N along an axis and none along the others; Infeasible where there are none."""
+    wanted = np.eye(3)[axis]
+    currents = np.linalg.pinv(force, rcond=_WEAKEST) @ wanted
+    made = force @ currents
+    # The lift may have a pull aside, which a stiffness or another signal holds; a signal may not.
+    left = abs(made[2] - 1.0) if axis == 2 else float(np.abs(made - wanted).max())
+    if left > (0.5 if axis == 2 else _LEFT):
+        must = f"the coils must push the magnet along {'xyz'[axis]}"
+        received = f"{force[axis].tolist()} N/A along it, of at most {np.abs(force).max():.2g} N/A"
+        remedy = "begin at another place, or turn or add a coil"
+        raise Infeasible(Problem("least_power", must, received, remedy))
+    return np.asarray(currents)
+
+
+def _largest_is_one(currents: Array) -> Array:
+    return currents / np.abs(currents).max()

@@ -1,0 +1,70 @@
+"""How the field of a map follows currents that change all the time: what a compiled loop superposes.
+
+Linear iron: the coils' fields. Saturating iron: linearised about currents, or a table over a current parametrisation.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_positive
+from fieldmap.kernels.motion.currents import SUPERPOSED, TABLED, Superposition
+from fieldmap.lookup import FieldMap, saturates, table_of_currents, tangent_block, unit_block
+from fieldmap.lookup.current_table import no_table
+from fieldmap.typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class FieldOfCurrents:
+    """block: coefficients of the fields; numbers: how their weights follow the currents; assumptions."""
+
+    block: Array
+    numbers: Superposition
+    assumptions: tuple[str, ...]
+
+
+def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
+    """The field of a map of linear iron. scale: a calibration, by which all of it is multiplied.
+
+    Raises InputError for a map of saturating iron.
+    """
+    check_positive("superposed", scale=scale)
+    _, block = field_map.compiled()
+    return FieldOfCurrents(block, _superposed(scale), _calibration(scale))
+
+
+def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> FieldOfCurrents:
+    """The field of a map of saturating iron, linear in the currents about `currents` (n,), A: fast, and right near
+    them only. A map of linear iron is taken as it is."""
+    check_positive("linearised", scale=scale)
+    if not saturates(field_map):
+        return superposed(field_map, scale)
+    amperes = np.asarray(currents, float)
+    block = tangent_block(field_map, amperes)
+    about = ", ".join(f"{value:.3g}" for value in amperes)
+    note = f"saturating iron, linearised about the currents {about} A"
+    return FieldOfCurrents(block, _superposed(scale), (note, *_calibration(scale)))
+
+
+def tabled(
+    field_map: FieldMap, nodes: tuple[int, int, int] | None = None, scale: float = 1.0
+) -> FieldOfCurrents:
+    """The field of a map of saturating iron over its division (u, x, y) by the table of `open_map(...,
+    tabulate_currents=True)`, or by one of `nodes` made now; beside the division and beyond the table with its slopes.
+    Raises InputError for a map of another domain."""
+    check_positive("tabled", scale=scale)
+    table = table_of_currents(field_map, nodes)
+    states = " x ".join(map(str, table.nodes))
+    off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
+    note = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
+    numbers = Superposition(TABLED, float(scale), table.arrays)
+    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)))
+
+
+def _superposed(scale: float) -> Superposition:
+    return Superposition(SUPERPOSED, float(scale), no_table())
+
+
+def _calibration(scale: float) -> tuple[str, ...]:
+    return () if scale == 1.0 else (f"field of the map times {scale:g}, a calibration",)

@@ -1,0 +1,215 @@
+"""A linear machine under its sampled controller: docs/theory/dynamics.md (34)..(37)."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from fieldmap.arguments import check_positive
+from fieldmap.control import zero_order_hold
+from fieldmap.control.blocks import ControllerBlock
+from fieldmap.dynamics.closed_loop import Schedule
+from fieldmap.dynamics.linearisation.machine import LinearMachine
+from fieldmap.dynamics.sensors import Sensors
+from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
+
+Complex = NDArray[Any]
+
+
+class SampledMachine(NamedTuple):
+    """x[n+1] = A x[n] + B u[n] + before u[n-1]; y = C x: outputs of the controller that reach the coils late by part of
+    a period."""
+
+    A: Array
+    B: Array
+    before: Array
+    C: Array
+
+
+def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) -> SampledMachine:
+    """The linear machine between samples, `period` apart, s, whose inputs change `delay` after each: exact.
+
+    Raises InputError for a delay that is negative or longer than the period.
+    """
+    check_positive("sampled_machine", period=period)
+    if not 0.0 <= delay <= period:
+        problem = Problem(
+            "sampled_machine(delay)", "must be from 0 to the period", f"{delay:g} s", "shorten it"
+        )
+        raise InputError(problem)
+    A, B = zero_order_hold(linear.A, linear.B, period)
+    if delay == 0.0:
+        return SampledMachine(A, B, np.zeros_like(B), linear.C)
+    late = zero_order_hold(linear.A, linear.B, delay)[1]
+    if delay == period:
+        return SampledMachine(A, np.zeros_like(late), late, linear.C)
+    onward, now = zero_order_hold(linear.A, linear.B, period - delay)
+    return SampledMachine(A, now, onward @ late, linear.C)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A machine and its controller as one sampled system, z[n+1] = A z[n] + B r[n]; period: s.
+
+    z: states of the machine, outputs of the last period, memory of the controller, and where the body was at the last
+    samples, if its sensors take means. C z: the sensed point; r: its
+    reference; both as deviations. machine, controller: what it is made of.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    period: float
+    machine: SampledMachine
+    controller: ControllerBlock
+
+    @property
+    def poles(self) -> Complex:
+        """In q; stable inside the unit circle."""
+        return scipy.linalg.eigvals(self.A)
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles lie inside the unit circle."""
+        return bool(np.abs(self.poles).max() < 1.0)
+
+
+def close_loop(
+    linear: LinearMachine, controller: ControllerBlock, schedule: Schedule, sensors: Sensors | None = None
+) -> ClosedLoop:
+    """The linear machine under a controller, with the schedule's period and delay.
+
+    sensors: whose scans, means and latency stand between; without it sensors show what is.
+    """
+    machine = sampled_machine(linear, schedule.period, schedule.delay)
+    k = controller
+    shown = np.eye(3)[None] if sensors is None else _shares_of_the_past(sensors, schedule.period)
+    now, past = shown[0] @ machine.C, np.hstack([*shown[1:], np.zeros((3, 0))])
+    listen, wanted = k.D[:, 3:6], k.D[:, :3]
+    m, size, n, late = k.outputs, len(k.A), len(machine.A), past.shape[1]
+    applied = k.B + k.E @ k.D
+    older = np.eye(late, late, -3)
+    latest = np.vstack([machine.C, np.zeros((max(late - 3, 0), n))])[:late]
+    A = np.block(
+        [
+            [
+                machine.A + machine.B @ listen @ now,
+                machine.before,
+                machine.B @ k.C,
+                machine.B @ listen @ past,
+            ],
+            [listen @ now, np.zeros((m, m)), k.C, listen @ past],
+            [applied[:, 3:6] @ now, np.zeros((size, m)), k.A + k.E @ k.C, applied[:, 3:6] @ past],
+            [latest, np.zeros((late, m + size)), older],
+        ]
+    )
+    B = np.vstack([machine.B @ wanted, wanted, applied[:, :3], np.zeros((late, 3))])
+    C = np.hstack([machine.C, np.zeros((3, m + size + late))])
+    return ClosedLoop(A, B, C, schedule.period, machine, controller)
+
+
+def _shares_of_the_past(sensors: Sensors, period: float) -> Array:
+    """(k, 3, 3): what is seen is the sum of them times where the body was k samples ago; lags of scans and of the hold
+    between means, shared out to the samples on both sides."""
+    if not sensors.scan_rate:
+        return np.eye(3)[None]
+    scan = 1.0 / sensors.scan_rate
+    into, _, _, back, _ = sensors.numbers
+    count = int(np.ceil((2 * max(sensors.means) + sensors.latency) * scan / period)) + 2
+    shares = np.zeros((count, 3))
+    for axis, n in enumerate(sensors.means):
+        held = (np.arange(8 * n) + 0.5) / 8.0
+        lags = (np.arange(n)[:, None] + held + sensors.latency).ravel() * scan / period
+        below = lags.astype(int)
+        np.add.at(shares[:, axis], below, (1.0 - lags + below) / lags.size)
+        np.add.at(shares[:, axis], below + 1, (lags - below) / lags.size)
+    return np.stack([back @ np.diag(share) @ into for share in shares])
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far the loop at one output of the controller is from instability, the others being closed.
+
+    gain_up, gain_down: factors of that output which bring it there (infinite and 0 where none does); phase: deg, that
+    lag brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance of the loop's
+    curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no crossover.
+    """
+
+    output: str
+    gain_up: float
+    gain_down: float
+    phase: float
+    crossover: float
+    modulus: float
+
+
+def margins(
+    loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
+) -> list[Margins]:
+    """Margins at each output of the controller, which `names` names.
+
+    sensors: whose scans, means and latency turn the phase. The scans' clock runs free of the controller's, so their
+    answer is the mean over how the two may lie; without it sensors show what is. points: frequencies, from 1 mHz to
+    half the sampling rate.
+    """
+    frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
+    curves = np.array([_opened(loop, 2.0 * np.pi * f, sensors) for f in frequencies])
+    return [_margins_of(name, frequencies, curve) for name, curve in zip(names, curves.T, strict=True)]
+
+
+def sensor_answer(sensors: Sensors, rate: float) -> Complex:
+    """What scanning sensors show of a sine of this angular frequency, 1/s: (3, 3), from where the body is to what is
+    seen, (36) for each sensor along its own axis."""
+    if not sensors.scan_rate:
+        return np.eye(3)
+    into, _, _, back, _ = sensors.numbers
+    return np.asarray(back @ np.diag([_mean_of_scans(sensors, n, rate) for n in sensors.means]) @ into)
+
+
+def _mean_of_scans(sensors: Sensors, n: int, rate: float) -> complex:
+    scan = 1.0 / sensors.scan_rate
+    mean = np.exp(-1j * rate * scan * np.arange(n)).mean()
+    # Shown from one mean to the next: a hold of n scans, sampled at any moment of it.
+    half = 0.5 * rate * n * scan
+    return complex(mean * np.exp(-1j * (rate * sensors.latency * scan + half)) * np.sinc(half / np.pi))
+
+
+def _opened(loop: ClosedLoop, rate: float, sensors: Sensors | None) -> Complex:
+    """(m,): the loop opened at one output, others closed, so that 1 + l is 0 at the border of stability."""
+    q = np.exp(1j * rate * loop.period)
+    machine, k = loop.machine, loop.controller
+    plant = machine.C @ np.linalg.solve(
+        q * np.eye(len(machine.A)) - machine.A, machine.B + machine.before / q
+    )
+    inner = k.A + k.E @ k.C
+    control = k.D[:, 3:6] + k.C @ np.linalg.solve(q * np.eye(len(inner)) - inner, (k.B + k.E @ k.D)[:, 3:6])
+    shown = np.eye(3) if sensors is None else sensor_answer(sensors, rate)
+    sensitivity = np.linalg.inv(np.eye(k.outputs) - control @ shown @ plant)
+    return 1.0 / np.diag(sensitivity) - 1.0
+
+
+def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:
+    size, angle = np.abs(curve), np.unwrap(np.angle(-curve))
+    up, down, phase, at = np.inf, 0.0, np.nan, np.nan
+    for k in np.flatnonzero((size[1:] - 1.0) * (size[:-1] - 1.0) <= 0.0):
+        share = _crossing(np.log(size[k : k + 2]), 0.0)
+        # Distance of the angle from that of -1, which is where -curve is 1.
+        here = float(np.angle(np.exp(1j * (angle[k] + share * (angle[k + 1] - angle[k])))))
+        if not abs(np.rad2deg(here)) >= phase:
+            phase = abs(float(np.rad2deg(here)))
+            at = float(frequencies[k] * (frequencies[k + 1] / frequencies[k]) ** share)
+    turns = np.floor(angle / (2.0 * np.pi))
+    for k in np.flatnonzero(np.diff(turns)):
+        border = 2.0 * np.pi * max(turns[k], turns[k + 1])
+        share = _crossing(angle[k : k + 2], border)
+        factor = 1.0 / float(size[k] ** (1.0 - share) * size[k + 1] ** share)
+        up, down = (min(up, factor), down) if factor > 1.0 else (up, max(down, factor))
+    return Margins(name, up, down, phase, at, float(np.abs(1.0 + curve).min()))
+
+
+def _crossing(pair: Array, level: float) -> float:
+    a, b = pair
+    return float((level - a) / (b - a)) if b != a else 0.0

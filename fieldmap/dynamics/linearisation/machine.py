@@ -1,0 +1,278 @@
+"""The motion of a machine, linear about an operating point: docs/theory/dynamics.md (31)..(33)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_signal
+from fieldmap.control import StateSpace
+from fieldmap.deprecated import warn_renamed
+from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.motion import state_of
+from fieldmap.dynamics.operating_point import OperatingPoint
+from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.kernels.map.cached_field import forget, keep_field
+from fieldmap.kernels.map.map_block import INSIDE, SETS
+from fieldmap.kernels.motion.currents import find_weights
+from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
+from fieldmap.kernels.motion.rotation import turn_matrix
+from fieldmap.kernels.motion.step import rates
+from fieldmap.typing import Array
+
+# Steps of the differences: m, rad, m/s, rad/s, A. Wide enough for the steps of a map from cell to cell (1e-7 of the
+# field), narrow enough for what is left out, which is of fourth order.
+_STEPS = {"position": 2e-4, "turn": 2e-3, "velocity": 1e-4, "angular velocity": 1e-3, "current": 5e-3}
+# Shares of a step at which a function is taken, and what they count: central differences of fourth order.
+_STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMachine:
+    """dx/dt = A x + B u + G w, y = C x + D u, all as deviations from an operating point.
+
+    x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, and at the end the angular
+    velocity (3), rad/s, of a body that may turn; velocity (3), m/s; currents, A, of amplifiers with a time constant.
+    u: the controller's outputs, such as lift (V), x and y. w: force (3), N, and torque (3), N m, in the frame of
+    the map. y: the sensed point (3), m. operating_point: what it is linear about. assumptions: what it rests on.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    G: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    operating_point: OperatingPoint
+    assumptions: tuple[str, ...]
+
+    @property
+    def rest(self) -> OperatingPoint:
+        """The older name of `operating_point`."""
+        warn_renamed("LinearMachine.rest", "LinearMachine.operating_point")
+        return self.operating_point
+
+    @property
+    def model(self) -> StateSpace:
+        """(A, B, C, D), as fieldmap.control and `control.ss(*model)` of python-control take them."""
+        return StateSpace(self.A, self.B, self.C, self.D)
+
+    def only(self, names: tuple[str, ...]) -> "LinearMachine":
+        """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
+        names = tuple(_current_name(name) for name in names)
+        for name in names:
+            if name not in self.states:
+                must = f"must be among {', '.join(self.states)}"
+                raise InputError(Problem("LinearMachine.only(names)", must, name, "choose among them"))
+        chosen = [self.states.index(name) for name in names]
+        return LinearMachine(
+            self.A[np.ix_(chosen, chosen)],
+            self.B[chosen],
+            self.C[:, chosen],
+            self.D,
+            self.G[chosen],
+            names,
+            self.inputs,
+            self.outputs,
+            self.operating_point,
+            self.assumptions,
+        )
+
+
+def _current_name(state: str) -> str:
+    """Of a state that had another name."""
+    if not state.startswith("spin_"):
+        return state
+    new = state.replace("spin_", "w")
+    warn_renamed(f"state {state}", f"state {new}", level=4)
+    return new
+
+
+def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
+    """The machine, linear about an operating point from `find_operating_point`.
+
+    Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
+    magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
+    has a corner they are the mean of both sides. Amplifiers steer currents (26): a winding's R and L bound how fast a
+    large change goes and have no part in a small one. Raises OutsideMapError for a point at the map's edge.
+    """
+    slope = _Slope(machine, operating_point)
+    names, steps, free = _coordinates(machine)
+    n, coils = len(names), machine.drive.coils
+    motion = np.column_stack([slope.by_state(k, step, free) for k, step in steps])
+    per_ampere = np.column_stack([slope.by_current(k) for k in range(coils)])
+    rows = _rows(machine)
+    A, by_current = np.zeros((n, n)), np.zeros((n, coils))
+    A[: len(rows), : len(rows)], by_current[: len(rows)] = motion[rows], per_ampere[rows]
+    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
+    tau = machine.drive.time_constant
+    if tau:
+        A[: len(rows), len(rows) :] = by_current[: len(rows)]
+        A[len(rows) :, len(rows) :] = -np.eye(coils) / tau
+        B = np.vstack([np.zeros((len(rows), commanded.shape[1])), commanded / tau])
+    else:
+        B = by_current @ commanded
+    return LinearMachine(
+        A,
+        B,
+        _sensed_slopes(machine, operating_point, n),
+        np.zeros((3, B.shape[1])),
+        _load_slopes(machine, operating_point, n),
+        names,
+        machine.allocation.output_names,
+        ("x", "y", "z"),
+        operating_point,
+        (*machine.assumptions, *_assumptions(tau)),
+    )
+
+
+def _assumptions(time_constant: float) -> tuple[str, ...]:
+    late = f" with a time constant of {1e3 * time_constant:g} ms"
+    at_once = " at once; supply and inductance only bound large changes"
+    return (
+        "small deviations from the operating point: no limits, no walls, no converters' steps",
+        "currents follow what is asked for" + (late if time_constant else at_once),
+    )
+
+
+def _coordinates(machine: Machine) -> tuple[tuple[str, ...], list[tuple[int, float]], bool]:
+    """Names of the states; number and step of every one that moves; whether the body turns."""
+    free = not machine.body.upright
+    groups = [("position", ("x", "y", "z"), 0)]
+    groups += [("turn", ("turn_x", "turn_y", "turn_z"), 3)] if free else []
+    groups += [("velocity", ("vx", "vy", "vz"), 6)]
+    groups += [("angular velocity", ("wx", "wy", "wz"), 9)] if free else []
+    names = tuple(name for _, members, _ in groups for name in members)
+    steps = [(first + k, _STEPS[kind]) for kind, _, first in groups for k in range(3)]
+    if machine.drive.time_constant:
+        names += tuple(f"i{k + 1}" for k in range(machine.drive.coils))
+    return names, steps, free
+
+
+def _rows(machine: Machine) -> list[int]:
+    """Which rows of the twelve rates (position, turn, velocity, angular velocity) belong to the states."""
+    return [0, 1, 2, 6, 7, 8] if machine.body.upright else list(range(12))
+
+
+class _Slope:
+    """Rates (12,) of position, turn, velocity, angular velocity about an operating point, as functions of
+    deviations."""
+
+    def __init__(self, machine: Machine, operating_point: OperatingPoint) -> None:
+        self.machine, self.operating_point = machine, operating_point
+        self.numbers = machine.body.numbers(machine.drag, machine.plate, None)
+        block = machine.magnetic.block
+        self.weights = np.empty(int(block[SETS]))
+        self.field = keep_field(block, self.weights, len(machine.body.magnet.points))
+
+    def by_state(self, number: int, step: float, free: bool) -> Array:
+        """Derivative (12,) by one of twelve coordinates."""
+
+        def at(deviation: float) -> Array:
+            moved = np.zeros(12)
+            moved[number] = deviation
+            return self._rates(_moved(self.operating_point.state, moved), self.operating_point.currents)
+
+        found = _difference(at, step)
+        # The turn follows the angular velocity, which is zero there: exact to first order.
+        found[3:6] = np.eye(12)[number][9:12] if free else 0.0
+        return found
+
+    def by_current(self, number: int) -> Array:
+        """Derivative (12,) by one current."""
+
+        def at(deviation: float) -> Array:
+            currents = self.operating_point.currents.copy()
+            currents[number] += deviation
+            return self._rates(self.operating_point.state, currents)
+
+        found = _difference(at, _STEPS["current"])
+        found[:6] = 0.0
+        return found
+
+    def _rates(self, state: Array, currents: Array) -> Array:
+        load, out = np.empty(6), np.empty(STATE)
+        find_weights(*self.machine.magnetic.numbers, currents, self.weights)
+        forget(self.field)
+        if rates(self.field, self.numbers, state, load, out) != INSIDE:
+            problem = Problem(
+                "linearise(operating_point)",
+                "must lie inside the map, 0.4 mm from its edge",
+                f"{state[:3].tolist()} m",
+                "begin elsewhere, or make a larger map",
+            )
+            raise OutsideMapError(problem)
+        if not np.isfinite(out).all():
+            problem = Problem(
+                "linearise(operating_point)",
+                "must lie in front of the plate's face",
+                f"{state[:3].tolist()} m",
+                "begin higher, lower the plate's face, or leave the plate out",
+            )
+            raise InputError(problem)
+        return np.concatenate(
+            [
+                out[POSITION : POSITION + 3],
+                np.zeros(3),
+                out[VELOCITY : VELOCITY + 3],
+                out[ANGULAR_VELOCITY:STATE],
+            ]
+        )
+
+
+def _difference(function: Callable[[float], Array], step: float) -> Array:
+    return np.sum([share * function(at * step) for at, share in _STENCIL], axis=0) / step
+
+
+def _moved(state: Array, deviation: ArrayLike) -> Array:
+    """A state (13,) moved by position, turn about the body's own axes, velocity and angular velocity (12,)."""
+    d = check_signal("linearise", deviation)
+    angle = float(np.linalg.norm(d[3:6]))
+    half = 0.5 * np.sinc(0.5 * angle / np.pi) * d[3:6]
+    w, u, c = state[TURN], state[TURN + 1 : TURN + 4], np.cos(0.5 * angle)
+    turned = np.concatenate([[w * c - u @ half], w * half + c * u + np.cross(u, half)])
+    return state_of(
+        state[:3] + d[:3],
+        state[VELOCITY : VELOCITY + 3] + d[6:9],
+        turned,
+        state[ANGULAR_VELOCITY:STATE] + d[9:],
+    )
+
+
+def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
+    """The state (13,) of the machine that a deviation (states,) of the linear model stands for."""
+    given = check_signal("moved_state(deviation)", deviation)
+    twelve = np.zeros(12)
+    order = ("x", "y", "z", "turn_x", "turn_y", "turn_z", "vx", "vy", "vz", "wx", "wy", "wz")
+    for name, value in zip(linear.states, given, strict=True):
+        if name in order:
+            twelve[order.index(name)] = value
+    return _moved(linear.operating_point.state, twelve)
+
+
+def _turn(state: Array) -> Array:
+    return np.reshape(np.array(turn_matrix(state)), (3, 3))
+
+
+def _sensed_slopes(machine: Machine, operating_point: OperatingPoint, n: int) -> Array:
+    C = np.zeros((3, n))
+    C[:, :3] = np.eye(3)
+    if not machine.body.upright:
+        # d(R a) = R (turn x a).
+        R, arm = _turn(operating_point.state), machine.body.seen_at
+        C[:, 3:6] = np.column_stack([R @ np.cross(axis, arm) for axis in np.eye(3)])
+    return C
+
+
+def _load_slopes(machine: Machine, operating_point: OperatingPoint, n: int) -> Array:
+    G = np.zeros((n, 6))
+    body = machine.body
+    if body.upright:
+        G[3:6, :3] = np.eye(3) / body.mass
+        return G
+    G[6:9, :3] = np.eye(3) / body.mass
+    G[9:12, 3:] = _turn(operating_point.state).T / body.inertia[:, None]
+    return G

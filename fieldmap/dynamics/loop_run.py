@@ -1,0 +1,179 @@
+"""A recorded closed-loop run, how it ended, and its signals as named arrays for files and tables."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmap.control.loop import LoopRun
+from fieldmap.deprecated import warn_renamed
+from fieldmap.kernels.motion import closed_loop as events
+from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
+from fieldmap.store import RunRecord
+from fieldmap.typing import Array
+
+EVENTS = {
+    events.FELL_OUT: ("fell out", "the magnet fell through the bottom of the map"),
+    events.LEFT_ABOVE: ("hit the pole", "the magnet left the map upward, to the pole"),
+    events.LEFT_SIDEWAYS: ("left the map", "the magnet left the map sideways"),
+    events.NOT_A_NUMBER: ("not finite", "the state is not finite"),
+    events.HIT_FLOOR: ("hit the floor", "the body touched the floor"),
+    events.HIT_POLE: ("hit the pole", "the body touched the ceiling below the pole"),
+    events.HIT_TUBE: ("hit the tube", "the body touched the wall of the tube"),
+    events.SATURATED: ("current saturates", "a limit of outputs, amplifiers or supply held without a break"),
+    events.BEYOND_CURRENTS: ("beyond the map's currents", "the currents left the domain of the map"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """Why a run ended early. name: short; about: a sentence; time, s; state (13,) and currents (n,) at that moment."""
+
+    name: str
+    about: str
+    time: float
+    state: Array
+    currents: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LevitationRun(LoopRun):
+    """A closed-loop run of a magnet on a map; one row per recorded control period, taken at its beginning.
+
+    time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
+    outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
+    "currents" if they were ever beyond the table of saturating iron. seen_at (3,): the
+    sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes.
+    """
+
+    rows: Array
+    coils: int
+    seen_at: Array
+    event: Event | None
+    touched: tuple[str, ...]
+    assumptions: tuple[str, ...]
+    forces: bool
+
+    @property
+    def position(self) -> Array:
+        """Centre of mass (r, 3), m."""
+        return self.rows[:, POSITION : POSITION + 3]
+
+    @property
+    def velocity(self) -> Array:
+        """Of the centre of mass (r, 3), m/s."""
+        return self.rows[:, VELOCITY : VELOCITY + 3]
+
+    @property
+    def quaternion(self) -> Array:
+        """Body to map (r, 4), w first."""
+        return self.rows[:, TURN : TURN + 4]
+
+    @property
+    def angular_velocity(self) -> Array:
+        """(r, 3), rad/s, in the frame of the body."""
+        return self.rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3]
+
+    @property
+    def spin(self) -> Array:
+        """The older name of `angular_velocity`."""
+        warn_renamed("LevitationRun.spin", "LevitationRun.angular_velocity")
+        return self.angular_velocity
+
+    @property
+    def currents(self) -> Array:
+        """(r, n), A."""
+        return self.rows[:, STATE : STATE + self.coils]
+
+    @property
+    def commanded(self) -> Array:
+        """Currents that are asked for when the sample is taken, (r, n), A."""
+        return self.rows[:, STATE + self.coils : STATE + 2 * self.coils]
+
+    @property
+    def seen(self) -> Array:
+        """Position of the sensed point as the controller sees it (r, 3), m."""
+        first = STATE + 2 * self.coils
+        return self.rows[:, first : first + 3]
+
+    @property
+    def outputs(self) -> Array:
+        """Of the controller (r, m)."""
+        return self.rows[:, STATE + 2 * self.coils + 3 :]
+
+    @property
+    def sensed(self) -> Array:
+        """True position of the sensed point (r, 3), m."""
+        w, u = self.quaternion[:, :1], self.quaternion[:, 1:]
+        twice = 2.0 * np.cross(u, self.seen_at)
+        return self.position + self.seen_at + w * twice + np.cross(u, twice)
+
+    @property
+    def response(self) -> Array:
+        """`sensed`, for which the references are (r, 3), m."""
+        return self.sensed
+
+    @property
+    def tilt(self) -> Array:
+        """Angle (r,) of the body's axis against the vertical, rad."""
+        x, y = self.quaternion[:, 1], self.quaternion[:, 2]
+        return 2.0 * np.arcsin(np.clip(np.hypot(x, y), 0.0, 1.0))
+
+
+def event_of(number: int, time: float, state: Array, currents: Array) -> Event | None:
+    """The event behind a kernel's number; None for a run that went to its end."""
+    if number == events.NOTHING:
+        return None
+    name, about = EVENTS[number]
+    return Event(name, about, time, state, currents)
+
+
+def recorded(
+    run: LevitationRun, coil_names: tuple[str, ...], about: dict[str, object] | None = None
+) -> RunRecord:
+    """All signals of a run with units and columns; how it ended, its state at that moment, and what it assumes."""
+    coils = ", ".join(coil_names)
+    arrays = {
+        "time": (run.time, "s", "time"),
+        "position": (run.position, "m", "x, y, z of the centre of mass"),
+        "velocity": (run.velocity, "m/s", "x, y, z"),
+        "quaternion": (run.quaternion, "1", "w, x, y, z, body to map"),
+        "spin": (run.angular_velocity, "rad/s", "about the body's axes"),
+        "sensed": (run.sensed, "m", "x, y, z of the sensed point, as it is"),
+        "seen": (run.seen, "m", "x, y, z of the sensed point, as the controller sees it"),
+        "reference": (run.references, "m", "x, y, z of the sensed point"),
+        "currents": (run.currents, "A", coils),
+        "commanded": (run.commanded, "A", coils),
+        "outputs": (run.outputs, "N", "x, y, z of the force that is asked for")
+        if run.forces
+        else (run.outputs, "V, 1, 1", "lift, x signal, y signal"),
+    }
+    event = run.event
+    ended: dict[str, object] = {"event": "", "end_s": float(run.time[-1]) if len(run.time) else 0.0}
+    if event is not None:
+        ended = {
+            "event": event.name,
+            "about_event": event.about,
+            "end_s": event.time,
+            "state": [value if np.isfinite(value) else None for value in event.state.tolist()],
+            "currents": [value if np.isfinite(value) else None for value in event.currents.tolist()],
+        }
+    notes = {"touched": list(run.touched), "assumptions": list(run.assumptions)}
+    return RunRecord(arrays, {**ended, **notes, **(about or {})})
+
+
+def as_csv(record: RunRecord) -> str:
+    """The signals of a run as CSV text: one row per sample, names with units in the first line."""
+    names, columns = [], []
+    for name, (values, unit, about) in record.arrays.items():
+        wide = values.reshape(len(values), -1)
+        parts = [part.strip() for part in about.split(",")]
+        units = [part.strip() for part in unit.split(",")]
+        for k in range(wide.shape[1]):
+            label = (
+                name if wide.shape[1] == 1 else f"{name} {parts[k].split(' ')[0] if k < len(parts) else k}"
+            )
+            names.append(f"{label} ({units[min(k, len(units) - 1)]})")
+            columns.append(wide[:, k])
+    rows = np.column_stack(columns)
+    lines = [",".join(names), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,169 @@
+"""The operating point of a machine: the state and the outputs at which forces and torques balance."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import root
+
+from fieldmap.arguments import check_signal
+from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.motion import state_of
+from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.kernels.map.cached_field import forget, keep_field
+from fieldmap.kernels.map.map_block import INSIDE, SETS
+from fieldmap.kernels.motion.currents import find_weights
+from fieldmap.kernels.motion.layout import POSITION, TURN
+from fieldmap.kernels.motion.sensing import sensed_point
+from fieldmap.kernels.motion.step import find_load
+from fieldmap.typing import Array
+
+# Of the weight; the harmonic form of a map steps from cell to cell by about 1e-7 of its field.
+_ACCURACY = 1e-6
+# Between the cells of a coarse map the force can step over zero: what is left there at most, of the weight.
+_STEP = 2e-4
+# How far from there the slopes must put the balance at most, and over how much they are taken, in the units below.
+_NEXT, _AROUND = 1e-2, 1e-3
+# Units of what is searched for: 1 mm, 0.1 rad, 1 V; of the balance: the weight, and the weight times 10 mm.
+_MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
+# What is tried beside the guess of every output but the first, the lift.
+_ASIDE = (0.0, 0.2, -0.2, 0.35, -0.35)
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """A machine in equilibrium: state (13,), currents (n,) A, outputs (m,), sensed point (3,) m; residual of force and
+    torque, as shares of the weight and of the weight times 10 mm."""
+
+    state: Array
+    currents: Array
+    outputs: Array
+    sensed: Array
+    residual: float
+
+
+def find_operating_point(
+    machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLike = (0.0, 0.0, 0.0)
+) -> OperatingPoint:
+    """The state in equilibrium with a given sensed point (3,), m, and given outputs (m,), free where they are NaN.
+
+    Three forces and two torques are balanced by the lean of the body (2; not of one that stays upright) and as many
+    numbers as there are NaN, which must be three: the lift is free where the height is given, and x or
+    the x signal, y or the y signal. guess (m,): outputs where the search begins, for those that are free. Currents are
+    those that the amplifiers make of the outputs, without limits and steps. Raises InputError for another number of
+    NaN, NoEquilibrium where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over
+    zero there, as between the cells of a coarse map: see `is_step`.
+    """
+    place, given = np.array(sensed, float), np.array(outputs, float)
+    check_signal("find_operating_point(guess)", guess)
+    start = np.where(np.isnan(given), np.broadcast_to(np.asarray(guess, float), given.shape), given)
+    free_place, free_output = np.isnan(place), np.isnan(given)
+    if free_place.sum() + free_output.sum() != 3:
+        must = "must leave three numbers free in all"
+        received = f"{int(free_place.sum() + free_output.sum())} NaN"
+        remedy = "free the lift, and of x and y either the place or the signal"
+        raise InputError(Problem("find_operating_point(sensed, outputs)", must, received, remedy))
+    balance = _Balance(machine, place, start, free_place, free_output)
+    best = None
+    for first in balance.starts():
+        found = root(balance.residual, first, method="hybr", tol=1e-12)
+        if best is None or np.abs(found.fun).max() < np.abs(best.fun).max():
+            best = found
+        if np.abs(best.fun).max() < _ACCURACY:
+            break
+    assert best is not None
+    worst = float(np.abs(best.fun).max())
+    if not (worst < _ACCURACY or (worst < _STEP and is_step(balance.residual, best.x))):
+        problem = Problem(
+            "find_operating_point",
+            "forces and torques must balance",
+            f"{worst:.1e} of the weight left over at best",
+            "begin elsewhere in the map, free another signal, or check the scale of the field",
+        )
+        raise NoEquilibrium(problem)
+    return balance.result(best.x, worst)
+
+
+def is_step(residual: Callable[[Array], Array], x: Array) -> bool:
+    """Whether a residual that does not vanish at x (n,) steps over zero there: by its slopes about x it would within
+    0.01. Where it only comes near to zero, as beside a fold, the slopes vanish and zero is far.
+
+    >>> is_step(lambda x: x + 1e-4 * np.sign(x), np.array([1e-9])), is_step(lambda x: x**2 + 1e-4, np.array([1e-9]))
+    (True, False)
+    """
+    steps = _AROUND * np.eye(len(x))
+    slopes = np.column_stack([(residual(x + h) - residual(x - h)) / (2.0 * _AROUND) for h in steps])
+    try:
+        return bool(np.abs(np.linalg.solve(slopes, residual(x))).max() < _NEXT)
+    except np.linalg.LinAlgError:
+        return False
+
+
+class _Balance:
+    """Residual of force and torque as a function of what is free."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        place: Array,
+        start: Array,
+        free_place: NDArray[np.bool_],
+        free_output: NDArray[np.bool_],
+    ) -> None:
+        self.machine, self.place, self.start = machine, place, start
+        self.free_place, self.free_output = free_place, free_output
+        self.numbers = machine.body.numbers(None, None, None)
+        self.weight = machine.body.mass * machine.body.gravity
+        self.upright = np.zeros(0 if machine.body.upright else 2)
+        block = machine.magnetic.block
+        self.weights = np.empty(int(block[SETS]))
+        self.field = keep_field(block, self.weights, len(machine.body.magnet.points))
+
+    def starts(self) -> Iterator[Array]:
+        """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""
+        middle, guess = np.zeros(int(self.free_place.sum())), self.start[self.free_output]
+        for lift, *aside in product((1.0, 0.8, 1.25), *[_ASIDE] * (len(guess) - 1)):
+            yield np.concatenate([middle, [lift * guess[0], *(guess[1:] + aside)], self.upright])
+
+    def _parts(self, unknown: Array) -> tuple[Array, Array, Array]:
+        k = int(self.free_place.sum())
+        place, outputs = self.place.copy(), self.start.copy()
+        place[self.free_place] = _MILLI * unknown[:k]
+        outputs[self.free_output] = unknown[k:3]
+        lean = _LEAN * unknown[3:] if len(unknown) > 3 else np.zeros(2)
+        return self._state(place, lean), self.currents(outputs), outputs
+
+    def _state(self, place: Array, lean: Array) -> Array:
+        angle = float(np.linalg.norm(lean))
+        half = np.sinc(angle / 2 / np.pi) / 2
+        state = state_of([0, 0, 0], quaternion=[np.cos(angle / 2), *(half * lean), 0.0])
+        seen = np.empty(3)
+        sensed_point(state, self.machine.body.seen_at, seen)
+        state[POSITION : POSITION + 3] = place - seen
+        return state
+
+    def currents(self, outputs: Array) -> Array:
+        """Of the amplifiers, A."""
+        amplifier = self.machine.drive.amplifier
+        return amplifier.gain * self.machine.allocation.voltages(outputs) + amplifier.offset
+
+    def residual(self, unknown: Array) -> Array:
+        """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
+        state, currents, _ = self._parts(unknown)
+        load = np.empty(6)
+        inside = find_weights(*self.machine.magnetic.numbers, currents, self.weights)
+        forget(self.field)
+        if not inside or find_load(self.field, self.numbers, state, load)[0] != INSIDE:
+            return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
+        both = np.concatenate([load[:3] / self.weight, load[3:5] / (self.weight * _LEVER)])
+        return both[: len(unknown)]
+
+    def result(self, unknown: Array, worst: float) -> OperatingPoint:
+        """As found."""
+        state, currents, outputs = self._parts(unknown)
+        seen = np.empty(3)
+        sensed_point(state, self.machine.body.seen_at, seen)
+        state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])
+        return OperatingPoint(state, currents, outputs, seen, worst)

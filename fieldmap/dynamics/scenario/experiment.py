@@ -1,0 +1,199 @@
+"""From a scenario to a run: machine, controller, schedule, state at the start."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.control.blocks import Controller, stacked
+from fieldmap.deprecated import warn_renamed
+from fieldmap.device import Device
+from fieldmap.dynamics.allocation import ParametrisedAllocation
+from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop
+from fieldmap.dynamics.field_of_currents import linearised, superposed, tabled
+from fieldmap.dynamics.loop_run import LevitationRun
+from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.motion import state_of
+from fieldmap.dynamics.operating_point import OperatingPoint
+from fieldmap.dynamics.rigid_body import RigidBody
+from fieldmap.dynamics.scenario.controllers import block_of, coupled_controller, fed_forward
+from fieldmap.dynamics.scenario.machine import body_of, device_and_map, machine_of
+from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
+from fieldmap.dynamics.scenario.reading import Scenario, read_scenario
+from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
+from fieldmap.dynamics.scenario.start import magnet_at, operating_point_at, starting_currents, with_depth
+from fieldmap.errors import NoEquilibrium
+from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
+from fieldmap.lookup import FieldMap, division_domain, saturates
+from fieldmap.typing import Array
+
+MILLI = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; its
+    operating point there; device: what it is made of."""
+
+    scenario: Scenario
+    machine: Machine
+    controller: Controller
+    schedule: Schedule
+    state: Array
+    currents: Array
+    operating_point: OperatingPoint
+    device: Device
+
+    @property
+    def rest(self) -> OperatingPoint:
+        """The older name of `operating_point`."""
+        warn_renamed("Experiment.rest", "Experiment.operating_point")
+        return self.operating_point
+
+    def warm(self) -> None:
+        """One control period, so that what is timed after it is compiled."""
+        first = replace(self.schedule, references=self.schedule.references[:1], feedforward=None, loads=None)
+        simulate_closed_loop(self.machine, self.controller, first, self.state, self.currents, None)
+
+    def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
+        """One run; the scenario's own seed unless one is given."""
+        noise = self.scenario.contents.noise
+        chosen = noise.seed if seed is None else seed
+        return simulate_closed_loop(
+            self.machine,
+            self.controller,
+            self.schedule,
+            self.state,
+            self.currents,
+            None if noise.off else chosen,
+        )
+
+
+def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment:
+    """Open the map, find the operating point at the start, make the controllers.
+
+    field_map: in the place of the scenario's map. Raises ScenarioError, MapFileError, NoEquilibrium.
+    """
+    device, opened = device_and_map(scenario, field_map)
+    body = body_of(scenario, device, opened)
+    scenario = with_depth(scenario, device, opened, body)
+    machine, operating_point = _machine_at_operating_point(scenario, device, opened, body)
+    contents = scenario.contents
+    start_mm = _reading(operating_point.sensed, contents.sensors.zero_depth_mm)
+    wanted = references(scenario, start_mm)
+    control = contents.control
+    schedule = Schedule(
+        _into_map(wanted, contents.sensors.zero_depth_mm),
+        MILLI * control.period_ms,
+        MILLI * control.step_ms,
+        MILLI * control.delay_ms,
+        open_loop_signals(scenario),
+        disturbances(scenario),
+        contents.record.every,
+    )
+    controller: Controller
+    if control.coupled is not None:
+        controller = coupled_controller(scenario, machine, operating_point)
+    else:
+        controller = stacked(*(block_of(scenario, axis, operating_point) for axis in "zxy"))
+    schedule = fed_forward(scenario, machine, controller, operating_point, schedule)
+    begin = _start(scenario, operating_point)
+    return Experiment(
+        scenario, machine, controller, schedule, begin, operating_point.currents, operating_point, device
+    )
+
+
+def _machine_at_operating_point(
+    scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody
+) -> tuple[Machine, OperatingPoint]:
+    """The machine and its operating point, about whose currents saturating iron is linearised."""
+    keys = scenario.contents.field
+    guess, allocation = starting_currents(scenario, device, opened, body, magnet_at(scenario, opened, body))
+    divided = division_domain(opened) is not None
+    if not saturates(opened) or keys.iron == "table" or (keys.iron == "auto" and divided):
+        nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
+        superposes = not saturates(opened)
+        field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)
+        machine = machine_of(scenario, device, body, field, allocation)
+        return machine, _first_point(scenario, machine, guess)
+    currents, operating_point = guess, None
+    for _ in range(12):
+        field = linearised(opened, currents, keys.scale)
+        machine = machine_of(scenario, device, body, field, allocation)
+        operating_point = _first_point(scenario, machine, currents)
+        change = float(np.abs(operating_point.currents - currents).max())
+        currents = operating_point.currents
+        if change < 1e-6:
+            return machine, operating_point
+    raise NoEquilibrium(
+        scenario.error(
+            "start",
+            "currents of the operating point must settle",
+            f"a change of {change:.1e} A",
+            'take field.iron = "table"',
+        ).problems[0]
+    )
+
+
+def _first_point(scenario: Scenario, machine: Machine, currents: Array) -> OperatingPoint:
+    divided = isinstance(machine.allocation, ParametrisedAllocation)
+    level = float(np.mean(currents) if divided else np.abs(currents).max())
+    guess = [level / machine.drive.amplifier.gain, 0.0, 0.0]
+    return operating_point_at(scenario, machine, scenario.start_depth_mm, guess)
+
+
+def _start(scenario: Scenario, operating_point: OperatingPoint) -> Array:
+    """The state of the operating point, shifted, leaning and moving as asked for."""
+    keys = scenario.contents.start
+    state = operating_point.state.copy()
+    x, y, depth = (MILLI * value for value in keys.shift_mm)
+    state[POSITION : POSITION + 3] += x, y, -depth
+    state[VELOCITY : VELOCITY + 3] = MILLI * np.asarray(keys.velocity_mm_per_s)
+    half = np.deg2rad(keys.lean_deg) / 2
+    w, a, b, c = state[TURN : TURN + 4]
+    turned = [w * np.cos(half) - a * np.sin(half), a * np.cos(half) + w * np.sin(half)]
+    turned += [b * np.cos(half) - c * np.sin(half), c * np.cos(half) + b * np.sin(half)]
+    return state_of(state[:3], state[3:6], turned, state[10:])
+
+
+def _reading(sensed: Array, zero_mm: float) -> Array:
+    """x, y and depth in mm of points (..., 3) of the map."""
+    return np.asarray(sensed) * [1e3, 1e3, -1e3] - [0.0, 0.0, zero_mm]
+
+
+def _into_map(reading: Array, zero_mm: float) -> Array:
+    return (reading + [0.0, 0.0, zero_mm]) * [MILLI, MILLI, -MILLI]
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioRun(LevitationRun):
+    """A run (`LevitationRun`) with its scenario and its metrics."""
+
+    scenario: Scenario
+    metrics: RunMetrics
+
+
+def simulate(
+    path_or_name: str | Path,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    field_map: FieldMap | None = None,
+    seed: int | None = None,
+) -> ScenarioRun:
+    """Run a scenario: its file, or the name of a shipped one.
+
+    changes: values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}. field_map: an opened map in
+    the place of the scenario's. seed: in the place of its own. Raises ScenarioError with every error of the file,
+    MapFileError, NoEquilibrium where the machine has no equilibrium at the start. A run that fails does not raise:
+    `event` says what happened.
+
+    >>> run = simulate("vertical_step")                                               # doctest: +SKIP
+    >>> run.metrics.axes[2].step.overshoot                                            # doctest: +SKIP
+    0.387
+    """
+    experiment = prepare(read_scenario(path_or_name, changes), field_map)
+    run, scenario = experiment.run(seed), experiment.scenario
+    known = {field.name: getattr(run, field.name) for field in fields(LevitationRun)}
+    return ScenarioRun(**known, scenario=scenario, metrics=run_metrics(scenario, run))

@@ -1,0 +1,95 @@
+"""From the controller's outputs to the coils' voltages, their currents, and the weights of the map's fields.
+
+docs/theory/dynamics.md (25)..(28), docs/theory/control.md (6).
+"""
+
+from typing import Any, NamedTuple
+
+from numba import njit
+
+from fieldmap.kernels.map.current_table import BEYOND, table_weights
+from fieldmap.kernels.map.lift_and_directions import divide
+from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
+from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
+
+
+class Allocation(NamedTuple):
+    """The voltages of a current parametrisation (`fieldmap.kernels.map.parametrisation`), in V where that has A, and
+    constant (n,): kind, exponent, matrix as there."""
+
+    kind: int
+    exponent: float
+    matrix: Any
+    constant: Any
+
+
+@njit(**PLAIN)
+def allocate(allocation, outputs, voltages):
+    """Fill voltages (n,)."""
+    if allocation.kind == LIFT_AND_DIRECTIONS:
+        found = divide(outputs[0], outputs[1], outputs[2], allocation.exponent)
+        for k in range(6):
+            voltages[k] = found[k]
+        return
+    for k in range(voltages.shape[0]):
+        voltages[k] = allocation.constant[k]
+        for j in range(outputs.shape[0]):
+            voltages[k] += allocation.matrix[k, j] * outputs[j]
+
+
+# Of the coils (n, 4), for one length of step h: decay exp(-R h / L) of the winding; decay exp(-h / tau) of the
+# amplifier's own answer (0: it follows at once as far as its supply allows); final currents V_upper / R and
+# V_lower / R.
+WINDING, AMPLIFIER, HIGHEST, LOWEST = 0, 1, 2, 3
+
+
+@njit(**PLAIN_INLINED)
+def advance_currents(coils, commands, currents):
+    """Advance currents (n,) by one step towards commands (n,); whether a supply limit held one back, and whether any
+    changed.
+
+    L di/dt + R i = V, V what the amplifier asks for within its supply. The current goes where the amplifier steers it
+    unless the supply's limits allow less: exact for any length of step.
+    """
+    held, moved = False, False
+    for k in range(currents.shape[0]):
+        wanted = commands[k] + (currents[k] - commands[k]) * coils[k, AMPLIFIER]
+        high = coils[k, HIGHEST] + (currents[k] - coils[k, HIGHEST]) * coils[k, WINDING]
+        low = coils[k, LOWEST] + (currents[k] - coils[k, LOWEST]) * coils[k, WINDING]
+        held |= wanted > high or wanted < low
+        new = min(max(wanted, low), high)
+        moved |= new != currents[k]
+        currents[k] = new
+    return held, moved
+
+
+SUPERPOSED, TABLED = 0, 1
+
+
+class Superposition(NamedTuple):
+    """How weights of the map's fields follow the currents, times `scale`, a calibration.
+
+    kind SUPERPOSED: a field per coil, and one of weight 1 behind them if the block has one more: linear iron, or
+    saturating iron linearised about currents. TABLED: saturating iron by a table over the current division, which is
+    what fieldmap.kernels.map.current_table takes.
+    """
+
+    kind: int
+    scale: float
+    table: Any
+
+
+@njit(**PLAIN)
+def find_weights(kind, scale, table, currents, weights):
+    """Fill weights (f,); False for currents beyond the table, which then goes on with its slopes."""
+    if kind == TABLED:
+        status = table_weights(table, currents, weights)
+        for f in range(weights.shape[0]):
+            weights[f] *= scale
+        return status != BEYOND
+    n = currents.shape[0]
+    for k in range(n):
+        weights[k] = scale * currents[k]
+    if weights.shape[0] > n:
+        weights[n] = scale
+    return True

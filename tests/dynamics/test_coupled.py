@@ -1,0 +1,288 @@
+"""Controllers of all axes at once: the inverse map, regulators on physical states, feed-forward, linearisation."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from fieldmap.control import PID, divide_currents, lqrd
+from fieldmap.dynamics import (
+    AxisReading,
+    Schedule,
+    linear_points,
+    linearise,
+    pid_block,
+    prepare,
+    read_scenario,
+    simulate,
+    simulate_closed_loop,
+)
+from fieldmap.dynamics.coupled import (
+    LqgWeights,
+    ScheduledController,
+    feedforward,
+    lqg_block,
+    outputs_for,
+    trajectory,
+)
+from fieldmap.errors import Infeasible, InputError, ScenarioError
+from fieldmap.kernels.control.block import control
+from fieldmap.lookup import open_map
+
+LOW, HIGH = np.array([0.0, -0.4, -0.3]), np.array([10.0, 0.4, 0.3])
+WEIGHTS = LqgWeights(
+    (3e-4,) * 3,
+    (0.01, 0.01, 0.03),
+    (1.0, 0.1, 0.1),
+    (7e-6, 7e-6, 1e-5),
+    (2e-5, 2e-5, 1e-4),
+    (5e-4, 5e-4, 2e-3),
+)
+# Without the block and what is not linear.
+PLAIN = {
+    "drag.linear_N_s_per_m": [0.5] * 3,
+    "reference.0.by_mm": 0.0,
+    "noise.off": True,
+    "coils.output_bits": None,
+    "sensors.angle_deg": 0.0,
+}
+
+
+@pytest.fixture(scope="module")
+def six(six_coils):
+    return open_map(six_coils)
+
+
+@pytest.fixture(scope="module")
+def still(six):
+    return prepare(read_scenario("vertical_step", PLAIN), six)
+
+
+def test_the_inverse_map_gives_the_force_of_the_map(six, still):
+    """The map's own wrench at the currents found, and `currents_for`, which finds others for the same force."""
+    places = still.operating_point.sensed + np.array(
+        [[1e-3, 2e-3, -3e-3], [-4e-3, 1e-3, 5e-3], [0.0, 0.0, 0.0]]
+    )
+    centres = places - [0.0, 0.0, 0.015]
+    weight = 0.01119 * 9.80665
+    forces = np.array([[1e-3, -2e-3, weight], [0.0, 3e-3, 1.2 * weight], [2e-3, 0.0, 0.8 * weight]])
+    outputs, left = outputs_for(still.machine, still.operating_point, centres, forces, LOW, HIGH)
+    assert left.max() < 1e-9
+    scale, moment = still.scenario.contents.field.scale, still.machine.body.magnet.moment
+    for centre, force, (u, x, y) in zip(centres, forces, outputs, strict=True):
+        currents = still.machine.drive.amplifier.gain * divide_currents(u, x, y, 1.25)
+        found = six.wrench(centre, [0.0, 0.0, scale * moment], currents)
+        np.testing.assert_allclose(np.ravel(found)[:3], force, atol=2e-9)
+        others = six.currents_for(centre, force=force, moment=[0.0, 0.0, scale * moment])
+        again = six.wrench(centre, [0.0, 0.0, scale * moment], others)
+        np.testing.assert_allclose(np.ravel(again)[:3], force, atol=1e-8)
+
+
+def test_forces_beyond_the_limits_are_told_and_places_outside_refused(still):
+    centre = still.operating_point.state[None, :3]
+    outputs, left = outputs_for(still.machine, still.operating_point, centre, [[0.05, 0.0, 0.1]], LOW, HIGH)
+    assert left[0] > 0.01
+    assert outputs[0, 1] == HIGH[1]
+    with pytest.raises(Infeasible, match="lie in the map"):
+        outputs_for(
+            still.machine, still.operating_point, centre + [0.05, 0.0, 0.0], [[0.0, 0.0, 0.1]], LOW, HIGH
+        )
+
+
+def test_the_regulator_is_that_of_lqrd_where_nothing_is_late(still):
+    """The gain on position and velocity: nearly the sampled optimum of the continuous cost, for a short period."""
+    linear = linearise(still.machine, still.operating_point)
+    period = 1e-4
+    block = lqg_block(linear, WEIGHTS, period)
+    cost = np.concatenate([1.0 / np.square(WEIGHTS.place), 1.0 / np.square(WEIGHTS.speed)])
+    wanted = lqrd(linear.A, linear.B, np.diag(cost), np.diag(1.0 / np.square(WEIGHTS.output)), period)
+    # By what is said when the memory is the rest but for its states; the estimate is the memory less what is seen.
+    n = 6
+    taken = block.D[:, 3:6]
+    found = -(block.C[:, :n] + taken @ linear.C)
+    np.testing.assert_allclose(found, wanted, rtol=0.02, atol=0.02 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("late", [0.0, 0.5e-3, 2e-3])
+def test_the_loop_has_the_poles_of_regulator_and_estimator(still, late):
+    """Separation: with its own model's delay the closed loop is stable, and its rest is the reference."""
+    from fieldmap.dynamics import close_loop
+
+    linear = linearise(still.machine, still.operating_point)
+    block = lqg_block(linear, WEIGHTS, 2e-3, late)
+    loop = close_loop(linear, block, Schedule(np.zeros((2, 3)), 2e-3, delay=late))
+    assert loop.stable
+    # An unknown force is a state of the estimator, so the sensed point comes to its reference without offset.
+    settled = loop.C @ np.linalg.solve(np.eye(len(loop.A)) - loop.A, loop.B)
+    np.testing.assert_allclose(settled, np.eye(3), atol=1e-6)
+    other = np.abs(scipy.linalg.eigvals(block.A)).max()
+    assert other < 1.0 + 1e-6
+
+
+def test_constant_forces_are_found_and_carried(still, six):
+    """A push of 2 mN along y: the estimator's unknown force becomes it, the body comes back."""
+    linear = linearise(still.machine, still.operating_point)
+    block = lqg_block(linear, WEIGHTS, 2e-3, 5e-4)
+    wanted = np.tile(still.operating_point.sensed, (1500, 1))
+    push = Schedule(wanted, 2e-3, 1e-4, 5e-4, loads=np.array([[0.0, 2e-3, 0.0, 0.0, 0.0, 0.0]]))
+    run = simulate_closed_loop(still.machine, block, push, still.state, still.currents, None)
+    assert run.event is None
+    assert np.abs(run.sensed[50:] - wanted[0]).max() > 2e-6
+    np.testing.assert_allclose(run.sensed[-1], wanted[0], atol=2e-7)
+
+
+def coupled(kind, changes=(), scenario="coupled_regulator"):
+    """A shipped scenario within what the map of six dipoles allows."""
+    plain = {"control.coupled.kind": kind} if kind else {}
+    return read_scenario(scenario, {**plain, "duration_s": 4.0, **dict(changes)})
+
+
+def test_one_design_is_the_same_as_many_alike(still):
+    block = lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)
+    many = ScheduledController((block, block, block), -0.09, 1e-3)
+    v = np.array([1e-3, 0.0, -0.0893, 2e-3, 1e-3, -0.09, 1.0])
+    answers = []
+    for controller in (block, many):
+        memory, out = controller.memory.copy(), np.zeros(3)
+        for _ in range(3):
+            control(controller.arrays, v, np.zeros(3), memory, np.empty(len(memory) + 3), out)
+        answers.append(np.concatenate([out, memory]))
+    np.testing.assert_allclose(*answers, rtol=1e-12)
+
+
+def test_between_designs_outputs_are_between(still):
+    low = pid_block(PID(1.0, np.inf, 0.0, 2e-3), AxisReading("x", 1e3))
+    high = pid_block(PID(3.0, np.inf, 0.0, 2e-3), AxisReading("x", 1e3))
+    both = ScheduledController((low, high), -0.1, 0.01)
+    said = []
+    for z in (-0.2, -0.1, -0.0975, -0.09, 0.0):
+        v, out = np.array([1e-3, 0, z, 0, 0, 0, 1.0]), np.zeros(1)
+        control(both.arrays, v, np.zeros(1), both.memory.copy(), np.empty(4), out)
+        said.append(out[0])
+    np.testing.assert_allclose(said, [1.0, 1.0, 1.5, 3.0, 3.0])
+    with pytest.raises(InputError, match="as many states"):
+        ScheduledController(
+            (low, lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)), 0.0, 1.0
+        )
+
+
+CIRCLE = {
+    "reference.0.at_s": 1.0,
+    "reference.0.out_at_s": 0.2,
+    "reference.0.out_mm_per_s": 2.0,
+    "reference.0.radius_mm": 1.0,
+    "reference.0.rate_rad_per_s": 1.6,
+    "duration_s": 5.0,
+}
+
+
+def tracking(run, after=2.0):
+    error = (run.sensed - run.references)[run.time > after, :2]
+    return float(np.sqrt((error**2).sum(axis=1).mean()))
+
+
+def test_feedforward_tracks_far_better_than_the_pid_alone(six):
+    alone = tracking(simulate("circle", CIRCLE, field_map=six))
+    ahead = tracking(simulate("circle_feedforward", CIRCLE, field_map=six))
+    wrong = {**CIRCLE, "control.feedforward.field_error": 0.05}
+    assert alone > 2e-4
+    assert ahead < alone / 50
+    assert tracking(simulate("circle_feedforward", wrong, field_map=six)) < alone / 5
+
+
+def test_feedforward_asks_for_what_newton_asks_for(still):
+    """Along a swing of 2 mm at 1 Hz: mass times acceleration, the drag of 0.5 N s/m and the weight."""
+    period = 2e-3
+    time = period * np.arange(600)
+    swing = np.tile(still.operating_point.sensed, (600, 1))
+    swing[:, 0] += 2e-3 * np.sin(2 * np.pi * time)
+    schedule = Schedule(swing, period)
+    path = trajectory(still.machine, still.operating_point, schedule, LOW, HIGH)
+    middle, w = time + period / 2, 2 * np.pi
+    wanted = 2e-3 * (0.5 * w * np.cos(w * middle) - 0.01119 * w**2 * np.sin(w * middle))
+    np.testing.assert_allclose(path.forces[5:-5, 0], wanted[5:-5], atol=2e-3 * np.abs(wanted).max())
+    assert path.left.max() < 1e-9
+    added = feedforward(still.controller, schedule, path)
+    # A PID that sees no error says what it said at the start.
+    np.testing.assert_allclose(added, path.outputs - still.operating_point.outputs, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["coupled_regulator", "circle_linearised"])
+def test_controllers_of_all_axes_hold_and_follow(six, name):
+    changes = {} if name == "coupled_regulator" else CIRCLE
+    run = simulate(name, changes, field_map=six)
+    assert run.event is None
+    error = 1e3 * np.abs(run.sensed - run.references)[-300:].max(axis=0)
+    assert error.max() < 0.05
+    assert run.forces == (name == "circle_linearised")
+    if run.forces:
+        weight = 0.01119 * 9.80665
+        np.testing.assert_allclose(run.outputs.mean(axis=0), [0.0, 0.0, weight], atol=0.02 * weight)
+
+
+def test_without_the_block_the_regulator_damps_what_the_pid_lets_sway(six):
+    """Over the heights that the map of six dipoles has; decay of a push from the side."""
+    changes = {
+        "duration_s": 8.0,
+        "start.depth_mm": 5.0,
+        "field.scale": 2.1,
+        "control.coupled.depths_mm": [5.0, 15.0],
+        "control.coupled.designs": 4,
+        "reference.0.by_mm": 10.0,
+        "reference.1.by_mm": 0.0,
+        "reference.0.rate_mm_per_s": 2.5,
+    }
+    run = simulate("without_block", changes, field_map=six)
+    assert run.event is None
+    aside = 1e3 * np.hypot(*(run.sensed - run.references)[:, :2].T)
+    assert aside[(run.time > 1.0) & (run.time < 1.3)].max() > 0.05
+    assert aside[(run.time > 7.0)].max() < 0.03
+    loop = linear_points(prepare(run.scenario, six), [5.0, 10.0, 15.0])
+    assert all(point.loop.stable and min(m.modulus for m in point.margins) > 0.4 for point in loop)
+
+
+def test_linear_points_know_feedback_linearisation(six):
+    """Its loop about a rest, linear: the nonlinear one comes to it for small deviations."""
+    quiet = {"reference.0.radius_mm": 1e-9, "noise.off": True, "coils.output_bits": None}
+    experiment = prepare(read_scenario("circle_linearised", quiet), six)
+    (point,) = linear_points(experiment)
+    assert point.loop.stable
+    wanted = np.tile(experiment.operating_point.sensed, (80, 1))
+    state = experiment.state.copy()
+    state[:3] += [2e-6, -1e-6, 1e-6]
+    run = simulate_closed_loop(
+        experiment.machine,
+        experiment.controller,
+        Schedule(wanted, 2e-3, 2e-5, 5e-4),
+        state,
+        experiment.currents,
+        None,
+    )
+    z, path = np.zeros(len(point.loop.A)), []
+    z[:3] = [2e-6, -1e-6, 1e-6]
+    for _ in range(80):
+        path.append(point.loop.C @ z)
+        z = point.loop.A @ z
+    assert np.abs(run.sensed - wanted - path).max() < 2e-8
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"control.x": {"kind": "constant"}}, "control"),
+        ({"control.coupled.lower": [0.0, 0.5, -0.3]}, "lower must be below upper"),
+        ({"control.coupled.allowed_mm": [0.3, 0.3]}, "allowed_mm"),
+        ({"control.coupled.kind": "lqr"}, 'did you mean "lqg"'),
+        ({"control.coupled.depths_mm": [3.0, 1.0]}, "first of depths_mm"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes, words):
+    with pytest.raises(ScenarioError, match=words):
+        read_scenario("coupled_regulator", changes)
+
+
+def test_weights_that_do_not_fit_are_named(still):
+    short = LqgWeights(*[(1.0,) * 3] * 2, (1.0,), *[(1.0,) * 3] * 3)
+    with pytest.raises(InputError, match="one number for each of 3 outputs"):
+        lqg_block(linearise(still.machine, still.operating_point), short, 2e-3)
+    with pytest.raises(InputError, match="GaussianWeights"):
+        LqgWeights(*[(1.0,) * 3] * 2, (0.0,) * 3, *[(1.0,) * 3] * 3)
