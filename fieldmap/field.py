@@ -2,10 +2,24 @@
 
 `Field` is what the package works on. Coils, linear solutions, the solver of saturating iron, maps and measured maps are
 fields; equilibria, control, dynamics, plots, exports and commands take any of them. `Field.at(currents)` is the same
-field at fixed currents, a `FieldAtCurrents`.
+field at fixed currents, a `FieldAtCurrents`; a solved state of saturating iron is one too.
 
 A class of your own needs `coil_names`, `field` and `gradient`: derive it from `BaseField`, which supplies the rest, or
 hand an object to `as_field`.
+
+A controller needs to know of a field, or of the map that holds it:
+
+- `coil_names`: the order of the currents, A.
+- `bounds`: the box in which the magnet may be, m. Beyond it a map raises OutsideMapError.
+- `proportional`: whether currents superpose. Only then are there matrices from currents to force and torque that hold
+  for all currents (`fieldmap.lookup.wrench_actuation`); otherwise they belong to one set of currents.
+- `wrench(position, moment, currents)`: force and torque on the magnet; `field`, `gradient` and `second_gradient` make
+  the linear plant about a point (`fieldmap.control.plant_from_map`).
+- `gradient_jump(currents)`: how far the gradient may jump from cell to cell of a map. A force smaller than moment times
+  that is not resolved.
+- `assumptions`: what the numbers rest on; a certified map states `error_bound` besides.
+- `FieldMap.currents_for`: the inverse, least-power currents for a force. `FieldMap.compiled`: the same lookup for code
+  that numba compiles, without Python objects.
 """
 
 from abc import ABC, abstractmethod
@@ -51,6 +65,38 @@ class FieldAtCurrents(Protocol):
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
 
 
+class StateLike(Protocol):
+    """The least that `as_field` makes a field at one set of currents of, such as a solved state of saturating iron."""
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+
+    @property
+    def currents(self) -> Array:
+        """Currents (n_coils,), A."""
+
+    def field(self, points: ArrayLike) -> Array:
+        """B (n, 3), T."""
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+
+
+class FieldLike(Protocol):
+    """The least that `as_field` makes a `Field` of."""
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+
+    def field(self, points: ArrayLike, currents: Any) -> Array:
+        """B (n, 3), T."""
+
+    def gradient(self, points: ArrayLike, currents: Any) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+
+
 @runtime_checkable
 class Field(Protocol):
     """Flux density and its derivatives at points, for currents. Points (n, 3) or (3,), m; currents as `Currents`."""
@@ -77,14 +123,30 @@ class Field(Protocol):
     def gradient(self, points: ArrayLike, currents: Any) -> Array:
         """dB_i/dx_j (n, 3, 3), T/m."""
 
+    def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
+
+    def gradient_jump(self, currents: Array) -> float:
+        """Largest step of the gradient from one cell of a map to the next, T/m; 0 where the gradient is continuous."""
+
+    def unit_field(self, points: ArrayLike) -> Array:
+        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not proportional."""
+
+    def unit_gradient(self, points: ArrayLike) -> Array:
+        """Gradient per ampere in each coil (n, n_coils, 3, 3), T/(m A). Raises InputError like `unit_field`."""
 
     def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions."""
 
     def at(self, currents: Any) -> FieldAtCurrents:
         """The field at these currents."""
+
+
+AnyField: TypeAlias = FieldLike | StateLike
+"""What functions of the package take as a field: a `Field`, what `as_field` makes one of, a state at its currents."""
 
 
 class BaseField(ABC):
@@ -127,6 +189,24 @@ class BaseField(ABC):
     def assumptions(self) -> tuple[str, ...]:
         """What the field rests on."""
         return ()
+
+    def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        return self.field(points, currents), self.gradient(points, currents)
+
+    def gradient_jump(self, currents: Array) -> float:
+        """Largest step of the gradient from one cell of a map to the next, T/m; 0 where the gradient is continuous."""
+        return 0.0
+
+    def unit_field(self, points: ArrayLike) -> Array:
+        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not proportional."""
+        require_proportional(self, "unit_field")
+        return np.stack([self.field(points, row) for row in np.eye(len(self.coil_names))], axis=-2)
+
+    def unit_gradient(self, points: ArrayLike) -> Array:
+        """Gradient per ampere in each coil (n, n_coils, 3, 3), T/(m A). Raises InputError like `unit_field`."""
+        require_proportional(self, "unit_gradient")
+        return np.stack([self.gradient(points, row) for row in np.eye(len(self.coil_names))], axis=-3)
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient.
@@ -229,11 +309,12 @@ class FixedCurrents(BaseFieldAtCurrents):
 
 class CompletedField(BaseField):
     """An object with `coil_names`, `field` and `gradient`, and what else it has, completed to a `Field`; with a box of
-    its own where `bounds` is given."""
+    its own where `bounds` is given. step: half the distance of the gradients that are differenced, m."""
 
-    def __init__(self, source: Any, bounds: Bounds | None = None) -> None:
+    def __init__(self, source: Any, bounds: Bounds | None = None, step: float = STEP) -> None:
         self.source = source
-        self._bounds = bounds
+        self.step = step
+        self._bounds = None if bounds is None else _box(*bounds)
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -248,7 +329,7 @@ class CompletedField(BaseField):
         if hasattr(self.source, "bounds"):
             return self.source.bounds
         if hasattr(self.source, "lower") and hasattr(self.source, "upper"):
-            return np.asarray(self.source.lower, dtype=float), np.asarray(self.source.upper, dtype=float)
+            return _box(self.source.lower, self.source.upper)
         return None
 
     @property
@@ -269,23 +350,92 @@ class CompletedField(BaseField):
         """dB_i/dx_j (n, 3, 3), T/m."""
         return np.asarray(self.source.gradient(points, currents))
 
+    def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        """The object's own; otherwise one after the other."""
+        own = getattr(self.source, "field_and_gradient", None)
+        return super().field_and_gradient(points, currents) if own is None else own(points, currents)
+
+    def gradient_jump(self, currents: Array) -> float:
+        """What the object says; otherwise 0."""
+        own = getattr(self.source, "gradient_jump", None)
+        return 0.0 if own is None else float(own(currents))
+
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """The object's own; otherwise by central differences of the gradient."""
         own = getattr(self.source, "second_gradient", None)
-        return super().second_gradient(points, currents) if own is None else np.asarray(own(points, currents))
+        if own is None:
+            return differenced(lambda x: self.gradient(x, currents), points, self.step)
+        return np.asarray(own(points, currents))
+
+
+class StateField(BaseField):
+    """A field that is known at one set of currents only, such as a solved state of saturating iron, as a `Field`.
+
+    state: a `FieldAtCurrents`; one without `second_gradient` is differenced. Other currents than those of the state
+    raise InputError: such a field does not superpose.
+    """
+
+    def __init__(self, state: Any, bounds: Bounds | None = None, step: float = STEP) -> None:
+        self.state = state
+        self.step = step
+        self._bounds = None if bounds is None else _box(*bounds)
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+        return tuple(self.state.coil_names)
+
+    @property
+    def currents(self) -> Array:
+        """The only currents (n_coils,), A."""
+        return np.asarray(self.state.currents, dtype=float)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The given box, or that of the state."""
+        return self._bounds if self._bounds is not None else getattr(self.state, "bounds", None)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the state says; otherwise none."""
+        return tuple(getattr(self.state, "assumptions", ()))
+
+    def field(self, points: ArrayLike, currents: Any) -> Array:
+        """B (n, 3), T."""
+        self._check(currents)
+        return np.asarray(self.state.field(points))
+
+    def gradient(self, points: ArrayLike, currents: Any) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+        self._check(currents)
+        return np.asarray(self.state.gradient(points))
+
+    def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
+        """The state's own; otherwise by central differences of the gradient."""
+        self._check(currents)
+        own = getattr(self.state, "second_gradient", None)
+        return differenced(self.state.gradient, points, self.step) if own is None else np.asarray(own(points))
 
     def at(self, currents: Any) -> FieldAtCurrents:
-        """The object's own; otherwise this field at these currents."""
-        own = getattr(self.source, "at", None)
-        return super().at(currents) if own is None or self._bounds is not None else own(currents)
+        """The state, if these are its currents."""
+        self._check(currents)
+        state: FieldAtCurrents = self.state
+        return state
+
+    def _check(self, currents: Any) -> None:
+        if not np.array_equal(coil_currents(currents, self.coil_names), self.currents):
+            must_hold = "must be the currents of the state: saturating iron does not superpose"
+            received = f"{np.asarray(currents).tolist()}, while the state holds {self.currents.tolist()}"
+            raise InputError(Problem("currents", must_hold, received, "solve a state at these currents"))
 
 
-def as_field(source: Any, bounds: Bounds | None = None) -> Field:
+def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
     """The object itself if it is a `Field` (and no other box is asked for), otherwise one made of it.
 
     source: anything with `coil_names`, `field(points, currents)` and `gradient(points, currents)`; `second_gradient`,
-    `lower` and `upper`, `assumptions` are used where it has them. bounds: lower and upper corner (3,), m. Raises
-    InputError for an object that lacks one of the three.
+    `bounds` (or `lower` and `upper`), `proportional` and `assumptions` are used where it has them. Or a state that
+    knows its `currents`, with `field(points)` and `gradient(points)`: a field that holds at these currents. bounds:
+    lower and upper corner (3,), m. Raises InputError for an object that lacks one of these.
 
     >>> class Uniform:
     ...     coil_names = ("Helmholtz pair",)
@@ -297,8 +447,11 @@ def as_field(source: Any, bounds: Bounds | None = None) -> Field:
     >>> print(field.at({"Helmholtz pair": 2.0}).field([[0.0, 0.0, 0.0]]))
     [[0.    0.    0.002]]
     """
-    if bounds is None and isinstance(source, Field):
-        return source
+    complete = isinstance(source, (BaseField, Field))
+    if complete and bounds is None:
+        return source  # type: ignore[return-value]
+    if isinstance(source, StateField):
+        return StateField(source.state, bounds)
     missing = [name for name in ("coil_names", "field", "gradient") if not hasattr(source, name)]
     if missing:
         must_hold = "must have coil_names, field(points, currents) and gradient(points, currents)"
@@ -306,10 +459,31 @@ def as_field(source: Any, bounds: Bounds | None = None) -> Field:
         raise InputError(
             Problem("field", must_hold, received, "give a solution, a map, or a field of your own")
         )
+    if not complete and hasattr(source, "currents"):
+        return StateField(source, bounds)
     return CompletedField(source, bounds)
 
 
-def require_bounds(source: Any) -> Bounds:
+def resolve_currents(source: AnyField, currents: Any) -> tuple[Field, Array]:
+    """The field, and currents (n_coils,), A, at which it is asked: the given ones, or those of a state if none are.
+
+    Raises InputError for what is no field, for currents that do not fit, and for none where the field needs some.
+    """
+    field = as_field(source)
+    if currents is None:
+        if not isinstance(field, StateField):
+            names = ", ".join(field.coil_names)
+            must_hold = f"must be given for a field of coils ({names})"
+            raise InputError(Problem("currents", must_hold, "none", "give one current per coil, A"))
+        return field, field.currents
+    return field, coil_currents(currents, field.coil_names)
+
+
+def _box(lower: ArrayLike, upper: ArrayLike) -> Bounds:
+    return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+
+
+def require_bounds(source: Field | BaseField) -> Bounds:
     """The box of a field. Raises InputError where it has none."""
     bounds = source.bounds
     if bounds is None:
@@ -320,11 +494,22 @@ def require_bounds(source: Any) -> Bounds:
     return bounds[0], bounds[1]
 
 
-def coil_currents(currents: Any, coil_names: tuple[str, ...], points: int | None = None) -> Array:
+def require_proportional(source: Field | BaseField, what: str) -> None:
+    """Raise InputError for a field that is not the sum of its coils' fields. what: who asks."""
+    if not source.proportional:
+        must_hold = "a field that is the sum of its coils' fields"
+        received = "one that does not superpose, such as that of saturating iron"
+        raise InputError(Problem(what, must_hold, received, "give the currents: at(currents)"))
+
+
+def coil_currents(
+    currents: Any, coil_names: tuple[str, ...], points: int | None = None, finite: bool = True
+) -> Array:
     """Currents (n_coils,), A, C order, from an array, one number for all coils, or a mapping by coil name.
 
-    points: how many points there are, where currents (points, n_coils) are welcome too. Raises InputError for a wrong
-    number of currents, for coils that a mapping lacks or that do not exist, and for what is not finite.
+    points: how many points there are, where currents (points, n_coils) are welcome too. finite: whether NaN and
+    infinity are refused. Raises InputError for a wrong number of currents, and for coils that a mapping lacks or that
+    do not exist.
 
     >>> coil_currents(1.5, ("left", "right"))
     array([1.5, 1.5])
@@ -344,7 +529,7 @@ def coil_currents(currents: Any, coil_names: tuple[str, ...], points: int | None
         values = np.full(count, float(values))
     if values.shape != (count,) and (points is None or values.shape != (points, count)):
         raise InputError(_wrong(coil_names, points, f"shape {values.shape}"))
-    if not np.isfinite(values).all():
+    if finite and not np.isfinite(values).all():
         raise InputError(_wrong(coil_names, points, f"{values}"))
     return values
 

@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 
 import fieldmap
-from fieldmap.levitation import magnet_height
 from fieldmap.plot import save_picture
+from fieldmap.thesis.vertical_sensor import magnet_height
 
 
 def main() -> None:

@@ -1,25 +1,17 @@
 """What `fieldmap equilibrium` answers: where the payload floats, or the current that lifts it."""
 
 import sys
-from types import SimpleNamespace
 from typing import Any
-
-import numpy as np
 
 from fieldmap.cli.lift import lift_in_map
 from fieldmap.cli.measured import is_measured_machine, measured_lift_current
 from fieldmap.cli.opening import Source
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
-from fieldmap.levitation import (
-    GRAVITY,
-    DifferencedField,
-    find_equilibrium,
-    lift_current,
-    lift_current_nonlinear,
-    sensor_reading,
-)
-from fieldmap.levitation.checks import check_position
+from fieldmap.field import BaseField, Bounds, Field, as_field
+from fieldmap.levitation import GRAVITY, find_equilibrium, lift_current
+from fieldmap.levitation.balance import check_position
+from fieldmap.thesis.vertical_sensor import sensor_reading
 from fieldmap.typing import Array
 
 
@@ -74,35 +66,52 @@ def lifted(source: Source, payload: Payload, height: float) -> dict[str, Any]:
 
 
 def _lift_by_states(source: Source, payload: Payload, point: Array) -> tuple[Any, tuple[str, ...]]:
-    notes: tuple[str, ...] = ()
+    field = _States(source)
+    lift = lift_current(field, payload, point, on_state=_tell_state)
+    return lift, field.notes
 
-    def solve_at(currents: Array) -> DifferencedField:
-        nonlocal notes
-        field, notes = source.open(currents)
-        return searchable(source, field)
 
-    lift = lift_current_nonlinear(
-        solve_at, payload, point, np.ones(len(source.coil_names)), on_state=_tell_state
-    )
-    return lift, notes
+class _States(BaseField):
+    """The field of a device whose iron is solved for each set of currents; notes: of the last state."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.notes: tuple[str, ...] = ()
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        return self._source.coil_names
+
+    @property
+    def bounds(self) -> Bounds:
+        return _box(self._source)
+
+    def field(self, points: Any, currents: Any) -> Array:
+        return self._solved(currents).field(points, currents)
+
+    def gradient(self, points: Any, currents: Any) -> Array:
+        return self._solved(currents).gradient(points, currents)
+
+    def _solved(self, currents: Array) -> Field:
+        field, self.notes = self._source.open(currents)
+        return field
 
 
 def _tell_state(current: float, share: float) -> None:
     print(f"{current:.4f} A per coil lifts {100 * share:.2f} % of the weight", file=sys.stderr)
 
 
-def _box(source: Source) -> Any:
+def _box(source: Source) -> Bounds:
     """The box in which an equilibrium may be looked for, known before anything is solved."""
     if source.corners is None:
         remedy = "add a [workspace] table to the device file"
         raise InputError(Problem(source.name, "must have a [workspace] to search", "none", remedy))
-    return SimpleNamespace(lower=source.corners[0], upper=source.corners[1])
+    return source.corners
 
 
 def searchable(source: Source, field: Any) -> Any:
     """A map as it is; a solution with second gradients by differences, inside the workspace's box."""
-    box = _box(source)
-    return field if source.kind == "map" else DifferencedField(field, box.lower, box.upper)
+    return field if source.kind == "map" else as_field(field, _box(source))
 
 
 def _common(source: Source, payload: Payload, found: Any, assumptions: tuple[str, ...]) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def equilibrium(
     from fieldmap.cli.equilibrium_text import print_answer
     from fieldmap.cli.iron import checked_choice
     from fieldmap.cli.opening import find_source, open_device
-    from fieldmap.levitation.checks import check_payload
+    from fieldmap.levitation.balance import check_payload
 
     _exactly_one(currents, height_mm, sensor_mm)
     choice = checked_choice(mu_r, nonlinear, refinement, form)
@@ -79,7 +79,7 @@ def equilibrium(
 
 
 def _height(height_mm: float | None, sensor_mm: float | None, payload: Any) -> float:
-    from fieldmap.levitation import magnet_height
+    from fieldmap.thesis.vertical_sensor import magnet_height
 
     if height_mm is not None:
         return 1e-3 * height_mm

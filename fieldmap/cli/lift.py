@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.device.model import Payload
-from fieldmap.levitation import LiftCurrent, lift_current, lift_current_nonlinear
+from fieldmap.levitation import LiftCurrent, lift_current
 
 
 def lift_in_map(opened: Any, payload: Payload, point: Any) -> LiftCurrent:
@@ -14,9 +14,4 @@ def lift_in_map(opened: Any, payload: Payload, point: Any) -> LiftCurrent:
     In a map of saturating iron the search begins at its reference currents. Raises Infeasible where the field
     does not lift, OutsideMapError where the current would lie beyond those the map was made for.
     """
-    model = opened.info.reduced_model
-    if model is None:
-        return lift_current(opened, payload, point)
-    first = float(np.mean(opened.info.reference_current))
-    shares = np.ones(len(opened.coil_names))
-    return lift_current_nonlinear(lambda _: opened, payload, point, shares, first)
+    return lift_current(opened, payload, point, first=float(np.mean(opened.info.reference_current)))

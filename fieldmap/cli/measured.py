@@ -1,6 +1,6 @@
 """The thesis's measured lift current, for the machine it was measured on."""
 
-from fieldmap.levitation import thesis_lift_current
+from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
 _MEASURED_ON = "drive_unit"
 _COILS = 6

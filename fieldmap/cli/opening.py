@@ -141,10 +141,10 @@ def find_source(name: str, choice: IronChoice) -> Source:
 
 def _state(device: Device, states: States, currents: Array | None) -> tuple[Any, tuple[str, ...]]:
     from fieldmap.cli.report_text import state_notes
-    from fieldmap.levitation import FixedCurrents
+    from fieldmap.field import as_field
 
     state = states(np.asarray(currents, dtype=float))
-    return FixedCurrents(state), state_notes(state.report, device)
+    return as_field(state), state_notes(state.report, device)
 
 
 def _map_source(name: str, choice: IronChoice) -> Source:

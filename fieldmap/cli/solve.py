@@ -80,10 +80,10 @@ def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: 
     from fieldmap.cli.quantities import force_rows, section_rows
     from fieldmap.cli.references import compare
     from fieldmap.cli.report_text import body_rows
-    from fieldmap.levitation import FixedCurrents
+    from fieldmap.field import as_field
 
     solution = States(machine, choice)(currents) if choice.nonlinear else solve_device(machine, choice)
-    field = FixedCurrents(solution) if choice.nonlinear else solution
+    field = as_field(solution) if choice.nonlinear else solution
     groups, sections = wanted
     at = None if choice.nonlinear else (() if currents is None else currents)
     return {

@@ -9,7 +9,8 @@ from fieldmap.cli.lift import lift_in_map
 from fieldmap.cli.measured import is_measured_machine, measured_lift_current
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, OutsideMapError
-from fieldmap.levitation import GRAVITY, magnet_height
+from fieldmap.levitation import GRAVITY
+from fieldmap.thesis.vertical_sensor import magnet_height
 
 SENSOR_READINGS_MM = (10.0, 20.0, 30.0, 40.0)
 SATURATION = (

@@ -1,7 +1,7 @@
 """Linear plants of a levitated body about its equilibrium: from a map's forces, or from the lumped model."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.constants
@@ -11,10 +11,9 @@ from fieldmap.arguments import check_choice, check_matrix, check_not_negative, c
 from fieldmap.control.linear_models import StateSpace
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
-from fieldmap.levitation.balance import Balance
-from fieldmap.levitation.checks import check_currents, check_payload, check_position
+from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
+from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.levitation.equilibrium import assumptions
-from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.typing import Array
 
@@ -192,10 +191,10 @@ class MapPlant:
 
 
 def plant_from_map(
-    field_map: LevitationField,
+    field: AnyField,
     payload: Payload | None,
     position: ArrayLike,
-    currents: ArrayLike,
+    currents: Any,
     signals: ArrayLike | None = None,
     damping: ArrayLike = 0.0,
     moment: Literal["fixed", "aligned"] = "fixed",
@@ -203,13 +202,13 @@ def plant_from_map(
 ) -> MapPlant:
     """The linear motion of the payload's magnet about a point of a map, at currents that should carry it there.
 
-    field_map: an opened map, or any `LevitationField`. position (3,): the magnet's centre, m. currents (n_coils,), A,
-    such as `lift_current(...).currents` or those of `find_equilibrium`. signals (n_coils, k): currents per unit of
-    each input signal, A, such as `division_slopes(u, x, y, n)`; without it every coil is an input. damping: N s/m, a
-    number or (3, 3). moment: "fixed" keeps it vertical, turned so that it is lifted; "aligned" lets it follow B.
-    signal_steps (k,): forces per signal are central differences over plus and minus these; without it over steps in
-    which no current changes by more than 1 % of the largest. They are exact where the force is linear in the currents,
-    of second order in the step where iron saturates.
+    field: an opened map, a solution, or any other `fieldmap.field.Field` with a box. position (3,): the magnet's
+    centre, m. currents (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`. signals
+    (n_coils, k): currents per unit of each input signal, A, such as `division_slopes(u, x, y, n)`; without it every
+    coil is an input. damping: N s/m, a number or (3, 3). moment: "fixed" keeps it vertical, turned so that it is
+    lifted; "aligned" lets it follow B. signal_steps (k,): forces per signal are central differences over plus and minus
+    these; without it over steps in which no current changes by more than 1 % of the largest. They are exact where the
+    force is linear in the currents, of second order in the step where iron saturates.
 
     Raises InputError for arguments that do not fit, OutsideMapError for a point or currents beyond the map,
     Infeasible where the field does not lift.
@@ -221,15 +220,13 @@ def plant_from_map(
         A, B = zero_order_hold(*plant.axis("z", signal=0)[:2], Ts=2e-3)
     """
     carried = check_payload(payload, _WHERE)
-    amperes = check_currents(field_map, currents, _WHERE)
-    point = check_position(field_map, position, f"{_WHERE}(position)")
-    count = len(field_map.coil_names)
+    source, amperes = resolve_currents(field, currents)
+    point = check_position(require_bounds(source), position, f"{_WHERE}(position)")
+    count = len(source.coil_names)
     directions = check_matrix(
         f"{_WHERE}(signals)", np.eye(count) if signals is None else signals, (count, None)
     )
-    balance = _balance(
-        field_map, amperes, carried, point, check_choice(f"{_WHERE}(moment)", moment, _MOMENTS)
-    )
+    balance = _balance(source, amperes, carried, point, check_choice(f"{_WHERE}(moment)", moment, _MOMENTS))
     given = np.asarray(damping, dtype=float)
     loss = check_matrix(f"{_WHERE}(damping)", given * np.eye(3) if given.ndim == 0 else given, (3, 3))
     steps = _steps(directions, signal_steps, _CURRENT_STEP * (np.abs(amperes).max() or 1.0))
@@ -249,9 +246,7 @@ def plant_from_map(
     )
 
 
-def _balance(
-    source: LevitationField, currents: Array, payload: Payload, point: Array, moment: str
-) -> Balance:
+def _balance(source: Field, currents: Array, payload: Payload, point: Array, moment: str) -> Balance:
     gradient = source.gradient(point[None, :], currents)[0]
     if moment == "aligned":
         return Balance(source, currents, payload.mass, payload.moment, None)

@@ -9,6 +9,7 @@ from fieldmap.arguments import check_not_negative, check_positive, check_signal
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.constants import GRAVITY as FREE_FALL
 from fieldmap.kernels.motion.layout import (
     CONTACT,
     DIPOLE,
@@ -24,7 +25,6 @@ from fieldmap.kernels.motion.layout import (
     SKIN,
     TORQUE,
 )
-from fieldmap.levitation.conventions import GRAVITY as FREE_FALL
 from fieldmap.lookup import FiniteMagnet
 from fieldmap.typing import Array
 

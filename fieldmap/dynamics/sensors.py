@@ -7,7 +7,6 @@ import numpy as np
 from fieldmap.arguments import check_count, check_not_negative, check_numbers
 from fieldmap.instruments import Rig, SensorFrame
 from fieldmap.kernels.motion.sensing import Sensing
-from fieldmap.levitation.conventions import SENSOR_ZERO_DEPTH
 from fieldmap.typing import Array
 
 
@@ -27,7 +26,7 @@ class Sensors:
     """
 
     frame: SensorFrame | None = None
-    zero_depth: float = SENSOR_ZERO_DEPTH
+    zero_depth: float = 0.077
     deviations: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
     voltage_noise: float = 0.0

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map import map_block
-from fieldmap.lookup import FieldAtCurrents, FieldMap
+from fieldmap.lookup import FieldMap, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 
 VERSION = 1
@@ -34,7 +34,7 @@ def c_header() -> Path:
     return Path(__file__).with_name("fieldmap.h")
 
 
-def write_c_map(field: FieldMap | FieldAtCurrents, path: str | PathLike[str]) -> Path:
+def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> Path:
     """Write an opened map, or a map at fixed currents, for C programs.
 
     A map keeps its coils, and the C program sets currents; a map of saturating iron can be written at fixed

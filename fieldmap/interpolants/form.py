@@ -1,7 +1,7 @@
 """A map made ready for evaluation: one block of coefficients per ampere, and its contraction at currents.
 
 Two ideas kept apart. Who makes a block does not evaluate it; who evaluates it (fieldmap.kernels.map.lookup, and
-`FieldAtCurrents` in front of it) does not ask where it came from. A form superposes the unit blocks of coils; a
+`MapAtCurrents` in front of it) does not ask where it came from. A form superposes the unit blocks of coils; a
 model of saturating iron would hand over a contracted block of its own.
 """
 

@@ -1,4 +1,4 @@
-"""The one physical constant of the package."""
+"""Physical constants."""
 
 import math
 
@@ -7,3 +7,6 @@ MU0 = 1.25663706127e-6
 
 MU0_OVER_2PI = MU0 / (2.0 * math.pi)
 MU0_OVER_4PI = MU0 / (4.0 * math.pi)
+
+GRAVITY = 9.80665
+"""Standard acceleration of free fall, m/s^2."""

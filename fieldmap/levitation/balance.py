@@ -1,13 +1,116 @@
-"""The force balance of one magnet at fixed currents, as the root finder sees it."""
+"""The force balance of a levitated magnet: an upright dipole, a dipole along the field, or a rigid magnet.
 
-from dataclasses import dataclass, field
+docs/theory/equilibrium.md. SI units, frame of the field.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.levitation.dipole import aligned_stiffness, dipole_force, dipole_stiffness
-from fieldmap.levitation.interface import LevitationField
+from fieldmap.arguments import check_choice
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem
+from fieldmap.field import Bounds, Field
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.typing import Array
+
+MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
+MODELS = ("fixed", "aligned", "rigid", "rigid upright")
+RULE = 3
+"""Level of the volume rule of a rigid magnet: exact for fields of degree 5 across it."""
+UPRIGHT = 1e6
+"""Lever, m, beyond which weight holds a magnet upright against any field."""
+_TORQUE = 1e-8
+"""Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
+_TURNS = 60
+_HELD = {
+    "fixed": "the magnet is a point dipole that keeps its vertical direction",
+    "aligned": "the magnet is a point dipole that stays parallel to the local field",
+    "rigid": "the magnet is rigid and of finite size, and turns about its centre until no torque is left",
+    "rigid upright": "the magnet is rigid, of finite size, and stays upright",
+}
+
+
+def check_payload(payload: Payload | None, where: str) -> Payload:
+    """A payload with a positive mass and a positive moment. Raises InputError."""
+    if payload is None:
+        raise InputError(
+            Problem(
+                f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"
+            )
+        )
+    problems = [
+        Problem(f"{where}(payload.{name})", "must be positive", f"{value}", f"give the payload a {name}")
+        for name, value in (("mass", payload.mass), ("moment", payload.moment))
+        if not (np.isfinite(value) and value > 0)
+    ]
+    if problems:
+        raise InputError(*problems)
+    return payload
+
+
+def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
+    """A finite point (3,) inside a box, m. Raises InputError and OutsideMapError."""
+    point = np.asarray(position, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError(
+            Problem(where, "must be three finite coordinates in m", f"{point.tolist()}", "give x, y and z")
+        )
+    lower, upper = bounds
+    slack = 1e-12 * np.abs(upper - lower).max()
+    if (point < lower - slack).any() or (point > upper + slack).any():
+        raise OutsideMapError(
+            Problem(
+                where,
+                f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm",
+                f"{_millimetres(point)} mm",
+                "choose a point inside, or a map that reaches there",
+            )
+        )
+    return np.clip(point, lower, upper)
+
+
+def _millimetres(point: Array) -> str:
+    return "(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ")"
+
+
+def dipole_force(moment: Array, gradient: Array) -> Array:
+    """F_k = m_i dB_i/dx_k, N, for a field without currents at the dipole: docs/theory/equilibrium.md (1).
+
+    moment (..., 3) in A m^2, gradient (..., 3, 3) in T/m. The same law serves a fixed moment and one that
+    follows the field: a turning moment does no first-order work when it is parallel to B.
+
+    >>> import numpy as np
+    >>> dipole_force(np.array([0.0, 0.0, 2.0]), np.diag([-0.5, -0.5, 1.0])).tolist()
+    [0.0, 0.0, 2.0]
+    """
+    return np.einsum("...i,...ik->...k", moment, gradient)
+
+
+def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:
+    """K_kl = -dF_k/dx_l = -m_i d2B_i/dx_k dx_l, N/m, for a moment that keeps its direction.
+
+    moment (..., 3) in A m^2, second_gradient (..., 3, 3, 3) in T/m^2. Trace-free wherever B is harmonic
+    (Earnshaw): a fixed dipole is never stable in all three directions.
+    """
+    return -np.einsum("...i,...ikl->...kl", moment, second_gradient)
+
+
+def aligned_stiffness(magnitude: float, field: Array, gradient: Array, second_gradient: Array) -> Array:
+    """Stiffness K_kl = -dF_k/dx_l, N/m, of a dipole of constant magnitude that stays parallel to B.
+
+    F = m grad |B|. The turning adds -m/|B| (G^T G - (G^T b)(G^T b)^T) with b = B/|B|, whose trace is never
+    positive: an aligned dipole is at least as unstable as a fixed one. field (3,), gradient (3, 3),
+    second_gradient (3, 3, 3). Singular where B = 0.
+    """
+    norm = float(np.linalg.norm(field))
+    direction = field / norm
+    along = direction @ gradient
+    turning = (gradient.T @ gradient - np.outer(along, along)) / norm
+    return dipole_stiffness(magnitude * direction, second_gradient) - magnitude * turning
 
 
 @dataclass(eq=False)
@@ -18,12 +121,12 @@ class Balance:
     points.
     """
 
-    source: LevitationField
+    source: Field
     currents: Array
     mass: float
     magnitude: float
     fixed_moment: Array | None
-    evaluations: int = field(default=0)
+    evaluations: int = 0
 
     @property
     def weight(self) -> float:
@@ -58,3 +161,138 @@ class Balance:
             return dipole_stiffness(self.fixed_moment, second)
         b = self.source.field(point, self.currents)[0]
         return aligned_stiffness(self.magnitude, b, self.source.gradient(point, self.currents)[0], second)
+
+
+@dataclass(eq=False)
+class RigidBalance:
+    """Magnetic force and weight of a rigid magnet, integrated over its volume, at fixed currents.
+
+    The magnet turns about its centre until T = 0, docs/theory/equilibrium.md (8). lever: how far the centre of mass
+    of the levitated body lies below the magnet's centre, along the magnet's axis, m; its weight uprights the magnet.
+    sign: +1 for a moment that begins upward, -1 downward. step: half the distance over which forces are differenced
+    for the stiffness, m. `evaluations` counts places of the magnet.
+    """
+
+    source: Field
+    currents: Array
+    mass: float
+    magnet: FiniteMagnet
+    lever: float = 0.0
+    sign: float = 1.0
+    step: float = 2e-4
+    evaluations: int = 0
+
+    @property
+    def weight(self) -> float:
+        """Weight, N."""
+        return self.mass * GRAVITY
+
+    def moments(self, points: Array) -> Array:
+        """Moment (n, 3) at points (n, 3) once the magnet has turned, A m^2."""
+        return self.magnet.moment * self.axes(points)
+
+    def magnetic_force(self, points: Array) -> Array:
+        """Magnetic force (n, 3) with the centre at points (n, 3), N."""
+        return self._wrench(points, self.axes(points))[:, :3]
+
+    def residual(self, points: Array) -> Array:
+        """Magnetic force plus weight (n, 3), N."""
+        force = self.magnetic_force(points)
+        force[:, 2] -= self.weight
+        return force
+
+    def stiffness(self, position: Array) -> Array:
+        """-dF/dx (3, 3) at one position (3,), N/m, the magnet turning as it moves; by central differences."""
+        steps = self.step * np.eye(3)
+        forces = self.magnetic_force(np.concatenate([position + steps, position - steps]))
+        return -(forces[:3] - forces[3:]).T / (2.0 * self.step)
+
+    def axes(self, points: Array) -> Array:
+        """Unit vectors (n, 3) along the moment at which no torque is left. Raises NotConverged."""
+        axis = np.tile([0.0, 0.0, self.sign], (len(points), 1))
+        flux = self.source.field(points, self.currents)
+        restoring = self.magnet.moment * np.linalg.norm(flux, axis=1) + self.weight * self.lever
+        for _ in range(_TURNS):
+            torque = self._wrench(points, axis)[:, 3:] + self.sign * self.weight * self.lever * _cross_up(
+                axis
+            )
+            if (np.linalg.norm(torque, axis=1) <= _TORQUE * restoring).all():
+                return axis
+            # A turn by torque over the restoring moment of a small tilt: Newton's step but for the field's gradient.
+            axis = axis + np.cross(torque, axis) / restoring[:, None]
+            axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        raise NotConverged(
+            Problem(
+                "rigid magnet",
+                f"the torque must fall to {_TORQUE:g} of moment times field",
+                f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns",
+                "choose places where the field is not weak, or moment='fixed'",
+            )
+        )
+
+    def _wrench(self, points: Array, axis: Array) -> Array:
+        self.evaluations += len(points)
+        return self.magnet.wrench(self.source, points, self.currents, _frames(axis))
+
+
+def _cross_up(axis: Array) -> Array:
+    """axis x e_z: the torque of a unit weight that hangs a unit length below the centre, along the axis."""
+    return np.stack([axis[:, 1], -axis[:, 0], np.zeros(len(axis))], axis=1)
+
+
+def _frames(axis: Array) -> Array:
+    """Rotations (n, 3, 3) whose third column is the axis, without a twist about it (Rodrigues's formula)."""
+    up = np.where(axis[:, 2] >= 0.0, 1.0, -1.0)
+    c = np.abs(axis[:, 2])
+    # The rotation that takes up * e_z to the axis; a magnet that hangs downward is turned about x first.
+    v = np.stack([-axis[:, 1] * up, axis[:, 0] * up, np.zeros(len(axis))], axis=1)
+    cross = np.zeros((len(axis), 3, 3))
+    cross[:, 0, 2], cross[:, 1, 2] = v[:, 1], -v[:, 0]
+    cross[:, 2, 0], cross[:, 2, 1] = -v[:, 1], v[:, 0]
+    turn = np.eye(3) + cross + np.einsum("nij,njk->nik", cross, cross) / (1.0 + c)[:, None, None]
+    turn[up < 0] = turn[up < 0] @ np.diag([1.0, -1.0, -1.0])
+    return turn
+
+
+MagnetBalance: TypeAlias = Balance | RigidBalance
+"""Magnetic force and weight of a magnet at fixed currents, whatever its model."""
+
+
+def magnet_balance(
+    field: Field,
+    currents: Array,
+    payload: Payload,
+    near: Array,
+    moment: MagnetModel = "fixed",
+    lever: float = 0.0,
+) -> MagnetBalance:
+    """The force balance of a payload's magnet at currents (n_coils,), A.
+
+    moment: "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet itself,
+    integrated over its volume and turned until torque vanishes; "rigid upright", the same without turning. A fixed or
+    rigid moment points up or down, whichever is lifted at the point near (3,). lever: of the body's centre of mass
+    below the magnet's centre, m, for "rigid". Raises InputError for another name or a payload without a magnet.
+    """
+    check_choice("moment", moment, MODELS)
+    point = np.asarray(near, dtype=float)[None, :]
+    if moment == "aligned":
+        return Balance(field, currents, payload.mass, payload.moment, None)
+    sign = 1.0 if field.gradient(point, currents)[0, 2, 2] >= 0.0 else -1.0
+    if moment == "fixed":
+        held = np.array([0.0, 0.0, sign * payload.moment])
+        return Balance(field, currents, payload.mass, payload.moment, held)
+    if payload.magnet is None:
+        must = "must have a magnet: its shape, size and remanence"
+        raise InputError(
+            Problem("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
+        )
+    turning = UPRIGHT if moment == "rigid upright" else lever
+    return RigidBalance(field, currents, payload.mass, volume_rule(payload.magnet, RULE), turning, sign)
+
+
+def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:
+    """What a model rests on."""
+    stated = [_HELD[check_choice("moment", moment, MODELS)]]
+    if moment == "rigid":
+        stated.append(f"the body's centre of mass lies {1e3 * lever:g} mm below the magnet's centre")
+    return tuple(stated)

@@ -9,10 +9,16 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_positive
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.levitation.checks import check_payload, check_position
+from fieldmap.field import AnyField, as_field, require_bounds
+from fieldmap.levitation.balance import (
+    MagnetBalance,
+    MagnetModel,
+    check_payload,
+    check_position,
+    magnet_balance,
+    model_assumptions,
+)
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
-from fieldmap.levitation.interface import LevitationField
-from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.stationary import StationaryPoint, describe
 from fieldmap.typing import Array
 
@@ -49,7 +55,7 @@ class EquilibriumBranch:
 
 
 def follow_equilibrium(
-    field_map: LevitationField,
+    field: AnyField,
     payload: Payload | None,
     path: Path,
     start: ArrayLike,
@@ -78,10 +84,12 @@ def follow_equilibrium(
     targets = _stops(stops)
     begin = np.asarray(start, dtype=float)
     currents, height = path(float(targets[0]), level)
-    near = check_position(field_map, np.append(begin, height), "follow_equilibrium(start)")
-    first = magnet_balance(field_map, np.asarray(currents, dtype=float), carried, near, moment, lever)
+    source = as_field(field)
+    box = require_bounds(source)
+    near = check_position(box, np.append(begin, height), "follow_equilibrium(start)")
+    first = magnet_balance(source, np.asarray(currents, dtype=float), carried, near, moment, lever)
     along = _Along(first, path, level, hold_height, field_scale)
-    low, high = np.asarray(field_map.lower)[:2], np.asarray(field_map.upper)[:2]
+    low, high = (corner[:2] for corner in box)
     width = 0.25 * float((high - low).max())
     scale = [width, width, level, np.ptp(targets)] if hold_height else [width, width, np.ptp(targets)]
     followed = follow_branch(
@@ -97,7 +105,7 @@ def follow_equilibrium(
 
 
 def equilibrium_at(
-    field_map: LevitationField,
+    field: AnyField,
     payload: Payload | None,
     path: Callable[[float], tuple[Array, float]],
     start: ArrayLike,
@@ -116,11 +124,13 @@ def equilibrium_at(
     check_positive("equilibrium_at", level=level, field_scale=field_scale)
     begin = np.asarray(start, dtype=float)
     currents, height = path(level)
-    near = check_position(field_map, np.append(begin, height), "equilibrium_at(start)")
-    first = magnet_balance(field_map, np.asarray(currents, dtype=float), carried, near, moment, lever)
+    source = as_field(field)
+    box = require_bounds(source)
+    near = check_position(box, np.append(begin, height), "equilibrium_at(start)")
+    first = magnet_balance(source, np.asarray(currents, dtype=float), carried, near, moment, lever)
     along = _Along(first, lambda _, u: path(u), level, hold_height, field_scale)
     q = np.append(begin, level) if hold_height else begin.copy()
-    low, high = (np.asarray(corner)[:2] for corner in (field_map.lower, field_map.upper))
+    low, high = (corner[:2] for corner in box)
     for count in range(_STEPS):
         step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
         # No farther than a fifth of the map, and of the level, at once.
@@ -171,7 +181,7 @@ class _Along:
     def at(self, q: Array, parameter: float) -> tuple[MagnetBalance, Array]:
         """The balance, and the magnet's place (3,)."""
         currents, height = self.path(parameter, self.level_of(q))
-        balance = replace(self.balance, currents=np.asarray(currents, dtype=float))  # type: ignore[type-var]
+        balance = replace(self.balance, currents=np.asarray(currents, dtype=float))
         return balance, np.array([q[0], q[1], height])
 
     def level_of(self, q: Array) -> float:

@@ -3,8 +3,9 @@
 What is fitted is said by name, with its covariance and the readings before and after; docs/theory/equilibrium.md (15).
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +14,9 @@ from scipy.optimize import least_squares
 from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
+from fieldmap.levitation.balance import MagnetModel, check_payload, magnet_balance, model_assumptions
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.checks import check_payload
-from fieldmap.levitation.interface import LevitationField
-from fieldmap.levitation.magnet_models import MagnetModel, magnet_balance, model_assumptions
 from fieldmap.typing import Array
 
 PARAMETERS = ("field_scale", "magnet_offset", "current_scale")
@@ -95,18 +95,18 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class _Rig:
-    field_map: LevitationField
+    source: Field
     payload: Payload
     lift: LiftReadings | None
     positions: PositionReadings | None
     moment: MagnetModel
     lever: float
     # Where each magnet was found last, so that the next search begins there.
-    found: dict[int, tuple[Array, float]] = field(default_factory=dict)
+    found: dict[int, tuple[Array, float]] = dataclasses.field(default_factory=dict)
 
     def computed(self, values: Mapping[str, float]) -> Array:
         """Lifts over the weight, then places (m), NaN where there is none."""
-        gains = _gains(values, len(self.field_map.coil_names))
+        gains = _gains(values, len(self.source.coil_names))
         parts = []
         if self.lift is not None:
             parts.append(self._lifts(values, gains))
@@ -122,7 +122,7 @@ class _Rig:
         for z, amperes, place in zip(sensed, currents, places, strict=True):
             point = np.append(place, z - values["magnet_offset"])
             about = (self.payload, point, self.moment, self.lever)
-            balance = magnet_balance(self.field_map, amperes * gains, *about)
+            balance = magnet_balance(self.source, amperes * gains, *about)
             lifts.append(balance.magnetic_force(point[None, :])[0, 2] / balance.weight)
         return values["field_scale"] * np.array(lifts)
 
@@ -143,7 +143,7 @@ class _Rig:
         for start in ((begin, level), (np.nan_to_num(place), mean)):
             try:
                 point, carried = equilibrium_at(
-                    self.field_map,
+                    self.source,
                     self.payload,
                     lambda u: (currents * (u / mean) * gains, height),
                     *start,
@@ -160,7 +160,7 @@ class _Rig:
 
 
 def calibrate(
-    field_map: LevitationField,
+    field: AnyField,
     payload: Payload | None,
     lift: LiftReadings | None = None,
     positions: PositionReadings | None = None,
@@ -191,10 +191,11 @@ def calibrate(
         print(found.values, found.deviations, found.misfit)
     """
     carried = check_payload(payload, "calibrate")
-    names = _free(fit, field_map.coil_names)
-    start = _start(field_map.coil_names, carried, given)
-    rig = _Rig(field_map, carried, lift, positions, moment, lever)
-    measured, deviation, words = _readings(lift, positions, len(field_map.coil_names))
+    source = as_field(field)
+    names = _free(fit, source.coil_names)
+    start = _start(source.coil_names, carried, given)
+    rig = _Rig(source, carried, lift, positions, moment, lever)
+    measured, deviation, rows = _readings(lift, positions, len(source.coil_names))
     if len(measured) < len(names):
         raise _too_few(len(measured), names)
     scale = np.array([_TYPICAL.get(name, 1.0) for name in names])
@@ -203,20 +204,20 @@ def calibrate(
         return {**start, **dict(zip(names, (x * scale).tolist(), strict=True))}
 
     def residual(x: Array) -> Array:
-        left = (rig.computed(values_at(x))[words.read] - measured) / deviation
+        left = (rig.computed(values_at(x))[rows.read] - measured) / deviation
         # A place that does not exist counts as far off, so that the fit turns back.
         return np.where(np.isnan(left), _FAR * np.abs(measured / deviation) + 100.0, left)
 
-    before = rig.computed(start)[words.read]
-    bounds = _bounds(names, field_map, lift, positions, limits or {}) / scale
+    before = rig.computed(start)[rows.read]
+    bounds = _bounds(names, require_bounds(source), lift, positions, limits or {}) / scale
     begin = np.array([start[name] for name in names]) / scale
     begin = np.clip(begin, *(bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])))
     answer = least_squares(
         residual, begin, x_scale="jac", diff_step=1e-4, xtol=1e-10, ftol=1e-12, bounds=tuple(bounds)
     )
     values = values_at(answer.x)
-    after = rig.computed(values)[words.read]
-    columns = (words.names, measured.tolist(), before.tolist(), after.tolist())
+    after = rig.computed(values)[rows.read]
+    columns = (rows.names, measured.tolist(), before.tolist(), after.tolist())
     return Calibration(
         values,
         start,
@@ -225,7 +226,7 @@ def calibrate(
         _misfit((after - measured) / deviation),
         _misfit((before - measured) / deviation),
         tuple(Reading(*row) for row in zip(*columns, strict=True)),
-        (*model_assumptions(moment, lever), *_fit_words(names, answer.active_mask)),
+        (*model_assumptions(moment, lever), *_fit_assumptions(names, answer.active_mask)),
     )
 
 
@@ -234,14 +235,14 @@ def _misfit(left: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Words:
+class _Rows:
     names: list[str]
     read: NDArray[np.bool_]
 
 
 def _readings(
     lift: LiftReadings | None, positions: PositionReadings | None, coils: int
-) -> tuple[Array, Array, _Words]:
+) -> tuple[Array, Array, _Rows]:
     """Measured numbers and their deviations (n,), and what they are called."""
     if lift is None and positions is None:
         must = "must have readings of lift, of positions, or both"
@@ -265,8 +266,8 @@ def _readings(
         names += [f"{axis} of reading {k}" for k in range(count) for axis in "xy"]
     values = np.concatenate(measured)
     read = np.isfinite(values)
-    words = _Words([name for name, there in zip(names, read, strict=True) if there], read)
-    return values[read], np.concatenate(deviation)[read], words
+    rows = _Rows([name for name, there in zip(names, read, strict=True) if there], read)
+    return values[read], np.concatenate(deviation)[read], rows
 
 
 def _free(fit: Sequence[str], coil_names: tuple[str, ...]) -> tuple[str, ...]:
@@ -282,7 +283,7 @@ def _free(fit: Sequence[str], coil_names: tuple[str, ...]) -> tuple[str, ...]:
 
 def _bounds(
     names: tuple[str, ...],
-    field_map: LevitationField,
+    box: Bounds,
     lift: LiftReadings | None,
     positions: PositionReadings | None,
     limits: Mapping[str, tuple[float, float]],
@@ -291,7 +292,7 @@ def _bounds(
     for name, (least, most) in limits.items():
         check_ordered(f"calibrate(limits[{name!r}])", least, most)
     sensed = np.concatenate([np.ravel(read.sensed) for read in (lift, positions) if read is not None])
-    low, high = float(np.asarray(field_map.lower)[2]), float(np.asarray(field_map.upper)[2])
+    low, high = float(box[0][2]), float(box[1][2])
     rim = 1e-3 * (high - low)
     offset = (sensed.max() - high + rim, sensed.min() - low - rim)
     scales = (0.05, 20.0)
@@ -300,12 +301,12 @@ def _bounds(
     return np.array([(max(a, c), min(b, d)) for (a, b), (c, d) in zip(widest, asked, strict=True)]).T
 
 
-def _fit_words(names: tuple[str, ...], active: NDArray[np.int_]) -> tuple[str, ...]:
+def _fit_assumptions(names: tuple[str, ...], active: NDArray[np.int_]) -> tuple[str, ...]:
     at_bound = [name for name, mask in zip(names, active, strict=True) if mask]
-    words = [f"fitted: {', '.join(names)}; all else as given"]
+    stated = [f"fitted: {', '.join(names)}; all else as given"]
     if at_bound:
-        words.append(f"the fit ended at the bound of {' and '.join(at_bound)}")
-    return tuple(words)
+        stated.append(f"the fit ended at the bound of {' and '.join(at_bound)}")
+    return tuple(stated)
 
 
 def _start(

@@ -1,72 +1,135 @@
-"""Search for the point at which the magnetic force carries the weight."""
+"""The point at which the magnetic force carries the weight: search and result (docs/theory/equilibrium.md)."""
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import OptimizeResult, least_squares
 
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
-from fieldmap.levitation.balance import Balance
-from fieldmap.levitation.checks import check_currents, check_payload, check_position
-from fieldmap.levitation.interface import LevitationField
-from fieldmap.levitation.result import Equilibrium, SearchReport
-from fieldmap.levitation.search import best_starts, no_equilibrium, roots, search_grid
+from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
+from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.typing import Array
+
+SEARCH_SHAPE = (7, 7, 15)
+MAX_STARTS = 8
+TOLERANCE = 1e-8
+"""Largest |F + m g| / weight that counts as balance."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchReport:
+    """How an equilibrium was found: starts tried and how many of them converged, calls of the field, relative
+    residual |F + m g| / weight, antisymmetric part of the stiffness relative to its norm (0 for an exactly
+    curl-free field; an interpolated field has some), and the box searched (m)."""
+
+    method: str
+    starts: int
+    converged: int
+    evaluations: int
+    relative_residual: float
+    stiffness_asymmetry: float
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """Balance of magnetic force and weight.
+
+    position (3,): the magnet's centre, m. force_residual (3,): magnetic force plus weight, N.
+    stiffness (3, 3): -dF_i/dx_j, N/m. eigenvalues (3,) ascending, N/m, of its symmetric part, and
+    directions (3, 3) with the unit eigenvectors as columns; stable (3,): whether the magnet is pushed back
+    along each of them. moment (3,) in A m^2, field (3,) in T and currents (n_coils,) in A, at the
+    equilibrium. others (n, 3): further equilibria of the same currents found on the way, m. assumptions:
+    what the numbers rest on.
+    """
+
+    position: Array
+    force_residual: Array
+    stiffness: Array
+    eigenvalues: Array
+    directions: Array
+    stable: NDArray[np.bool_]
+    moment: Array
+    field: Array
+    currents: Array
+    others: Array
+    assumptions: tuple[str, ...]
+    report: SearchReport
+
+    @property
+    def trace(self) -> float:
+        """Trace of the stiffness, N/m: 0 for a fixed dipole in a harmonic field (Earnshaw), <= 0 for an
+        aligned one."""
+        return float(np.trace(self.stiffness))
+
+    @property
+    def stable_axes(self) -> dict[str, bool]:
+        """Whether a small displacement along x, y or z alone is pushed back along that axis (diagonal of K
+        > 0)."""
+        return {axis: bool(k > 0.0) for axis, k in zip("xyz", np.diag(self.stiffness), strict=True)}
+
+    @property
+    def angle_to_field(self) -> float:
+        """Angle between moment and field, degrees. Beyond 90 a free magnet would turn over."""
+        cosine = self.moment @ self.field / (np.linalg.norm(self.moment) * np.linalg.norm(self.field))
+        return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def find_equilibrium(
-    field_map: LevitationField,
-    currents: ArrayLike,
-    payload: Payload | None,
+    field: AnyField,
+    currents: Any = None,
+    payload: Payload | None = None,
     start: ArrayLike | None = None,
     moment: Literal["fixed", "aligned"] = "fixed",
 ) -> Equilibrium:
     """Find where the force on a point dipole balances its weight, F(x) + m g = 0, inside the field's box.
 
-    field_map: an opened map, or anything with `field`, `gradient`, `second_gradient`, `coil_names`, `lower`
-    and `upper` (`LevitationField`). currents (n_coils,), A. payload: mass and moment are used. start (3,),
-    m: where to begin; without it the whole box is searched and, of several equilibria, the one with most
-    stable directions nearest to the box's vertical axis is returned (the rest are in `.others`). moment:
-    "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it follow
-    B. Returns an `Equilibrium`: SI units, frame of the map; see docs/theory/equilibrium.md for the
-    equations.
+    field: an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
+    box; a solved state of saturating iron too, whose currents may be left out. currents: (n_coils,), one number for
+    all coils, or by name, A. payload: mass and moment are used. start (3,), m: where to begin; without it the whole
+    box is searched and, of several equilibria, the one with most stable directions nearest to the box's vertical axis
+    is returned (the rest are in `.others`). moment: "fixed" keeps the moment vertical, turned so that it is pulled up
+    at the start; "aligned" lets it follow B. Returns an `Equilibrium`: SI units, frame of the field; see
+    docs/theory/equilibrium.md for the equations.
 
-    Raises InputError for currents or a start that do not fit the map, NoEquilibrium (with the lift that is
+    Raises InputError for currents or a start that do not fit the field, NoEquilibrium (with the lift that is
     available) when nothing balances.
 
     Example::
 
         m = fieldmap.open_map("maps/out/workspace.h5")
         payload = fieldmap.read_device("drive_unit").payload
-        e = fieldmap.find_equilibrium(m, currents=[2.4] * 6, payload=payload)
+        e = fieldmap.find_equilibrium(m, currents=2.4, payload=payload)
         print(e.position, e.stable_axes)
     """
     carried = check_payload(payload, "find_equilibrium")
-    amperes = check_currents(field_map, currents, "find_equilibrium")
+    source, amperes = resolve_currents(field, currents)
     if moment not in ("fixed", "aligned"):
         raise InputError(
             Problem("find_equilibrium(moment)", "must be 'fixed' or 'aligned'", repr(moment), "choose one")
         )
-    begin = None if start is None else check_position(field_map, start, "find_equilibrium(start)")
-    grid = search_grid(field_map)
-    balance = _balance(field_map, amperes, carried, moment, grid if begin is None else begin[None, :])
+    box = require_bounds(source)
+    begin = None if start is None else check_position(box, start, "find_equilibrium(start)")
+    grid = search_grid(box)
+    balance = _balance(source, amperes, carried, moment, grid if begin is None else begin[None, :])
     residuals = balance.residual(grid)
-    starts = best_starts(grid, np.linalg.norm(residuals, axis=1), field_map)
+    starts = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
     tried = 0
     if begin is not None:
-        tried, found = 1, roots(balance, field_map, begin[None, :])
+        tried, found = 1, roots(balance, box, begin[None, :])
     if not found:
-        tried, found = tried + len(starts), roots(balance, field_map, starts)
+        tried, found = tried + len(starts), roots(balance, box, starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
-    return _result(balance, field_map, found, begin, tried, moment)
+    return _result(balance, box, found, begin, tried, moment)
 
 
-def _balance(
-    source: LevitationField, currents: Array, payload: Payload, moment: str, where: Array
-) -> Balance:
+def _balance(source: Field, currents: Array, payload: Payload, moment: str, where: Array) -> Balance:
     """The balance, with a fixed moment up or down, whichever is lifted more at the points `where`."""
     up = np.array([0.0, 0.0, payload.moment])
     balance = Balance(source, currents, payload.mass, payload.moment, up)
@@ -85,11 +148,9 @@ def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
 
-def _ranked(
-    balance: Balance, source: LevitationField, found: list[Array], begin: Array | None
-) -> list[Array]:
+def _ranked(balance: Balance, box: Bounds, found: list[Array], begin: Array | None) -> list[Array]:
     """By distance from where the search began; else the stable ones first, then by distance from the axis."""
-    axis = 0.5 * (np.asarray(source.lower) + np.asarray(source.upper))
+    axis = 0.5 * (box[0] + box[1])
 
     def order(x: Array) -> tuple[float, float]:
         if begin is not None:
@@ -102,13 +163,13 @@ def _ranked(
 
 def _result(
     balance: Balance,
-    source: LevitationField,
+    box: Bounds,
     found: list[Array],
     begin: Array | None,
     tried: int,
     moment: str,
 ) -> Equilibrium:
-    ranked = _ranked(balance, source, found, begin)
+    ranked = _ranked(balance, box, found, begin)
     position = ranked[0]
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
@@ -120,8 +181,8 @@ def _result(
         evaluations=balance.evaluations,
         relative_residual=float(np.linalg.norm(residual) / balance.weight),
         stiffness_asymmetry=float(np.linalg.norm(stiffness - stiffness.T) / 2 / np.linalg.norm(stiffness)),
-        lower=np.asarray(source.lower),
-        upper=np.asarray(source.upper),
+        lower=box[0],
+        upper=box[1],
     )
     return Equilibrium(
         position=position,
@@ -131,7 +192,7 @@ def _result(
         directions=directions,
         stable=stable,
         moment=np.array(balance.moments(position[None, :])[0]),
-        field=source.field(position[None, :], balance.currents)[0],
+        field=balance.source.field(position[None, :], balance.currents)[0],
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
         assumptions=assumptions(moment),
@@ -140,7 +201,7 @@ def _result(
 
 
 def assumptions(moment: str) -> tuple[str, ...]:
-    """What every force in this room rests on."""
+    """What the force on a point dipole rests on."""
     held = {
         "fixed": "the moment keeps its vertical direction",
         "aligned": "the moment stays parallel to the local field and keeps its magnitude",
@@ -150,4 +211,105 @@ def assumptions(moment: str) -> tuple[str, ...]:
         held,
         "the currents are constant and the magnet does not change the field of the coils and the iron",
         "position means the magnet's centre; the sensor reads a point magnet_offset above it",
+    )
+
+
+def search_grid(box: Bounds) -> Array:
+    """Points (n, 3) that span the box."""
+    lower, upper = box
+    # A hair inside the box, so that rounding never puts a point outside it.
+    margin = 1e-9 * (upper - lower)
+    axes = [
+        np.linspace(a, b, n) for a, b, n in zip(lower + margin, upper - margin, SEARCH_SHAPE, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def best_starts(grid: Array, unbalance: Array, box: Bounds) -> Array:
+    """Grid points of least unbalanced force, no two closer than a fifth of the box."""
+    scale = box[1] - box[0]
+    chosen: list[Array] = []
+    for index in np.argsort(unbalance, kind="stable"):
+        if all(np.abs((grid[index] - other) / scale).max() > 0.2 for other in chosen):
+            chosen.append(grid[index])
+        if len(chosen) == MAX_STARTS:
+            break
+    return np.array(chosen)
+
+
+def roots(balance: Balance, box: Bounds, starts: Array) -> list[Array]:
+    """Distinct points of balance reached from the starts (trust region, analytic derivative, kept in the
+    box).
+
+    Where the force of a map steps from one cell to the next, by no more than the map's own error, balance may lie in
+    the step; such a point is taken if none is better.
+    """
+    lower, upper = box
+    inset = 1e-9 * (upper - lower)
+    answers = [
+        least_squares(
+            lambda x: balance.residual(x[None, :])[0] / balance.weight,
+            np.clip(start, lower + inset, upper - inset),
+            jac=lambda x: -balance.stiffness(x) / balance.weight,
+            bounds=(lower, upper),
+            x_scale=upper - lower,
+            ftol=1e-15,
+            xtol=1e-15,
+            gtol=1e-15,
+            max_nfev=60,
+        )
+        for start in starts
+    ]
+    apart = 1e-5 * float(np.linalg.norm(upper - lower))
+    return _distinct(answers, TOLERANCE, apart) or _distinct(answers, largest_step(balance), apart)
+
+
+def _distinct(answers: list[OptimizeResult], unbalance: float, apart: float) -> list[Array]:
+    """Where the answers lie that leave no more force than `unbalance` weights, each place once."""
+    found: list[Array] = []
+    for answer in answers:
+        new = all(np.linalg.norm(answer.x - other) > apart for other in found)
+        if new and np.linalg.norm(answer.fun) <= unbalance:
+            found.append(answer.x)
+    return found
+
+
+def largest_step(balance: Balance) -> float:
+    """Largest step of the force between cells of a map, over the weight; 0 for a field that has none."""
+    return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
+
+
+def no_equilibrium(balance: Balance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
+    """The error that says where balance was looked for and what lift there is."""
+    lift = residuals[:, 2] + balance.weight
+    high, low = int(lift.argmax()), int(lift.argmin())
+    nearest = int(np.linalg.norm(residuals, axis=1).argmin())
+
+    def at(index: int) -> str:
+        x, y, z = 1e3 * grid[index]
+        return f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
+
+    weight = balance.weight
+    if lift[high] < weight:
+        remedy = (
+            f"raise the currents ({weight / lift[high]:.3g} times, if the iron is linear), "
+            "lighten the payload, or use a map that reaches nearer to the coils"
+            if lift[high] > 0
+            else "turn the currents on or the polarity of the coils around"
+        )
+    elif lift[low] > weight:
+        remedy = "lower the currents, or use a map that reaches farther from the coils"
+    else:
+        remedy = "balance the currents, so that the sideways force vanishes inside the map's box"
+    return NoEquilibrium(
+        Problem(
+            where=f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}",
+            must_hold=f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point",
+            received=(
+                f"lift from {1e3 * lift[low]:.4g} mN at {at(low)} "
+                f"to {1e3 * lift[high]:.4g} mN at {at(high)}; "
+                f"least unbalanced force {1e3 * np.linalg.norm(residuals[nearest]):.3g} mN at {at(nearest)}"
+            ),
+            remedy=remedy,
+        )
     )

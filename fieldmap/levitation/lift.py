@@ -1,21 +1,24 @@
 """The current that carries the weight at a given point."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible, InputError, Problem
-from fieldmap.levitation.balance import Balance
-from fieldmap.levitation.checks import check_currents, check_payload, check_position
-from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.levitation.dipole import dipole_force
-from fieldmap.levitation.interface import LevitationField
+from fieldmap.errors import Infeasible, InputError, NotConverged, Problem
+from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation.balance import Balance, check_payload, check_position, dipole_force
 from fieldmap.typing import Array
 
-LINEARITY = 1e-6
-"""Largest relative departure from force proportional to current that is accepted as linear."""
+MAX_STATES = 15
+# No step multiplies the current by more than this; beyond the knee of the B-H curve a secant can be far off.
+_LARGEST_GROWTH = 3.0
+# The slope dF/di is taken over at least this relative difference of currents, where there is one.
+_SLOPE_WIDTH = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +29,7 @@ class LiftCurrent:
     magnetic force there, N; its z component is the weight, the other two are not balanced. force_per_ampere
     (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m. field (3,), T.
     assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
-    solved on the way, empty for a linear field.
+    solved on the way, empty for a field that is proportional to the currents.
     """
 
     current: float
@@ -41,51 +44,40 @@ class LiftCurrent:
 
 
 def lift_current(
-    field_map: LevitationField, payload: Payload | None, position: ArrayLike, shares: ArrayLike | None = None
+    field: AnyField,
+    payload: Payload | None,
+    position: ArrayLike,
+    shares: Any = None,
+    first: float = 1.0,
+    tolerance: float = 1e-4,
+    on_state: Callable[[float, float], None] | None = None,
 ) -> LiftCurrent:
-    """Common current that carries the weight at a position, for a field proportional to the currents.
+    """Common current that carries the weight at a position: a vertical point dipole, pulled up by a positive current.
 
-    i = m g / (D dBz/dz per ampere), with a vertical point dipole D (2-12), (2-13) of the thesis, turned so
-    that it is pulled up by a positive current. position (3,): the magnet's centre, m, inside the map.
-    shares (n_coils,): current of each coil per ampere of common current; 1 in every coil unless given (the
-    thesis's equal currents).
+    field: any `fieldmap.field.Field` that has a box. position (3,): the magnet's centre, m, inside it. shares
+    (n_coils,): current of each coil per ampere of common current; 1 in every coil unless given.
 
-    Raises InputError for a payload, position or shares that do not fit, or when the force is not
-    proportional to the current (then use `lift_current_nonlinear`); Infeasible when the field
-    does not lift there at all.
+    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md.
+    Any other is asked at some four currents, each near the last: at `first` (A, positive), then by proportion, then by
+    the secant, kept inside the bracket once there is one, until |F_z - m g| <= tolerance m g; on_state(common current
+    in A, F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart.
+
+    Raises InputError for a payload, position, shares, first or tolerance that do not fit, OutsideMapError for a
+    position or current beyond the field, Infeasible where the field does not lift, NotConverged after MAX_STATES.
 
     Example::
 
-        lift = lift_current(m, device.payload, [0, 0, magnet_height(10.0, device.payload.magnet_offset)])
+        lift = lift_current(m, device.payload, [0, 0, -0.102])
         print(lift.current, "A in each coil")
+        lift = lift_current(fieldmap.iron.NonlinearSolver(device), device.payload, [0, 0, -0.102], first=1.5)
     """
     carried = check_payload(payload, "lift_current")
-    point = check_position(field_map, position, "lift_current(position)")
-    given = np.ones(len(field_map.coil_names)) if shares is None else shares
-    weights = check_currents(field_map, given, "lift_current(shares)")
-    up = np.array([0.0, 0.0, carried.moment])
-    gradient = field_map.gradient(point[None, :], weights)[0]
-    force = dipole_force(up, gradient)
-    direction = direction_of_lift(point, carried.moment, gradient)
-    weight = carried.mass * GRAVITY
-    current = weight / abs(force[2])
-    at = Balance(field_map, current * weights, carried.mass, carried.moment, direction * up)
-    total = at.magnetic_force(point[None, :])[0]
-    if abs(total[2] - weight) > LINEARITY * weight:
-        raise InputError(_not_linear(current, total[2] / weight))
-    return LiftCurrent(
-        current=current,
-        currents=current * weights,
-        position=point,
-        force=total,
-        force_per_ampere=direction * force,
-        stiffness=at.stiffness(point),
-        field=field_map.field(point[None, :], current * weights)[0],
-        assumptions=(
-            "linear: field and force are proportional to the currents (no saturation)",
-            "the magnet is a vertical point dipole at its centre",
-        ),
-    )
+    source = as_field(field)
+    weights = _checked(source, shares, first, tolerance)
+    point = check_position(require_bounds(source), position, "lift_current(position)")
+    if source.proportional:
+        return _by_proportion(source, carried, point, weights)
+    return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
 
 def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
@@ -96,23 +88,144 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
     # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
-        raise Infeasible(_no_lift(point))
+        raise Infeasible(
+            Problem(
+                f"lift_current at {(1e3 * point).round(3).tolist()} mm",
+                "dBz/dz must not vanish where a vertical dipole is to be lifted",
+                "no vertical force for the given shares",
+                "choose another position or other shares",
+            )
+        )
     return float(np.sign(force[2]))
 
 
-def _no_lift(point: Array) -> Problem:
-    return Problem(
-        f"lift_current at {(1e3 * point).round(3).tolist()} mm",
-        "dBz/dz must not vanish where a vertical dipole is to be lifted",
-        "no vertical force for the given shares",
-        "choose another position or other shares",
+def _by_proportion(field: Field, payload: Payload, point: Array, shares: Array) -> LiftCurrent:
+    up = np.array([0.0, 0.0, payload.moment])
+    gradient = field.gradient(point[None, :], shares)[0]
+    force = dipole_force(up, gradient)
+    direction = direction_of_lift(point, payload.moment, gradient)
+    current = payload.mass * GRAVITY / abs(force[2])
+    at = Balance(field, current * shares, payload.mass, payload.moment, direction * up)
+    return LiftCurrent(
+        current=current,
+        currents=current * shares,
+        position=point,
+        force=at.magnetic_force(point[None, :])[0],
+        force_per_ampere=direction * force,
+        stiffness=at.stiffness(point),
+        field=field.field(point[None, :], current * shares)[0],
+        assumptions=(
+            "linear: field and force are proportional to the currents (no saturation)",
+            "the magnet is a vertical point dipole at its centre",
+        ),
     )
 
 
-def _not_linear(current: float, ratio: float) -> Problem:
-    return Problem(
-        f"lift_current at {current:.4g} A",
-        "force must be proportional to the currents",
-        f"{ratio:.6g} times the force that proportion gives",
-        "use lift_current_nonlinear; this field is not linear",
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Common current (A), and the gradient (3, 3) at the magnet."""
+
+    current: float
+    gradient: Array
+
+
+def _by_secant(
+    field: Field,
+    payload: Payload,
+    point: Array,
+    shares: Array,
+    first: float,
+    tolerance: float,
+    on_state: Callable[[float, float], None] | None,
+) -> LiftCurrent:
+    def trial(current: float) -> _Trial:
+        return _Trial(current, field.gradient(point[None, :], current * shares)[0])
+
+    weight = payload.mass * GRAVITY
+    trials = [trial(first)]
+    moment = payload.moment * direction_of_lift(point, payload.moment, trials[0].gradient)
+    while True:
+        tried = [(each.current, moment * each.gradient[2, 2] / weight - 1.0) for each in trials]
+        if on_state is not None:
+            on_state(tried[-1][0], tried[-1][1] + 1.0)
+        if abs(tried[-1][1]) <= tolerance and len(trials) > 1:
+            return _of_trials(field, trials, payload, moment, point, shares)
+        if len(trials) == MAX_STATES:
+            raise _not_converged(point, tried)
+        trials.append(trial(_next_current(tried)))
+
+
+def _next_current(tried: Sequence[tuple[float, float]]) -> float:
+    """Where F_z / (m g) - 1 should vanish, from (current, its value) of the states so far."""
+    current, value = tried[-1]
+    if len(tried) == 1:
+        # Force in proportion to current; a current that is right already is left a little, for the slope.
+        guess = current / (1.0 + value)
+        return guess if abs(guess / current - 1.0) > _SLOPE_WIDTH else (1.0 + 2.0 * _SLOPE_WIDTH) * guess
+    before, before_value = tried[-2]
+    fall = value - before_value
+    guess = current - value * (current - before) / fall if fall else np.inf
+    low = max((t for t in tried if t[1] < 0), key=lambda t: t[1], default=None)
+    high = min((t for t in tried if t[1] >= 0), key=lambda t: t[1], default=None)
+    if low is not None and high is not None:
+        inside = min(low[0], high[0]) < guess < max(low[0], high[0])
+        return guess if inside else 0.5 * (low[0] + high[0])
+    largest = _LARGEST_GROWTH * max(abs(i) for i, _ in tried)
+    return float(np.clip(guess, -largest, largest))
+
+
+def _of_trials(
+    field: Field, trials: list[_Trial], payload: Payload, moment: float, point: Array, shares: Array
+) -> LiftCurrent:
+    found, vertical = trials[-1], np.array([0.0, 0.0, moment])
+    currents = found.current * shares
+    balance = Balance(field, currents, payload.mass, payload.moment, vertical)
+    force = dipole_force(vertical, found.gradient)
+    others = sorted(trials[:-1], key=lambda trial: abs(trial.current - found.current))
+    wide = [t for t in others if abs(t.current - found.current) >= _SLOPE_WIDTH * abs(found.current)]
+    other = (wide or others)[0]
+    return LiftCurrent(
+        current=found.current,
+        currents=currents,
+        position=point,
+        force=force,
+        force_per_ampere=(force - dipole_force(vertical, other.gradient)) / (found.current - other.current),
+        stiffness=balance.stiffness(point),
+        field=field.field(point[None, :], currents)[0],
+        assumptions=(
+            "nonlinear iron: a state of its own for each set of currents, no hysteresis",
+            "the magnet is a vertical point dipole at its centre and does not magnetise the iron",
+        ),
+        history=tuple((trial.current, float(moment * trial.gradient[2, 2])) for trial in trials),
+    )
+
+
+def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array:
+    """Shares (n_coils,), if these and the other numbers fit. Raises InputError."""
+    weights = coil_currents(1.0 if shares is None else shares, field.coil_names)
+    problems = []
+    if not weights.any():
+        must = "must not all be zero"
+        problems.append(Problem("lift_current(shares)", must, f"{weights.tolist()}", "try np.ones(n_coils)"))
+    if not (np.isfinite(first) and first > 0):
+        problems.append(Problem("lift_current(first)", "must be a positive current", f"{first}", "try 1.0"))
+    if not 0 < tolerance < 1:
+        problems.append(
+            Problem("lift_current(tolerance)", "must lie between 0 and 1", f"{tolerance}", "try 1e-4")
+        )
+    if problems:
+        raise InputError(*problems)
+    return weights
+
+
+def _not_converged(point: Array, tried: list[tuple[float, float]]) -> NotConverged:
+    last = ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
+    return NotConverged(
+        Problem(
+            f"lift_current at {(1e3 * point).round(3).tolist()} mm",
+            f"the lift must reach the weight within {MAX_STATES} states",
+            f"lift / weight at the last of them: {last}",
+            "choose a position nearer to the iron, other shares, or a first current nearer to the answer",
+        ),
+        residuals=tuple(abs(value) for _, value in tried),
     )

@@ -1,6 +1,7 @@
 """How far an equilibrium moves with each coil's current: the implicit function theorem."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,9 +9,14 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_not_negative, check_positive
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
-from fieldmap.levitation.checks import check_currents, check_payload, check_position
-from fieldmap.levitation.interface import LevitationField
-from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance
+from fieldmap.field import AnyField, require_bounds, resolve_currents
+from fieldmap.levitation.balance import (
+    MagnetBalance,
+    MagnetModel,
+    check_payload,
+    check_position,
+    magnet_balance,
+)
 from fieldmap.typing import Array
 
 _CURRENT_STEP = 0.01
@@ -46,8 +52,8 @@ class Sensitivity:
 
 
 def equilibrium_sensitivity(
-    field_map: LevitationField,
-    currents: ArrayLike,
+    field: AnyField,
+    currents: Any,
     payload: Payload | None,
     position: ArrayLike,
     moment: MagnetModel = "fixed",
@@ -63,11 +69,11 @@ def equilibrium_sensitivity(
     singular.
     """
     carried = check_payload(payload, "equilibrium_sensitivity")
-    amperes = check_currents(field_map, currents, "equilibrium_sensitivity")
-    point = check_position(field_map, position, "equilibrium_sensitivity(position)")
+    source, amperes = resolve_currents(field, currents)
+    point = check_position(require_bounds(source), position, "equilibrium_sensitivity(position)")
     width = _CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
     check_positive("equilibrium_sensitivity", step=width)
-    balance = magnet_balance(field_map, amperes, carried, point, moment, lever)
+    balance = magnet_balance(source, amperes, carried, point, moment, lever)
     stiffness = balance.stiffness(point)
     by_current = np.column_stack([_slope(balance, point, unit, width) for unit in np.eye(len(amperes))])
     _check_regular(stiffness)
@@ -89,7 +95,7 @@ def equilibrium_sensitivity(
 
 def _slope(balance: MagnetBalance, point: Array, unit: Array, step: float) -> Array:
     forces = [
-        replace(balance, currents=balance.currents + way * step * unit).magnetic_force(point[None, :])[0]  # type: ignore[type-var]
+        replace(balance, currents=balance.currents + way * step * unit).magnetic_force(point[None, :])[0]
         for way in (1.0, -1.0)
     ]
     return np.asarray((forces[0] - forces[1]) / (2.0 * step))

@@ -11,10 +11,10 @@ from fieldmap.arguments import check_positive, check_signal
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError, Problem
+from fieldmap.field import AnyField, Field, as_field, require_bounds
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation.balance import check_payload
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.checks import check_payload
-from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.levitation.interface import LevitationField
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.typing import Array
 
@@ -40,7 +40,7 @@ class EquilibriumSurface:
 
 
 def equilibrium_surface(
-    field_map: LevitationField,
+    field: AnyField,
     payload: Payload | None,
     x_signals: ArrayLike,
     y_signals: ArrayLike,
@@ -51,11 +51,11 @@ def equilibrium_surface(
 ) -> EquilibriumSurface:
     """Points of no horizontal force at one height, for all pairs of direction signals of `divide_currents`.
 
-    field_map: a `LevitationField` of six coils named "1" to "6". x_signals (a,), y_signals (b,): of the division, 1.
-    level: lift signal, mean current per coil, A. height: z of the magnet's centre, m. hold_height: the level follows,
-    so that the lift stays what it is at the signals nearest to 0 and at `level`, as a controller of the height makes
-    it; otherwise it is constant and the vertical force is left as it is. Each place is looked for from that of its
-    neighbour nearer to 0, so that one branch is followed.
+    field: any `fieldmap.field.Field` with a box, of six coils named "1" to "6". x_signals (a,), y_signals (b,): of the
+    division, 1. level: lift signal, mean current per coil, A. height: z of the magnet's centre, m. hold_height: the
+    level follows, so that the lift stays what it is at the signals nearest to 0 and at `level`, as a controller of the
+    height makes it; otherwise it is constant and the vertical force is left as it is. Each place is looked for from
+    that of its neighbour nearer to 0, so that one branch is followed.
 
     Raises InputError for arguments that do not fit, OutsideMapError for a height beyond the map, and NoEquilibrium
     where there is none at the signals nearest to 0.
@@ -68,15 +68,17 @@ def equilibrium_surface(
     check_positive("equilibrium_surface", level=level, n=n)
     x = np.atleast_1d(check_signal("equilibrium_surface(x_signals)", x_signals))
     y = np.atleast_1d(check_signal("equilibrium_surface(y_signals)", y_signals))
-    _check_coils(field_map)
+    source = as_field(field)
+    _check_coils(source)
+    low, high = require_bounds(source)
     positions, levels = np.full((len(x), len(y), 3), np.nan), np.full((len(x), len(y)), np.nan)
-    stable, middle = np.zeros(levels.shape, dtype=bool), 0.5 * (field_map.lower + field_map.upper)
+    stable, middle = np.zeros(levels.shape, dtype=bool), 0.5 * (low + high)
 
     def rest(at: tuple[int, int], start: Array, begin: float, held: bool, scale: float) -> StationaryPoint:
         def path(u: float) -> tuple[Array, float]:
             return divide_currents(u, x[at[0]], y[at[1]], n), height
 
-        point, levels[at] = equilibrium_at(field_map, carried, path, start, begin, held, scale)
+        point, levels[at] = equilibrium_at(source, carried, path, start, begin, held, scale)
         positions[at], stable[at] = point.position, point.kind == "stable"
         return point
 
@@ -102,13 +104,13 @@ def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, i
                 yield (i, j), (i, j - int(np.sign(j - j0)))
 
 
-def _check_coils(field_map: LevitationField) -> None:
-    if tuple(field_map.coil_names) != _COILS:
+def _check_coils(field: Field) -> None:
+    if tuple(field.coil_names) != _COILS:
         raise InputError(
             Problem(
-                "equilibrium_surface(field_map)",
+                "equilibrium_surface(field)",
                 "must have the six coils of the current division (6-2), (6-3): 1 to 6",
-                ", ".join(field_map.coil_names),
+                ", ".join(field.coil_names),
                 "take a map of a drive unit",
             )
         )

@@ -1,16 +1,21 @@
 """All points of a horizontal window at which the horizontal force on a magnet vanishes, and a count that says so."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_ordered
 from fieldmap.device.model import Payload
-from fieldmap.levitation.checks import check_currents, check_payload, check_position
-from fieldmap.levitation.interface import LevitationField
-from fieldmap.levitation.magnet_models import MagnetBalance, MagnetModel, magnet_balance
+from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
+from fieldmap.levitation.balance import (
+    MagnetBalance,
+    MagnetModel,
+    check_payload,
+    check_position,
+    magnet_balance,
+)
 from fieldmap.typing import Array
 
 Kind = Literal["stable", "saddle", "unstable"]
@@ -75,8 +80,8 @@ class StationarySet:
 
 
 def stationary_points(
-    field_map: LevitationField,
-    currents: ArrayLike,
+    field: AnyField,
+    currents: Any,
     payload: Payload | None,
     height: float,
     window: tuple[ArrayLike, ArrayLike] | None = None,
@@ -86,7 +91,7 @@ def stationary_points(
 ) -> StationarySet:
     """Every point of a horizontal window where the horizontal force on a magnet vanishes, at one height.
 
-    field_map, payload, moment, lever: as in `find_equilibrium` and `magnet_balance`. currents (n_coils,), A. height:
+    field, currents, payload: as in `find_equilibrium`; moment, lever: as in `magnet_balance`. height:
     z of the magnet's centre, m. window: lower and upper corner (2,), m; the whole box of the map, less a rim for a
     magnet of finite size, unless given. samples: intervals along each side at which the search begins; they are halved
     up to three times until the points found agree with the turns of the force along the window's edge.
@@ -94,11 +99,12 @@ def stationary_points(
     Raises InputError for arguments that do not fit, OutsideMapError for a window beyond the map.
     """
     carried = check_payload(payload, "stationary_points")
-    amperes = check_currents(field_map, currents, "stationary_points")
+    source, amperes = resolve_currents(field, currents)
+    box = require_bounds(source)
     check_count("stationary_points", samples=samples)
-    low, high = _window(field_map, window, carried if moment.startswith("rigid") else None, height)
+    low, high = _window(box, window, carried if moment.startswith("rigid") else None, height)
     middle = np.append(0.5 * (low + high), height)
-    balance = magnet_balance(field_map, amperes, carried, middle, moment, lever)
+    balance = magnet_balance(source, amperes, carried, middle, moment, lever)
     turns = _boundary_index(balance, low, high, height)
     for attempt in range(_ROUNDS):
         count = samples * 2**attempt
@@ -118,7 +124,7 @@ def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
     return StationaryPoint(position, stiffness, values, kind, lift)
 
 
-def to_rest(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Array | None:
+def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Array | None:
     """The point (3,) that Newton's method on the horizontal force reaches from start (3,), or None if it leaves the
     window or does not settle."""
     point, largest = start.copy(), 0.25 * float((high - low).min())
@@ -139,7 +145,7 @@ def to_rest(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Ar
 
 
 def _window(
-    field_map: LevitationField,
+    box: Bounds,
     window: tuple[ArrayLike, ArrayLike] | None,
     payload: Payload | None,
     height: float,
@@ -147,8 +153,8 @@ def _window(
     if window is None:
         rim = 0.0
         if payload is not None and payload.magnet is not None:
-            rim = 1.1 * _reach(payload)
-        lower, upper = (np.asarray(corner, dtype=float)[:2] for corner in (field_map.lower, field_map.upper))
+            rim = 1.1 * _half_diagonal(payload)
+        lower, upper = (np.asarray(corner, dtype=float)[:2] for corner in box)
         inset = rim + 1e-9 * float((upper - lower).max())
         low, high = lower + inset, upper - inset
     else:
@@ -156,11 +162,12 @@ def _window(
     for a, b in zip(low, high, strict=True):
         check_ordered("stationary_points(window)", float(a), float(b))
     for corner in (low, high):
-        check_position(field_map, np.append(corner, height), "stationary_points(window)")
+        check_position(box, np.append(corner, height), "stationary_points(window)")
     return low, high
 
 
-def _reach(payload: Payload) -> float:
+def _half_diagonal(payload: Payload) -> float:
+    """How far the magnet extends from its centre, m, and a little more."""
     magnet = payload.magnet
     size = getattr(magnet, "size", None)
     if size is not None:
@@ -182,7 +189,7 @@ def _search(balance: MagnetBalance, low: Array, high: Array, height: float, coun
     found: list[Array] = []
     for i, j in np.argwhere(changes):
         start = 0.25 * (points[i, j] + points[i + 1, j] + points[i, j + 1] + points[i + 1, j + 1])
-        point = to_rest(balance, start, low, high)
+        point = to_equilibrium(balance, start, low, high)
         if point is not None and all(np.linalg.norm(point - other) > apart for other in found):
             found.append(point)
     return found

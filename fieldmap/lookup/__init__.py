@@ -1,5 +1,6 @@
 """Opened maps: field, gradient and wrench at any point, for any currents."""
 
+from fieldmap.deprecated import renamed
 from fieldmap.interpolants import Jump
 from fieldmap.lookup.actuation import (
     Actuation,
@@ -8,9 +9,9 @@ from fieldmap.lookup.actuation import (
     gradient_actuation,
     wrench_actuation,
 )
-from fieldmap.lookup.at_currents import FieldAtCurrents
 from fieldmap.lookup.current_table import CurrentTable
-from fieldmap.lookup.field_map import FieldMap
+from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
+from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.iron_response import (
     division_domain,
@@ -20,16 +21,16 @@ from fieldmap.lookup.iron_response import (
     tangent_block,
     unit_block,
 )
-from fieldmap.lookup.opening import interpolate, open_map
 from fieldmap.lookup.soft_sphere import soft_sphere_force
 
 __all__ = [
     "Actuation",
     "CurrentTable",
-    "FieldAtCurrents",
+    "Evaluator",
     "FieldMap",
     "FiniteMagnet",
     "Jump",
+    "MapAtCurrents",
     "capability",
     "division_domain",
     "field_actuation",
@@ -46,3 +47,5 @@ __all__ = [
     "volume_rule",
     "wrench_actuation",
 ]
+
+__getattr__ = renamed(__name__, {"FieldAtCurrents": "MapAtCurrents"})

@@ -1,18 +1,18 @@
 """What a coil's ampere does at a pose: actuation matrices, and what limited currents can reach with them.
 
-docs/theory/actuation.md. Rows are components, columns coils; for maps whose field is the sum of their coils' fields.
+docs/theory/actuation.md. Rows are components, columns coils; for fields that are the sum of their coils' fields.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import AnyField, as_field
 from fieldmap.typing import Array
 
 FIELD_ROWS = ("Bx", "By", "Bz")
@@ -21,16 +21,6 @@ FORCE_ROWS = ("Fx", "Fy", "Fz")
 TORQUE_ROWS = ("Tx", "Ty", "Tz")
 # A singular value below this share of the largest, rows scaled to length 1, counts as zero.
 RANK = 1e-10
-
-
-class UnitFields(Protocol):
-    """A map whose coils are known by themselves (`FieldMap`)."""
-
-    def unit_field(self, points: ArrayLike) -> Array:
-        """B per ampere (n_coils, 3) at a point (3,), (n, n_coils, 3) at points (n, 3), T/A."""
-
-    def unit_gradient(self, points: ArrayLike) -> Array:
-        """Gradient per ampere (n_coils, 3, 3) or (n, n_coils, 3, 3), T/(m A)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,29 +66,30 @@ class Actuation:
 Limits = float | tuple[ArrayLike, ArrayLike] | None
 
 
-def field_actuation(field: UnitFields, position: ArrayLike) -> Actuation:
+def field_actuation(field: AnyField, position: ArrayLike) -> Actuation:
     """The 3 x n matrix of the flux density at a position (3,), T/A."""
-    return Actuation(FIELD_ROWS, np.ascontiguousarray(field.unit_field(_one(position)).T))
+    return Actuation(FIELD_ROWS, np.ascontiguousarray(as_field(field).unit_field(_one(position)).T))
 
 
-def gradient_actuation(field: UnitFields, position: ArrayLike) -> Actuation:
+def gradient_actuation(field: AnyField, position: ArrayLike) -> Actuation:
     """The 8 x n matrix of the flux density, T/A, and the five independent entries of its gradient, T/(m A)."""
     where = _one(position)
-    slope = field.unit_gradient(where)
+    source = as_field(field)
+    slope = source.unit_gradient(where)
     five = np.stack([slope[:, 0, 0], slope[:, 0, 1], slope[:, 0, 2], slope[:, 1, 1], slope[:, 1, 2]])
-    return Actuation(FIELD_ROWS + GRADIENT_ROWS, np.concatenate([field.unit_field(where).T, five]))
+    return Actuation(FIELD_ROWS + GRADIENT_ROWS, np.concatenate([source.unit_field(where).T, five]))
 
 
-def wrench_actuation(field: UnitFields, position: ArrayLike, moment: ArrayLike) -> Actuation:
+def wrench_actuation(field: AnyField, position: ArrayLike, moment: ArrayLike) -> Actuation:
     """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2."""
-    where, dipole = _one(position), _one(moment)
-    force = np.einsum("kij,i->jk", field.unit_gradient(where), dipole)
-    torque = np.cross(dipole, field.unit_field(where)).T
+    where, dipole, source = _one(position), _one(moment), as_field(field)
+    force = np.einsum("kij,i->jk", source.unit_gradient(where), dipole)
+    torque = np.cross(dipole, source.unit_field(where)).T
     return Actuation(FORCE_ROWS + TORQUE_ROWS, np.concatenate([force, torque]))
 
 
 def capability(
-    field: UnitFields, positions: ArrayLike, moment: ArrayLike, directions: ArrayLike, limits: Limits
+    field: AnyField, positions: ArrayLike, moment: ArrayLike, directions: ArrayLike, limits: Limits
 ) -> tuple[Array, Array]:
     """Largest force and torque (n, k) on a dipole along directions (k, 3), at positions (n, 3), within the limits.
 
@@ -109,7 +100,8 @@ def capability(
     axes, _ = checked_vectors("directions", directions)
     axes = axes / np.linalg.norm(axes, axis=1)[:, None]
     dipole = _one(moment)
-    flux, slope = field.unit_field(where), field.unit_gradient(where)
+    source = as_field(field)
+    flux, slope = source.unit_field(where), source.unit_gradient(where)
     low, high = checked_limits(limits, flux.shape[1])
     force = np.einsum("ncij,i,dj->ndc", slope, dipole, axes)
     torque = np.einsum("ncj,dj->ndc", np.cross(dipole, flux), axes)

@@ -9,9 +9,8 @@ from scipy.interpolate import make_interp_spline
 from fieldmap.currents import divide_currents
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.current_table import FOUND, table_weights
-from fieldmap.kernels.map.lookup import evaluate_units
-from fieldmap.kernels.map.map_block import SETS
 from fieldmap.lookup.current_model import LARGEST_MISMATCH, MARGIN, CurrentModel
+from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.store import FieldError, Grid
 from fieldmap.typing import Array
 
@@ -52,14 +51,14 @@ class CurrentTable:
 
 def tabulate(
     model: CurrentModel | None,
-    unit: Array,
+    evaluator: Evaluator,
     grid: Grid,
     wanted: FieldError | None = None,
     nodes: tuple[int, int, int] | None = None,
 ) -> CurrentTable:
     """The table of an opened map of saturating iron whose currents are a division.
 
-    unit: the block of the map's fields, on whose box's surface, at the nodes of `grid`, the table is compared with the
+    evaluator: of the map's fields, on whose box's surface, at the nodes of `grid`, the table is compared with the
     model; wanted: error of the model itself. nodes: of u, x and y, at least four each; unless given, as many as
     make the table's error small beside `wanted`. Raises InputError for any other map and for fewer nodes.
     """
@@ -70,7 +69,7 @@ def tabulate(
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"
         raise InputError(Problem("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)"))
-    fields = _on_the_surface(unit, grid)
+    fields = _on_the_surface(evaluator, grid, model.model.coil_count + model.model.field_count)
     exponent, states = float(model.model.division_exponent[0]), _states(model)
     truth = np.array([model.amplitudes(currents) for currents in states]) @ model.model.output.T
     for size in SIZES if nodes is None else (nodes,):
@@ -153,14 +152,14 @@ def _states(model: CurrentModel) -> Array:
     return divide_currents(u, x, y, float(model.model.division_exponent[0]))
 
 
-def _on_the_surface(unit: Array, grid: Grid) -> tuple[Array, Array]:
+def _on_the_surface(evaluator: Evaluator, grid: Grid, sets: int) -> tuple[Array, Array]:
     """The iron's fields (k, n, 3) and gradients (k, n, 9) at the nodes on the box's surface, where they are largest."""
     points = grid.points()
     ends = np.stack([grid.lower, grid.upper])
     near = np.abs(points[:, None] - ends) < 0.5 * grid.spacing
-    points, sets = points[near.any(axis=(1, 2))], int(unit[SETS])
+    points = points[near.any(axis=(1, 2))]
     flux, slope = np.empty((len(points), sets, 3)), np.empty((len(points), sets, 3, 3))
-    evaluate_units(unit, points, flux, slope)
+    evaluator.each_field(points, flux, slope)
     return flux.swapaxes(0, 1)[6:], slope.reshape(len(points), sets, 9).swapaxes(0, 1)[6:]
 
 

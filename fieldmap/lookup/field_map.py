@@ -1,6 +1,8 @@
-"""Field, gradient and wrench at any point of a map, for any currents."""
+"""Opened maps: field, gradient and wrench at any point of a map, for any currents."""
 
+from collections.abc import Callable
 from functools import cached_property
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -8,35 +10,59 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import dipole_wrench
-from fieldmap.interpolants import Form, Jump, contract, jump_between_cells, set_size
-from fieldmap.kernels.map import lookup as kernels
+from fieldmap.field import BaseField, Bounds, coil_currents, dipole_wrench, require_proportional
+from fieldmap.interpolants import (
+    OUTSIDE_RULES,
+    Form,
+    Jump,
+    cell_form,
+    global_form,
+    hermite_form,
+    jump_between_cells,
+)
 from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Limits
-from fieldmap.lookup.at_currents import FieldAtCurrents, single_row
-from fieldmap.lookup.checks import checked_currents
-from fieldmap.lookup.choices import FORMS, check_choices
-from fieldmap.lookup.compiled import closed_to_new_types
-from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
-from fieldmap.lookup.demand import demand_of
-from fieldmap.lookup.doors import (
+from fieldmap.lookup.evaluation import (
     Box,
+    CompiledEvaluator,
+    Evaluator,
+    MapAtCurrents,
     default_threads,
-    field_and_gradient,
     in_chunks,
     result_array,
-    with_currents,
+    single_row,
 )
-from fieldmap.lookup.inverse_currents import checked_weight, currents_of_sum
-from fieldmap.lookup.inverse_saturating import currents_of_model
-from fieldmap.store import FieldError, MapData, MapInfo
+from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
+from fieldmap.store import FieldError, MapData, MapInfo, read_map
 from fieldmap.typing import Array
+
+FORMS = {"harmonic": cell_form, "hermite": hermite_form, "global": global_form}
+
+
+def check_choices(kind: str, outside: str, outside_currents: str) -> None:
+    """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
+    problems = []
+    choices = (
+        ("kind", kind, list(FORMS)),
+        ("outside", outside, list(OUTSIDE_RULES)),
+        ("outside_currents", outside_currents, list(OUTSIDE_CURRENTS)),
+    )
+    for name, value, allowed in choices:
+        if value not in allowed:
+            names = " or ".join(f'"{choice}"' for choice in allowed)
+            problems.append(
+                Problem(f"open_map, {name}", f"is {names}", repr(value), "choose one that exists")
+            )
+    if problems:
+        raise InputError(*problems)
+
 
 _empty = np.empty
 
 
-class FieldMap:
+class FieldMap(BaseField):
     """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
 
     kind: "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to
@@ -48,13 +74,13 @@ class FieldMap:
     currents beyond its domain do is said by outside_currents: "raise", "nan", or "evaluate" without a known error.
     follow_currents, tabulate_currents: begin that solve from the last one, or replace it by a table: see `open_map`.
 
-    Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of
-    `coil_names`. A point (3,) gives a result without the leading axis. Outside the box from `lower` to `upper`:
-    OutsideMapError, or with outside="nan" NaN, or with outside="clamp" the result at the nearest point of the
-    box. NaN or infinity in a point, or NaN in a current, gives NaN in its row. Arguments of another shape:
-    InputError. `out` takes a contiguous float64 array of the result's shape. Batches of more than 30 000 points
-    run on `threads` threads, by default one per processor. Objects can be pickled and used from several threads at
-    once.
+    Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of `coil_names`,
+    one number for all coils, or by name. A point (3,) gives a result without the leading axis. Outside the box from
+    `lower` to `upper`: OutsideMapError, or with outside="nan" NaN, or with outside="clamp" the result at the nearest
+    point of the box. NaN or infinity in a point, or NaN in a current, gives NaN in its row. Arguments of another shape:
+    InputError. `out` takes a contiguous float64 array of the result's shape. Batches of more than 30 000 points run on
+    `threads` threads, by default one per processor. Objects can be pickled and used from several threads at once.
+    evaluator: what evaluates the coefficients, `fieldmap.lookup.Evaluator`.
 
     >>> from fieldmap.store import Grid
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -73,30 +99,32 @@ class FieldMap:
         outside_currents: str = "raise",
         follow_currents: bool = False,
         tabulate_currents: bool = False,
+        evaluator: Callable[[Form], Evaluator] = CompiledEvaluator,
     ) -> None:
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
         self._form: Form = FORMS[kind](data, outside)
+        self._evaluator = evaluator(self._form)
         reduced = data.reduced_model
         rules = (outside_currents, follow_currents)
         self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, *rules)
         self._table: CurrentTable | None = None
         if tabulate_currents:
-            self._table = tabulate(self._model, self._form.unit, data.grid, data.current_error)
+            self._table = tabulate(self._model, self._evaluator, data.grid, data.current_error)
         self._start()
 
     def _start(self) -> None:
         # Largest number of points for which superposing at each point is cheaper than contracting the block.
-        self._few = max(self._form.places // 4, 1)
-        self._last: tuple[bytes, FieldAtCurrents | None] = (b"", None)
+        self._few = max(self._evaluator.places // 4, 1)
+        self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
         self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
-        example = (self._form.unit, np.zeros(self._form.n_coils), np.zeros(3), np.empty(3), np.empty((3, 3)))
         # Currents that need a model of the iron take the general path.
-        linear = self._model is None
-        self._one = closed_to_new_types(kernels.evaluate_one_with, *example) if linear else _never
-        self._unit = self._form.unit
+        self._one: Callable[..., int] = _never
+        self._unit: Any = None
+        if self._model is None:
+            self._one, self._unit = self._evaluator.one_point()
 
     @property
     def info(self) -> MapInfo:
@@ -122,6 +150,21 @@ class FieldMap:
     def upper(self) -> Array:
         """Upper corner of the box in which the map holds, m."""
         return self._info.grid.upper
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of that box, m."""
+        return self.lower, self.upper
+
+    @property
+    def proportional(self) -> bool:
+        """Whether the field is the sum of its coils' fields: True unless the map has a model of saturating iron."""
+        return self._model is None
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the map rests on, as its maker recorded it."""
+        return tuple(self._info.provenance.assumptions)
 
     @property
     def error_bound(self) -> FieldError | None:
@@ -175,22 +218,24 @@ class FieldMap:
         """The table in the place of that model, with its own error; None unless asked for."""
         return self._table
 
-    def at(self, currents: ArrayLike) -> FieldAtCurrents:
-        """The field at these currents (n_coils,): contracted now, once. The last one is kept."""
-        amperes = checked_currents(currents, self.coil_names, 0)
+    def gradient_jump(self, currents: Array) -> float:
+        """Bound on the step of the gradient from cell to cell at these currents (n_coils,), T/m."""
+        share = np.abs(currents / self._info.reference_current).max(initial=1.0)
+        return self._jump.gradient_bound * float(share)
+
+    def at(self, currents: Any) -> MapAtCurrents:
+        """The field at these currents (n_coils,): summed now, once. The last one is cached."""
+        amperes = self._amperes(currents)
         key = amperes.tobytes()
         known, fixed = self._last
         if known != key or fixed is None:
-            form, own = self._form, self._form.potential_unit is self._form.unit
-            weights = self._weights(amperes)
-            block = contract(form.unit, weights, set_size(form.unit))
-            potential = block if own else contract(form.potential_unit, weights, 8)
-            fixed = FieldAtCurrents(block, potential, self._box)
+            summed = self._evaluator.at(self._weights(amperes))
+            fixed = MapAtCurrents(summed, self._box, self.coil_names, amperes.copy(), self.assumptions)
             # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
             self._last = (key, fixed)
         return fixed
 
-    def compiled(self, currents: ArrayLike | None = None) -> tuple[Any, Any]:
+    def compiled(self, currents: Any = None) -> tuple[Any, Any]:
         """(function, data) to call from your own numba functions, without Python objects.
 
         With currents: B, G = function(data, x, y, z). Without: B, G = function(data, currents, x, y, z), the
@@ -202,11 +247,11 @@ class FieldMap:
         if currents is None and self._table is not None:
             return tabulated_at_currents, (self._form.unit, self._table.arrays)
         if currents is None:
-            self._require_superposition("compiled without currents")
-            return kernels.at_currents, self._form.unit
+            require_proportional(self, "compiled without currents")
+            return self._evaluator.compiled()
         return self.at(currents).compiled()
 
-    def field(self, points: ArrayLike, currents: ArrayLike, out: Array | None = None) -> Array:
+    def field(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
         """Flux density B (n, 3), T."""
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[0]
@@ -214,10 +259,10 @@ class FieldMap:
         if rows is None:
             return self.at(currents).field(where, out)
         flux = result_array(None if single else out, where.shape)
-        field_and_gradient(self._form.unit, rows, where, flux, np.empty((len(where), 0, 0)), self._box)
+        self._fill(self._evaluator.field_and_gradient, where, rows, flux, np.empty((len(where), 0, 0)))
         return single_row(flux, out) if single else flux
 
-    def gradient(self, points: ArrayLike, currents: ArrayLike, out: Array | None = None) -> Array:
+    def gradient(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[1]
@@ -225,11 +270,11 @@ class FieldMap:
         if rows is None:
             return self.at(currents).gradient(where, out)
         slope = result_array(None if single else out, (*where.shape, 3))
-        field_and_gradient(self._form.unit, rows, where, np.empty(where.shape), slope, self._box)
+        self._fill(self._evaluator.field_and_gradient, where, rows, np.empty(where.shape), slope)
         return single_row(slope, out) if single else slope
 
     def field_and_gradient(
-        self, points: ArrayLike, currents: ArrayLike, out: tuple[Array, Array] | None = None
+        self, points: ArrayLike, currents: Any, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
         # One point with as little Python as can be: a third of its time is this method, the rest the call below.
@@ -246,10 +291,10 @@ class FieldMap:
         given = (None, None) if out is None else out
         flux = result_array(None if single else given[0], where.shape)
         slope = result_array(None if single else given[1], (*where.shape, 3))
-        field_and_gradient(self._form.unit, rows, where, flux, slope, self._box)
+        self._fill(self._evaluator.field_and_gradient, where, rows, flux, slope)
         return (single_row(flux, given[0]), single_row(slope, given[1])) if single else (flux, slope)
 
-    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+    def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2.
 
         Hermite form: error O(spacing^2), discontinuous across the faces of the cells. Harmonic: O(spacing^3).
@@ -258,10 +303,10 @@ class FieldMap:
         if rows is None:
             return self.at(currents).second_gradient(where)
         second = np.empty((len(where), 3, 3, 3))
-        with_currents(kernels.second_gradient, self._form.unit, rows, where, second, self._box)
+        self._fill(self._evaluator.second_gradient, where, rows, second)
         return second[0] if single else second
 
-    def potential(self, points: ArrayLike, currents: ArrayLike) -> Array | float:
+    def potential(self, points: ArrayLike, currents: Any) -> Array | float:
         """Scalar potential U (n,), T m, with B = -grad U; zero near the middle of the box.
 
         Harmonic forms: -grad U is `field` to rounding. Hermite form: an interpolant of its own, -grad U is
@@ -271,10 +316,10 @@ class FieldMap:
         if rows is None:
             return self.at(currents).potential(where)
         values = np.empty(len(where))
-        with_currents(kernels.potential, self._form.potential_unit, rows, where, values, self._box)
+        self._fill(self._evaluator.potential, where, rows, values)
         return float(values[0]) if single else values
 
-    def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: ArrayLike) -> Array:
+    def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
         """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions.
 
         T = m x B, thesis eq. (2-7), and F = grad(m . B) = (grad B)^T m, which is (m . grad) B of eq. (2-8)
@@ -314,8 +359,8 @@ class FieldMap:
         demand = demand_of(force, moment, torque, field, gradient)
         weight = checked_weight(resistance, len(self.coil_names))
         if self._model is None:
-            return currents_of_sum(self._form.unit, self.coil_names, position, demand, limits, weight)
-        about = (self._form.unit, self.coil_names, self._model)
+            return currents_of_sum(self._evaluator, self.coil_names, position, demand, limits, weight)
+        about = (self._evaluator, self.coil_names, self._model)
         return currents_of_model(*about, position, demand, limits, weight, start)
 
     def unit_field(self, points: ArrayLike) -> Array:
@@ -329,25 +374,31 @@ class FieldMap:
         return slope[0] if single else slope
 
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
-        self._require_superposition("unit_field")
+        require_proportional(self, "unit_field")
         where, single = checked_vectors("points", points)
         shape = (len(where), len(self.coil_names))
         flux, slope = np.empty((*shape, 3)), np.empty((*shape, wanted, wanted))
-        unit = self._form.unit
-        in_chunks(lambda p, f, s: kernels.evaluate_units(unit, p, f, s), where, [flux, slope], self._box)
+        in_chunks(self._evaluator.each_field, where, [flux, slope], self._box)
         return flux, slope, single
 
-    def _arguments(self, points: ArrayLike, currents: ArrayLike) -> tuple[Array, bool, Array | None]:
+    def _arguments(self, points: ArrayLike, currents: Any) -> tuple[Array, bool, Array | None]:
         """Points (n, 3), whether a single one was given, and currents (n or 1, n_coils) to superpose at each.
 
-        None instead of the currents: contract the block, there are many points for one set of currents. The
+        None instead of the currents: sum the fields first (`at`), there are many points for one set of currents. The
         choice depends on the sizes alone: equal calls give equal bits whatever was called before.
         """
         where, single = checked_vectors("points", points)
-        amperes = checked_currents(currents, self.coil_names, len(where))
+        amperes = self._amperes(currents, len(where))
         if amperes.ndim == 2:
             return where, single, self._weights(amperes)
         return where, single, self._weights(amperes)[None] if len(where) <= self._few else None
+
+    def _amperes(self, currents: Any, points: int | None = None) -> Array:
+        # NaN gives NaN in its row.
+        return coil_currents(currents, self.coil_names, points, finite=False)
+
+    def _fill(self, evaluate: Callable[..., int], points: Array, weights: Array, *results: Array) -> None:
+        in_chunks(evaluate, points, [weights, *results], self._box)
 
     def _weights(self, currents: Array) -> Array:
         """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, or what the
@@ -364,16 +415,10 @@ class FieldMap:
             self._last_weights = (key, weights)
         return weights
 
-    def _require_superposition(self, what: str) -> None:
-        if self._model is not None:
-            must_hold = "a map whose field is the sum of its coils' fields"
-            received = "a map of saturating iron, which does not superpose"
-            raise InputError(
-                Problem(f"lookup, {what}", must_hold, received, "give the currents: at(currents)")
-            )
-
     def __getstate__(self) -> dict[str, object]:
-        return {name: self.__dict__[name] for name in ("_info", "_box", "_form", "_model", "_table")}
+        return {
+            name: self.__dict__[name] for name in ("_info", "_box", "_form", "_evaluator", "_model", "_table")
+        }
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
@@ -389,3 +434,47 @@ class FieldMap:
 
 def _never(*_: object) -> int:
     return 1
+
+
+def open_map(
+    path: str | PathLike[str],
+    kind: str = "harmonic",
+    outside: str = "raise",
+    threads: int | None = None,
+    outside_currents: str = "raise",
+    follow_currents: bool = False,
+    tabulate_currents: bool = False,
+) -> FieldMap:
+    """Read and check the map file at `path` and make it ready for lookups.
+
+    kind: "harmonic", one harmonic polynomial per cell; "hermite", the tricubic Hermite interpolant, continuous
+    from cell to cell; "global", one polynomial for the whole box (docs/lookup.md: which to take when). outside: what
+    a point outside the map's box gives, "raise" (OutsideMapError), "nan", or "clamp" (the nearest point of the box).
+    threads: for large batches, by default one per processor. outside_currents: what currents beyond the domain of a
+    map of saturating iron give, "raise" (OutsideMapError), "nan", or "evaluate", without a statement of the error
+    there. follow_currents: of such a map, begin each change of the currents from the last, which is quicker along a
+    trajectory; results then depend on earlier calls, by 1e-6 at most. tabulate_currents: of such a map over a current
+    division, tabulate the model once, which takes seconds; any change of the currents then costs microseconds, also
+    from compiled code, and `current_table.error` says how far the table is from the model. Raises MapFileError if the
+    file is no complete, undamaged map and InputError for an unknown kind or outside rule, if no single polynomial
+    holds the map ("global"), or if there is nothing to tabulate.
+
+    >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
+    >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
+    """
+    check_choices(kind, outside, outside_currents)
+    rules = outside_currents, follow_currents, tabulate_currents
+    return interpolate(read_map(path), kind, outside, threads, *rules)
+
+
+def interpolate(
+    data: MapData,
+    kind: str = "harmonic",
+    outside: str = "raise",
+    threads: int | None = None,
+    outside_currents: str = "raise",
+    follow_currents: bool = False,
+    tabulate_currents: bool = False,
+) -> FieldMap:
+    """A map in memory made ready for lookups; arguments as in `open_map`."""
+    return FieldMap(data, outside, kind, threads, outside_currents, follow_currents, tabulate_currents)

@@ -8,7 +8,7 @@ over balls are their values at the centre; cylinders and blocks take products of
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.field import AnyField, StateField, as_field, coil_currents, require_bounds
 from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
@@ -23,25 +24,6 @@ Shape = MagnetCylinder | MagnetSphere | MagnetBlock
 
 FINEST = 8
 _PLACES = 40
-
-
-class Field(Protocol):
-    """What a magnet asks of a field (`FieldMap`)."""
-
-    @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
-
-    @property
-    def lower(self) -> Array:
-        """Lower corner of the box, m."""
-
-    @property
-    def upper(self) -> Array:
-        """Upper corner of the box, m."""
-
-    def field_and_gradient(self, points: ArrayLike, currents: ArrayLike) -> tuple[Array, Array]:
-        """B (n, 3) and G (n, 3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +45,7 @@ class FiniteMagnet:
         return float(np.linalg.norm(self.moments.sum(axis=0)))
 
     def wrench(
-        self, field: Field, positions: ArrayLike, currents: ArrayLike, orientations: ArrayLike | None = None
+        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
         """Force (N) and torque (N m) about the centre, (n, 6), with the centre at positions (n, 3).
 
@@ -77,7 +59,7 @@ class FiniteMagnet:
         return result[0] if single else result
 
     def energy(
-        self, field: Field, positions: ArrayLike, currents: ArrayLike, orientations: ArrayLike | None = None
+        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
         """Interaction energy -m . B over the magnet, (n,), J: `wrench` is minus its gradient, by place and turn."""
         _, dipoles, flux, _, single = self._asked(field, positions, currents, orientations)
@@ -85,28 +67,29 @@ class FiniteMagnet:
         return values[0] if single else values
 
     def _asked(
-        self, field: Field, positions: ArrayLike, currents: ArrayLike, orientations: ArrayLike | None
+        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None
     ) -> tuple[Array, Array, Array, Array, bool]:
         where, single = checked_vectors("positions", positions)
         n, q = len(where), len(self.points)
         turn = _turns(orientations, n)
         arms = np.einsum("nij,qj->nqi", turn, self.points)
         dipoles = np.einsum("nij,qj->nqi", turn, self.moments)
-        amperes = np.asarray(currents, dtype=np.float64)
+        source = as_field(field)
+        amperes = coil_currents(currents, source.coil_names, n, finite=False)
         if amperes.ndim == 2 and len(amperes) == n:
             amperes = np.repeat(amperes, q, axis=0)
-        flux, slope = field.field_and_gradient((where[:, None] + arms).reshape(-1, 3), amperes)
+        flux, slope = source.field_and_gradient((where[:, None] + arms).reshape(-1, 3), amperes)
         return arms, dipoles, flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3), single
 
 
-def finite_magnet(shape: Shape, field: Field, tolerance: float = 1e-6) -> FiniteMagnet:
+def finite_magnet(shape: Shape, field: AnyField, tolerance: float = 1e-6) -> FiniteMagnet:
     """The coarsest rule that holds a magnet of `shape` in `field` to a tolerance.
 
     Each rule, exact for fields of degree 1, 3, 5, ..., is set against the next at random places and orientations all
-    over the part of the box where the magnet fits, one coil at a time, until they agree to `tolerance` of the largest
-    force and torque found: the size of the magnet is judged against the scale of the field by the field itself. The
-    result states the difference. Raises InputError if the magnet does not fit into the box, NotConverged if the finest
-    rule (8) is not enough.
+    over the part of the box where the magnet fits, one coil at a time (or a state at its currents), until they agree to
+    `tolerance` of the largest force and torque found: the size of the magnet is judged against the scale of the field
+    by the field itself. The result states the difference. Raises InputError if the magnet does not fit into the box,
+    NotConverged if the finest rule (8) is not enough.
     """
     rules = _rules(shape)
     magnet = next(rules)
@@ -147,22 +130,25 @@ def _rules(shape: Shape) -> Iterator[FiniteMagnet]:
     return (volume_rule(shape, level) for level in range(1, FINEST + 1))
 
 
-def _trial(shape: Shape, field: Field) -> Callable[[FiniteMagnet], Array]:
+def _trial(shape: Shape, field: AnyField) -> Callable[[FiniteMagnet], Array]:
     """What a rule gives at the same random places, orientations and coils as every other."""
-    reach = _reach(shape)
-    low, high = field.lower + reach, field.upper - reach
+    source, radius = as_field(field), _bounding_radius(shape)
+    lower, upper = require_bounds(source)
+    low, high = lower + radius, upper - radius
     if np.any(low > high):
-        size = ", ".join(f"{1e3 * x:g}" for x in field.upper - field.lower)
+        size = ", ".join(f"{1e3 * x:g}" for x in upper - lower)
         must_hold = f"a magnet that fits into the map's box, {size} mm, however it is turned"
-        received = f"one that reaches {1e3 * reach:g} mm from its centre"
+        received = f"one that extends {1e3 * radius:g} mm from its centre"
         raise InputError(Problem("finite_magnet, shape", must_hold, received, "make a larger map"))
     rng = np.random.default_rng(20250101)
     places = low + rng.random((_PLACES, 3)) * (high - low)
     turns = np.linalg.qr(rng.normal(size=(_PLACES, 3, 3)))[0]
-    count = len(field.coil_names)
+    if isinstance(source, StateField):
+        return lambda magnet: magnet.wrench(source, places, source.currents, turns)
+    count = len(source.coil_names)
     currents = np.eye(count)[np.arange(_PLACES * count) % count]
     where, turned = np.repeat(places, count, axis=0), np.repeat(turns, count, axis=0)
-    return lambda magnet: magnet.wrench(field, where, currents, turned)
+    return lambda magnet: magnet.wrench(source, where, currents, turned)
 
 
 def _gauss(level: int, length: float) -> tuple[Array, Array]:
@@ -195,7 +181,7 @@ def _volume(shape: Shape) -> float:
     return float(np.prod(shape.size))
 
 
-def _reach(shape: Shape) -> float:
+def _bounding_radius(shape: Shape) -> float:
     if isinstance(shape, MagnetSphere):
         return shape.diameter / 2
     if isinstance(shape, MagnetCylinder):

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import coil_currents
 from fieldmap.interpolants import set_size
 from fieldmap.kernels.map import map_block
-from fieldmap.lookup.checks import checked_currents
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.field_map import FieldMap
@@ -47,7 +47,7 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
     Raises InputError for a map that superposes, OutsideMapError for currents beyond its domain.
     """
     model = _model(field_map)
-    amperes = checked_currents(currents, field_map.coil_names, len(np.atleast_2d(currents)))
+    amperes = coil_currents(currents, field_map.coil_names, len(np.atleast_2d(currents)), finite=False)
     rows = np.ascontiguousarray(np.atleast_2d(amperes))
     for row in rows:
         model.weights(row)  # raises where the currents lie outside
@@ -66,8 +66,8 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
         return known
     made, info = _made.setdefault(field_map, {}), field_map.info
     if nodes not in made:
-        model, unit = field_map._model, unit_block(field_map)
-        made[nodes] = tabulate(model, unit, info.grid, info.current_error, nodes)
+        model, evaluator = field_map._model, field_map._evaluator
+        made[nodes] = tabulate(model, evaluator, info.grid, info.current_error, nodes)
     return made[nodes]
 
 
@@ -76,7 +76,7 @@ def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
 
     Raises InputError for a map that superposes.
     """
-    amperes = checked_currents(currents, field_map.coil_names, 0)
+    amperes = coil_currents(currents, field_map.coil_names)
     values, slopes = iron_weights(field_map, amperes[None])
     n = len(amperes)
     mix = np.zeros((n + 1, n + values.shape[1]))

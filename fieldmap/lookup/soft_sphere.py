@@ -1,27 +1,18 @@
-"""Force on a soft iron sphere in a map's field: induced dipole and quadrupole."""
+"""Force on a soft iron sphere in any field: induced dipole and quadrupole."""
 
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import AnyField, as_field
 from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
 
-class Field(Protocol):
-    """What the sphere asks of a field (`FieldMap`)."""
-
-    def field_and_gradient(self, points: ArrayLike, currents: ArrayLike) -> tuple[Array, Array]:
-        """B (n, 3) and G (n, 3, 3)."""
-
-    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """(n, 3, 3, 3)."""
-
-
 def soft_sphere_force(
-    field: Field, positions: ArrayLike, currents: ArrayLike, diameter: float, mu_r: float = np.inf
+    field: AnyField, positions: ArrayLike, currents: Any, diameter: float, mu_r: float = np.inf
 ) -> Array:
     """Force (n, 3), N, on a sphere of constant permeability with its centre at positions (n, 3); no torque.
 
@@ -35,8 +26,9 @@ def soft_sphere_force(
         raise InputError(Problem("soft_sphere_force", "diameter > 0 in m, mu_r >= 1", received, "correct it"))
     a, share = diameter / 2, 1 / mu_r
     answer = [l * (1 - share) / (l + (l + 1) * share) for l in (1, 2)]
-    flux, slope = field.field_and_gradient(positions, currents)
-    bend = field.second_gradient(positions, currents)
+    source = as_field(field)
+    flux, slope = source.field_and_gradient(positions, currents)
+    bend = source.second_gradient(positions, currents)
     dipole = 4 * np.pi * a**3 * answer[0] / MU0 * np.einsum("...i,...ij->...j", flux, slope)
     quadrupole = 2 * np.pi * a**5 * answer[1] / (3 * MU0) * np.einsum("...ij,...ijk->...k", slope, bend)
     return np.asarray(dipole + quadrupole)

@@ -3,8 +3,8 @@
 import numpy as np
 import pyvista as pv
 
-from fieldmap.levitation.conventions import GRAVITY
-from fieldmap.levitation.dipole import dipole_force
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation.balance import dipole_force
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.scene import COLOUR_MAP, MM, add_magnet
 from fieldmap.plot.shown import Shown

@@ -12,7 +12,8 @@ import numpy as np
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, Problem
-from fieldmap.levitation import GRAVITY, Equilibrium, LevitationField, dipole_force
+from fieldmap.field import Field, require_bounds
+from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force
 from fieldmap.typing import Array
 
 DIRECTIONS = 64
@@ -22,7 +23,7 @@ BISECTIONS = 14
 FARTHER = 3.0
 
 
-def equilibrium_area(field: LevitationField, found: Equilibrium, payload: Payload, share: float) -> float:
+def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: float) -> float:
     """Area in m^2. share: of the weight, which the horizontal force stays below.
 
     By 64 directions, in each the first crossing of the limit; half the mean of r^2 times 2 pi, whose error falls
@@ -61,11 +62,12 @@ def equilibrium_area(field: LevitationField, found: Equilibrium, payload: Payloa
     return float(np.pi * np.mean((0.5 * (low + high)) ** 2))
 
 
-def _distance_to_edge(field: LevitationField, start: Array, rays: Array) -> Array:
+def _distance_to_edge(field: Field, start: Array, rays: Array) -> Array:
     """How far the box goes from a point in its plane along the rays."""
+    lower, upper = require_bounds(field)
     with np.errstate(divide="ignore"):
-        to_lower = (np.asarray(field.lower)[:2] - start) / rays
-        to_upper = (np.asarray(field.upper)[:2] - start) / rays
+        to_lower = (lower[:2] - start) / rays
+        to_upper = (upper[:2] - start) / rays
     return np.where(rays > 0.0, to_upper, np.where(rays < 0.0, to_lower, np.inf)).min(axis=1)
 
 

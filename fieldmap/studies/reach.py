@@ -5,22 +5,23 @@ from scipy.optimize import brentq
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, Problem
+from fieldmap.field import Field, require_bounds
 from fieldmap.iron import LinearSolution
 from fieldmap.kernels.map import least_power
-from fieldmap.levitation import GRAVITY, LevitationField
+from fieldmap.levitation import GRAVITY
 from fieldmap.typing import Array
 
 HEIGHTS = 33
 GRID = (7, 7, 9)
 
 
-def reach_height(field: LevitationField, currents: Array, payload: Payload, over: Array) -> float:
+def reach_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
     """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight.
 
     The moment is vertical, up or down, whichever is lifted more. The box's lower end if they lift it there too. Raises
     Infeasible if they lift it nowhere on the vertical.
     """
-    lower, upper = float(field.lower[2]), float(field.upper[2])
+    lower, upper = (float(corner[2]) for corner in require_bounds(field))
 
     def lift(z: Array) -> Array:
         points = np.column_stack([np.broadcast_to(over[:2], (len(z), 2)), z])

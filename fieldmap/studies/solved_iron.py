@@ -1,16 +1,16 @@
 """One variant solved: its field at any currents, whether its iron is linear or saturates, and how far it is from the
 truth."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged, Problem
+from fieldmap.field import BaseField, as_field
 from fieldmap.iron import LinearSolution, NonlinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
-from fieldmap.levitation import FixedCurrents
 from fieldmap.studies.study import IronModel
 from fieldmap.typing import Array
 
@@ -50,6 +50,31 @@ class SolvedIron(Protocol):
     def largest_flux_density(self, currents: Array) -> float: ...
 
     def error(self, currents: Array) -> ErrorEstimate: ...
+
+
+class FieldOfIron(BaseField):
+    """The field of a solved variant at any currents."""
+
+    def __init__(self, iron: SolvedIron, coil_names: tuple[str, ...]) -> None:
+        self._iron, self._names = iron, coil_names
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return self._names
+
+    @property
+    def proportional(self) -> bool:
+        """Whether field and force are proportional to the currents."""
+        return self._iron.proportional
+
+    def field(self, points: ArrayLike, currents: Any) -> Array:
+        """B (n, 3), T."""
+        return self._iron.field_at(currents).field(points, currents)
+
+    def gradient(self, points: ArrayLike, currents: Any) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+        return self._iron.field_at(currents).gradient(points, currents)
 
 
 class LinearIron:
@@ -139,7 +164,7 @@ class SaturatingIron:
 
     def field_at(self, currents: Array) -> SolvedField:
         """It holds for these currents only."""
-        return FixedCurrents(self.state(currents))
+        return as_field(self.state(currents))
 
     def largest_flux_density(self, currents: Array) -> float:
         """T, of the elements of the iron."""

@@ -9,20 +9,15 @@ import numpy as np
 from fieldmap.device.model import Device, Payload
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.field import Field, as_field
 from fieldmap.inputs.document import Document
-from fieldmap.levitation import (
-    DifferencedField,
-    Equilibrium,
-    dipole_force,
-    find_equilibrium,
-    lift_current,
-    lift_current_nonlinear,
-)
+from fieldmap.levitation import Equilibrium, dipole_force, find_equilibrium, lift_current
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.reach import reach_height, reachable_share
 from fieldmap.studies.solved_iron import (
     COARSER,
     MOST_REFINEMENTS,
+    FieldOfIron,
     LinearIron,
     SolvedIron,
     refined_too_often,
@@ -125,10 +120,8 @@ class _OperatingPoint:
 
     def _carrying(self) -> float:
         payload, place, shares = self.payload, self.entry.carried_at, self.entry.shares
-        if self.iron.proportional:
-            return lift_current(self.levitation(shares), payload, place, shares).current  # type: ignore[arg-type]
         first = self.record.current_limit or 1.0
-        return lift_current_nonlinear(self.levitation, payload, place, shares, first).current  # type: ignore[arg-type]
+        return lift_current(self.field, payload, place, shares, first).current  # type: ignore[arg-type]
 
     @property
     def payload(self) -> Payload:
@@ -145,15 +138,16 @@ class _OperatingPoint:
             raise InputError(Problem("workspace", "must be there", "none", "add a [workspace] table"))
         return bounds
 
-    def levitation(self, currents: Array) -> DifferencedField:
-        """The field at these currents inside the workspace."""
-        return DifferencedField(self.iron.field_at(currents), *self.box)
+    @property
+    def field(self) -> Field:
+        """The field inside the workspace."""
+        return as_field(FieldOfIron(self.iron, self.device.coil_names), self.box)
 
     def equilibrium(self) -> Equilibrium:
         """Where these currents hold the payload; looked for once, and raised again if there is none."""
         if self._found is None:
             try:
-                field = self.levitation(self.currents)
+                field = self.field
                 self._found = find_equilibrium(field, self.currents, self.payload, self.entry.carried_at)
             except FieldmapError as error:
                 self._found = error
@@ -189,7 +183,7 @@ def _equilibrium(point: _OperatingPoint) -> Numbers:
 
 
 def _area(point: _OperatingPoint) -> Numbers:
-    found, field = point.equilibrium(), point.levitation(point.currents)
+    found, field = point.equilibrium(), point.field
     return {"equilibrium_area": equilibrium_area(field, found, point.payload, point.record.force_share)}
 
 
@@ -197,7 +191,7 @@ def _reach(point: _OperatingPoint) -> Numbers:
     shares, limit = point.entry.shares, float(point.record.current_limit or 0.0)
     currents = limit / np.abs(shares).max() * shares
     over = 0.5 * (point.box[0] + point.box[1]) if point.entry.carried_at is None else point.entry.carried_at
-    return {"reach_height": reach_height(point.levitation(currents), currents, point.payload, over)}
+    return {"reach_height": reach_height(point.field, currents, point.payload, over)}
 
 
 def _reachable_share(point: _OperatingPoint) -> Numbers:

@@ -7,16 +7,10 @@ import numpy as np
 
 from fieldmap.control import divide_currents
 from fieldmap.curves import Curves, Series
-from fieldmap.levitation import (
-    Calibration,
-    LiftReadings,
-    PositionReadings,
-    calibrate,
-    magnet_height,
-    thesis_lift_current,
-)
+from fieldmap.levitation import Calibration, LiftReadings, PositionReadings, calibrate
 from fieldmap.thesis.drive_unit import payload
 from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.thesis.workspace import EXTRAPOLATED, extended_map
 from fieldmap.typing import Array
 

@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike
 from fieldmap.device import read_device
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import OutsideMapError, Problem
+from fieldmap.field import FieldLike
 from fieldmap.iron import NonlinearSolver
-from fieldmap.levitation import GRAVITY, LevitationField, magnet_height
+from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Grid, KeptState, MapData, StateArchive
+from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
 DEVICE = "drive_unit"
@@ -31,7 +33,7 @@ _NEGLIGIBLE = 1e-9
 
 
 class UnitStates:
-    """The drive unit at any currents: a `LevitationField` that solves a state for each new set of them.
+    """The drive unit at any currents: a `FieldLike` that solves a state for each new set of them.
 
     refinement divides the mesh sizes of the device file. folder: where solved states are kept (None: in memory only),
     for the same device, refinement, tolerance, libraries and code of the rooms that solve.
@@ -159,7 +161,7 @@ WORDS = (
 
 
 class UnitRays:
-    """A `LevitationField` of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
+    """A `FieldLike` of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
 
     A state whose currents were solved is taken itself. Raises OutsideMapError beyond the levels.
     """
@@ -212,7 +214,7 @@ def payload() -> Payload:
     return carried
 
 
-def lift_share(field: LevitationField, z_s: float, h: float, current: float) -> float:
+def lift_share(field: FieldLike, z_s: float, h: float, current: float) -> float:
     """Lift over weight on the axis at a current in each coil, A; z_s and h in mm."""
     point = np.array([[0.0, 0.0, magnet_height(z_s, 1e-3 * h)]])
     carried = payload()

@@ -11,16 +11,11 @@ from numpy.typing import ArrayLike
 from fieldmap.control import divide_currents
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
-from fieldmap.levitation import (
-    GRAVITY,
-    LevitationField,
-    MagnetModel,
-    equilibrium_at,
-    magnet_height,
-    thesis_lift_current,
-)
+from fieldmap.field import FieldLike
+from fieldmap.levitation import GRAVITY, MagnetModel, equilibrium_at
 from fieldmap.thesis.drive_unit import WORDS, payload, unit_rays
 from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 Rule = Literal["constant", "held"]
@@ -59,7 +54,7 @@ class Shift:
 
 
 def shift(
-    fields: Sequence[LevitationField],
+    fields: Sequence[FieldLike],
     signals: ArrayLike,
     axis: Literal["x", "y"] = "x",
     n: float = 1.25,
@@ -99,7 +94,7 @@ def shift(
     return Shift(wanted[1:], places[1:] - places[0], places[0], levels[1:], largest[1:], stable)
 
 
-def _first(fields: Sequence[LevitationField], path, about):
+def _first(fields: Sequence[FieldLike], path, about):
     """`equilibrium_at` in the first field that holds at the currents of the search."""
     for field in fields[:-1]:
         try:
@@ -121,7 +116,7 @@ DRAWN_H = 15.0
 """The h of curves that show one, mm: the device file's assumption."""
 
 
-def fields_for(n: float, field_map: Any) -> tuple[LevitationField, ...]:
+def fields_for(n: float, field_map: Any) -> tuple[FieldLike, ...]:
     """The map where n is its own, then solved states."""
     return (field_map, unit_rays()) if n == 1.25 else (unit_rays(),)
 

@@ -13,21 +13,16 @@ from fieldmap.control import divide_currents
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import as_field
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
-from fieldmap.levitation import (
-    DifferencedField,
-    FixedCurrents,
-    StationaryPoint,
-    equilibrium_at,
-    magnet_height,
-    thesis_lift_current,
-)
+from fieldmap.levitation import StationaryPoint, equilibrium_at
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import KeptState, StateArchive
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, ROOMS, UPPER
 from fieldmap.thesis.equilibrium_shift import COMMON, RULES, Rule, curve
 from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 Axis = Literal["x", "y"]
@@ -174,7 +169,7 @@ def _rest(
     state: HystereticState, near: Array, protocol: Protocol, solver: HysteresisSolver
 ) -> StationaryPoint:
     # A state knows its own currents only, so the path has one of them.
-    field = DifferencedField(FixedCurrents(state), LOWER, UPPER)
+    field = as_field(state, (LOWER, UPPER))
     point, _ = equilibrium_at(
         field, solver.device.payload, lambda _: (state.currents, protocol.height), near, protocol.level
     )

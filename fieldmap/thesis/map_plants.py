@@ -8,17 +8,13 @@ import numpy as np
 from fieldmap.control import MapPlant, continuous, division_slopes, plant_from_map
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
+from fieldmap.field import Field, as_field
 from fieldmap.iron import NonlinearSolver, solve_linear
-from fieldmap.levitation import (
-    DifferencedField,
-    LevitationField,
-    lift_current,
-    lift_current_nonlinear,
-    magnet_height,
-)
+from fieldmap.levitation import lift_current
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 from fieldmap.thesis.rows import Ours
+from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
 _REFINEMENT = 0.4
@@ -70,7 +66,7 @@ def _point(sensor_mm: float, offset_mm: float) -> Array:
 
 
 @cache
-def _linear_map(lower_z: float, upper_z: float) -> LevitationField:
+def _linear_map(lower_z: float, upper_z: float) -> Field:
     """A small map of the unit with linear iron around the axis, 3 mm between its nodes."""
     unit = solve_linear(read_device(_DEVICE), refinement=_REFINEMENT)
     layers = int(np.ceil((upper_z - lower_z) / 3e-3)) + 1
@@ -101,19 +97,18 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
 
 
 @cache
-def _states(sensor_mm: float, offset_mm: float) -> LevitationField:
+def _states(sensor_mm: float, offset_mm: float) -> Field:
     """The unit with saturating iron around one point, for any currents."""
     point = _point(sensor_mm, offset_mm)
-    return DifferencedField(_StatesOnDemand(read_device(_DEVICE)), point - 5e-3, point + 5e-3)
+    return as_field(_StatesOnDemand(read_device(_DEVICE)), (point - 5e-3, point + 5e-3))
 
 
 @cache
 def _lift_current(sensor_mm: float, offset_mm: float) -> float:
     """Current in each coil at which saturating iron carries the payload, A."""
     field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
-    shares = np.ones(len(field.coil_names))
     at = _point(sensor_mm, offset_mm)
-    return lift_current_nonlinear(lambda currents: field, payload, at, shares, first=3.5).current
+    return lift_current(field, payload, at, first=3.5).current
 
 
 @cache

@@ -9,13 +9,19 @@ from scipy.optimize import brentq
 
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
-from fieldmap.levitation import Fit, HorizontalForce, VerticalForce, fit_horizontal_force, fit_vertical_force
 from fieldmap.planar import (
     PlanarSolution,
     read_planar_device,
     solve_planar,
     solve_planar_state,
     stationary_points,
+)
+from fieldmap.thesis.force_formulas import (
+    Fit,
+    HorizontalForce,
+    VerticalForce,
+    fit_horizontal_force,
+    fit_vertical_force,
 )
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array

@@ -12,14 +12,13 @@ from fieldmap.levitation import (
     MagnetModel,
     Sensitivity,
     equilibrium_sensitivity,
-    magnet_height,
     model_assumptions,
     stationary_points,
-    thesis_lift_current,
 )
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.equilibrium_shift import AXES, COMMON, DRAWN_H, RULES, curve, fields_for, shift, words
 from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 

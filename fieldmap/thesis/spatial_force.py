@@ -9,7 +9,7 @@ import numpy as np
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
-from fieldmap.levitation import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
+from fieldmap.thesis.force_formulas import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 

@@ -12,11 +12,12 @@ from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.errors import OutsideMapError
 from fieldmap.iron import LinearSolution, solve_linear
-from fieldmap.levitation import GRAVITY, magnet_height, thesis_lift_current
+from fieldmap.levitation import GRAVITY
 from fieldmap.sources.inductance import bare_inductance
 from fieldmap.thesis.drive_unit import PANELS, WORDS, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 VARIANTS = {

@@ -9,12 +9,14 @@ from scipy.optimize import brentq
 from fieldmap.control import divide_currents
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
-from fieldmap.levitation import LevitationField, magnet_height, stationary_points, thesis_lift_current
+from fieldmap.field import FieldLike
+from fieldmap.levitation import stationary_points
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.thesis.available_maps import map_path
 from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
 from fieldmap.thesis.equilibrium_shift import DRAWN_H, RULES, Axis, Shift, shift
 from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
@@ -120,6 +122,6 @@ def _checked_at_half() -> float:
     currents = divide_currents(2.2, 0.0, 0.5, 1.25)
     height = magnet_height(11.5, 1e-3 * DRAWN_H)
     window = ([-5e-3, 0.0], [5e-3, 15.9e-3])
-    sources: tuple[LevitationField, ...] = (extended_map(), unit_states())
+    sources: tuple[FieldLike, ...] = (extended_map(), unit_states())
     places = [stationary_points(f, currents, payload(), height, window, samples=8).points for f in sources]
     return 1e3 * float(np.linalg.norm(places[0][0].position - places[1][0].position))

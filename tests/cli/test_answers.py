@@ -11,7 +11,7 @@ from scipy.constants import g as gravity
 from scipy.constants import mu_0
 
 from fieldmap.cli import main
-from fieldmap.levitation import thesis_lift_current
+from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
 A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
 

@@ -1,4 +1,4 @@
-"""Fields with closed-form derivatives, seen through the interface that the levitation room asks for."""
+"""Fields with closed-form derivatives."""
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ class AxisymmetricField:
     """
 
     coil_names = ("only",)
+    proportional = True
 
     def __init__(self, c, lower=(-0.02, -0.02, -0.1), upper=(0.02, 0.02, 0.1)):
         self.lower, self.upper = np.array(lower), np.array(upper)

@@ -5,13 +5,7 @@ import pytest
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
-from fieldmap.levitation import (
-    LiftReadings,
-    PositionReadings,
-    calibrate,
-    magnet_balance,
-    stationary_points,
-)
+from fieldmap.levitation import LiftReadings, PositionReadings, calibrate, magnet_balance, stationary_points
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813, magnet_offset=0.015)
 WEIGHT = 0.01119 * 9.80665

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.levitation.dipole import aligned_stiffness, dipole_force, dipole_stiffness
+from fieldmap.levitation.balance import aligned_stiffness, dipole_force, dipole_stiffness
 
 MOMENT = np.array([0.1, -0.3, 0.8])
 POINT = np.array([[0.004, -0.003, 0.021]])

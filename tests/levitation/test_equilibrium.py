@@ -5,7 +5,8 @@ from scipy.optimize import brentq
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError
-from fieldmap.levitation import DifferencedField, find_equilibrium
+from fieldmap.field import as_field
+from fieldmap.levitation import find_equilibrium
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -103,7 +104,7 @@ def test_on_the_axis_of_a_loop():
         return -1.5 * mu0 * current * radius**2 * z / (radius**2 + z**2) ** 2.5
 
     height = brentq(lambda z: PAYLOAD.moment * slope(z) - WEIGHT, -0.2, -0.03, xtol=1e-14)
-    source = DifferencedField(Loop(), [-0.01, -0.01, -0.2], [0.01, 0.01, -0.03])
+    source = as_field(Loop(), ([-0.01, -0.01, -0.2], [0.01, 0.01, -0.03]))
     found = find_equilibrium(source, [current], PAYLOAD)
     np.testing.assert_allclose(found.position, [0, 0, height], atol=1e-7)
     second = (slope(height + 1e-6) - slope(height - 1e-6)) / 2e-6

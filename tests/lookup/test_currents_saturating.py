@@ -8,8 +8,7 @@ from scipy.optimize import linprog
 
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.lookup import interpolate
-from fieldmap.lookup.demand import demand_of
-from fieldmap.lookup.inverse_saturating import currents_of_model
+from fieldmap.lookup.inverse import currents_of_model, demand_of
 from fieldmap.store import Grid, MapData
 
 NAMES = tuple("abcde")
@@ -50,7 +49,7 @@ def model():
 
 
 def unit_rows(block, demand):
-    from fieldmap.lookup.inverse_currents import rows_at
+    from fieldmap.lookup.inverse import rows_at
 
     return rows_at(block, POSITION, demand, 7)
 

@@ -8,7 +8,8 @@ from scipy.optimize import brentq, linprog
 
 import fieldmap as fm
 from fieldmap.errors import FieldmapError, Infeasible
-from fieldmap.levitation import DifferencedField, find_equilibrium
+from fieldmap.field import as_field
+from fieldmap.levitation import find_equilibrium
 from fieldmap.studies import run_study
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.reach import reach_height, reachable_share
@@ -125,7 +126,7 @@ class Springs:
 def area(springs, share):
     device = fm.read_device("drive_unit")
     payload = type(device.payload)(mass=springs.weight / g, moment=1.0)
-    field = DifferencedField(springs, springs.lower, springs.upper)
+    field = as_field(springs)
     found = find_equilibrium(field, [1.0], payload, start=[0, 0, 0])
     return equilibrium_area(field, found, payload, share)
 
@@ -154,7 +155,7 @@ def test_no_area_without_horizontal_stability_or_room():
 
 def test_reach_says_how_much_is_missing(devices):
     device = fm.read_device(devices.loop)
-    field = DifferencedField(fm.solve_linear(device), device.workspace.lower, device.workspace.upper)
+    field = as_field(fm.solve_linear(device), (device.workspace.lower, device.workspace.upper))
     with pytest.raises(Infeasible, match=r"0\.\d+ of the weight at most, with 0\.01 A"):
         reach_height(field, np.array([0.01]), device.payload, np.zeros(3))
     assert reach_height(field, np.array([100.0]), device.payload, np.zeros(3)) == device.workspace.lower[2]

@@ -9,11 +9,12 @@ import pytest
 
 from fieldmap.currents import divide_currents
 from fieldmap.errors import OutsideMapError
-from fieldmap.levitation import magnet_height, stationary_points, thesis_lift_current
+from fieldmap.levitation import stationary_points
 from fieldmap.thesis import drive_unit, equilibrium_shift, shift_studies, statics
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload
 from fieldmap.thesis.equilibrium_shift import shift
 from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 
 SIGNALS = (0.1, 0.2, 0.4)
 MEASURED = np.array([1.346, 2.862, 9.329]) + 0.088

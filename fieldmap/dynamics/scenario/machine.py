@@ -84,7 +84,7 @@ def body_of(scenario: Scenario, device: Device, opened: FieldMap) -> RigidBody:
             raise scenario.error(
                 "body.finite_magnet", "needs a magnet", "a moment only", "add payload.magnet"
             )
-        magnet = finite_magnet(payload.magnet, opened.at(np.ones(len(opened.coil_names))), 1e-4)  # type: ignore[arg-type]
+        magnet = finite_magnet(payload.magnet, opened.at(np.ones(len(opened.coil_names))), 1e-4)
     lengths = (keys.radius_mm, keys.height_mm, keys.below_mm)
     radius, height, below = (None if value is None else MILLI * value for value in lengths)
     return body_of_payload(

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from fieldmap.errors import InputError
-from fieldmap.levitation import (
+from fieldmap.thesis.force_formulas import (
     Exponential,
     HorizontalForce,
     VerticalForce,

@@ -1,14 +1,8 @@
-"""The thesis's vertical sensor frame and its measured levitation current, turned into this package's frame.
+"""The thesis's vertical sensor and its measured levitation current, in the frame of the drive unit's fields.
 
-Everything the package computes is in metres, z up, with the origin on the lower face of the pole disk. The
-thesis reads depth downward, in millimetres, from the zero of a laser micrometer (section 3.3.1). The two
-meet only here.
+Fields are in metres, z up, with the origin on the lower face of the pole disk. The thesis reads depth downward, in
+millimetres, from the zero of a laser micrometer (section 3.3.1).
 """
-
-import scipy.constants
-
-GRAVITY = scipy.constants.g
-"""Standard acceleration of free fall, 9.80665 m/s^2."""
 
 SENSOR_ZERO_DEPTH = 0.077
 """Depth of the micrometer's zero below the lower face of the pole disk, m ("approximately 77 mm", section

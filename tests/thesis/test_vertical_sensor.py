@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.levitation import magnet_height, sensor_reading, thesis_lift_current
+from fieldmap.thesis.vertical_sensor import magnet_height, sensor_reading, thesis_lift_current
 
 
 def test_the_sensor_zero_is_77_mm_below_the_disk():

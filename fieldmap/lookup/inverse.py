@@ -1,0 +1,373 @@
+"""What is asked of the currents at a place, as rows on flux density and gradient."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
+
+from fieldmap.arguments import checked_vectors
+from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, OutsideMapError, Problem
+from fieldmap.field import coil_currents
+from fieldmap.kernels.map import least_power as kernels
+from fieldmap.lookup.actuation import (
+    FIELD_ROWS,
+    FORCE_ROWS,
+    GRADIENT_ROWS,
+    TORQUE_ROWS,
+    Limits,
+    checked_limits,
+)
+from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.evaluation import Evaluator
+from fieldmap.typing import Array
+
+_UNITS = {"F": "N", "T": "N m", "B": "T", "d": "T/m"}
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """selection (r, 12) @ (B, gradient row by row) must be values (r,); names of the rows."""
+
+    names: tuple[str, ...]
+    selection: Array
+    values: Array
+
+    def text(self, values: Array) -> str:
+        """Values with names and units, zeros left out."""
+        size = np.abs(values).max(initial=0.0)
+        parts = [
+            f"{name} = {value:.6g} {_UNITS[name[0]]}"
+            for name, value in zip(self.names, values, strict=True)
+            if abs(value) > 1e-9 * size
+        ]
+        return ", ".join(parts) or "zero"
+
+
+def demand_of(
+    force: ArrayLike | None,
+    moment: ArrayLike | None,
+    torque: ArrayLike | None,
+    field: ArrayLike | None,
+    gradient: ArrayLike | None,
+) -> Demand:
+    """Rows of all that is asked for at once; NaN leaves a component free.
+
+    Raises InputError if nothing is asked for, or a shape does not fit.
+    """
+    names: tuple[str, ...] = ()
+    parts, values = [], []
+    if force is not None or torque is not None:
+        if moment is None:
+            raise _wrong("moment", "of the dipole on which force and torque act", None)
+        mx, my, mz = _moment(moment)
+    if force is not None:
+        names, rows = names + FORCE_ROWS, np.zeros((3, 12))
+        for j in range(3):
+            rows[j, 3 + j], rows[j, 6 + j], rows[j, 9 + j] = mx, my, mz
+        parts.append(rows)
+        values.append(_vector("force", force, (3,)))
+    if torque is not None:
+        names, rows = names + TORQUE_ROWS, np.zeros((3, 12))
+        rows[0, 1], rows[0, 2], rows[1, 0], rows[1, 2], rows[2, 0], rows[2, 1] = -mz, my, mz, -mx, -my, mx
+        parts.append(rows)
+        values.append(_vector("torque", torque, (3,)))
+    if field is not None:
+        names += FIELD_ROWS
+        parts.append(np.eye(3, 12))
+        values.append(_vector("field", field, (3,)))
+    if gradient is not None:
+        names += GRADIENT_ROWS
+        parts.append(np.eye(12)[[3, 4, 5, 7, 8]])
+        values.append(_vector("gradient", gradient, (3, 3))[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]])
+    if not parts:
+        raise _wrong("demand", "force, torque, field or gradient", None)
+    selection, wanted = (
+        (parts[0], values[0]) if len(parts) == 1 else (np.concatenate(parts), np.concatenate(values))
+    )
+    asked = wanted == wanted
+    if asked.all():
+        return Demand(names, selection, wanted)
+    if not asked.any():
+        raise _wrong("demand", "at least one component that is not NaN", None)
+    kept = tuple(name for name, is_asked in zip(names, asked, strict=True) if is_asked)
+    return Demand(kept, np.ascontiguousarray(selection[asked]), wanted[asked])
+
+
+def _moment(values: ArrayLike) -> Array:
+    moment = _vector("moment", values, (3,))
+    if np.isnan(moment).any():
+        raise _wrong("moment", "finite numbers of shape (3,)", values)
+    return moment
+
+
+def _vector(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    try:
+        array = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != shape or np.isinf(array).any():
+        raise _wrong(name, f"numbers of shape {shape}, none infinite", values)
+    return array
+
+
+def _wrong(name: str, must_hold: str, received: object) -> InputError:
+    return InputError(
+        Problem(f"currents_for, {name}", must_hold, repr(received)[:80], "give arrays in SI units")
+    )
+
+
+def currents_of_sum(
+    evaluator: Evaluator,
+    coil_names: tuple[str, ...],
+    position: ArrayLike,
+    demand: Demand,
+    limits: Limits,
+    weight: Array,
+) -> Array:
+    """Currents (n_coils,), A, from the fields of a map's coils; arguments as in `FieldMap.currents_for`."""
+    n = len(coil_names)
+    matrix = rows_at(evaluator, position, demand, n)
+    low, high = checked_limits(limits, n)
+    currents, active = np.empty(n), np.empty(n, np.int64)
+    status = kernels.least_power(matrix, demand.values, low, high, weight, currents, active)
+    if status != kernels.FOUND:
+        raise refusal(status, matrix, demand, low, high, active, coil_names)
+    return currents
+
+
+def rows_at(evaluator: Evaluator, position: ArrayLike, demand: Demand, n_fields: int) -> Array:
+    """What each field of a map at weight 1 gives of the demand at a position, (rows, n_fields)."""
+    where, single = checked_vectors("position", position)
+    flux, slope = np.empty((1, n_fields, 3)), np.empty((1, n_fields, 3, 3))
+    if not single:
+        received = f"shape {where.shape}"
+        raise InputError(Problem("currents_for, position", "three numbers", received, "ask place by place"))
+    evaluator.each_field(where, flux, slope)
+    if not math.isfinite(flux[0, 0, 0]):
+        raise _no_place(where[0])
+    selection = demand.selection
+    matrix = selection[:, :3] @ flux[0].T
+    matrix += selection[:, 3:] @ slope.reshape(n_fields, 9).T
+    return matrix
+
+
+def checked_weight(resistance: ArrayLike | None, n_coils: int) -> Array:
+    """Weights (n_coils,) of the squared currents. Raises InputError."""
+    if resistance is None:
+        return np.ones(n_coils)
+    try:
+        weight = np.array(np.broadcast_to(np.asarray(resistance, dtype=np.float64), n_coils))
+    except (TypeError, ValueError):
+        weight = np.empty(0)
+    if not (weight.size and np.isfinite(weight).all() and (weight > 0).all()):
+        must_hold, received = f"a positive number, or {n_coils} of them", repr(resistance)[:80]
+        raise InputError(Problem("currents_for, resistance", must_hold, received, "give ohms, or nothing"))
+    return weight
+
+
+def refusal(
+    status: int,
+    matrix: Array,
+    demand: Demand,
+    low: Array,
+    high: Array,
+    active: NDArray[np.int64],
+    names: tuple[str, ...],
+) -> FieldmapError:
+    """The error for a demand that was not met: which limits bind, and what can be had."""
+    if status == kernels.NO_END:
+        what = "the active-set method must end"
+        return NotConverged(Problem("currents_for", what, demand.text(demand.values), "report this case"))
+    received = demand.text(demand.values)
+    if status == kernels.OUT_OF_RANGE:
+        nearest = matrix @ np.linalg.lstsq(matrix, demand.values, rcond=1e-11)[0]
+        must_hold = "a demand that some currents give, whatever their limits"
+        remedy = f"nearest that they give: {demand.text(nearest)}"
+        return Infeasible(Problem("currents_for", must_hold, received, remedy), reachable=nearest)
+    ends = np.where(active > 0, high, low)
+    binding = {names[k]: float(ends[k]) for k in np.flatnonzero(active)}
+    limits = ", ".join(f"coil {name} at {value:g} A" for name, value in binding.items())
+    must_hold = f"a demand within the limits of the currents; together these rule it out: {limits}"
+    part = reachable_share(matrix, demand.values, low, high)
+    if part is None:
+        problem = Problem("currents_for", must_hold, received, "no share of it can be had")
+        return Infeasible(problem, binding=binding)
+    problem = Problem("currents_for", must_hold, received, f"{part[0]:.6g} of it can: {demand.text(part[1])}")
+    return Infeasible(problem, reachable=part[1], share=part[0], binding=binding)
+
+
+def reachable_share(matrix: Array, wanted: Array, low: Array, high: Array) -> tuple[float, Array] | None:
+    """Largest share of the demand that currents within the limits give, and what it is; None if there is none.
+
+    A linear program: t, i with A i = t b, t largest.
+    """
+    size = np.linalg.norm(matrix, axis=1)
+    rows = size > 0
+    scale = size[rows]
+    constraint = np.hstack([matrix[rows] / scale[:, None], -(wanted[rows] / scale)[:, None]])
+    goal = np.append(np.zeros(matrix.shape[1]), -1.0)
+    bounds = [*zip(low, high, strict=True), (0.0, 1.0)]
+    found = linprog(goal, A_eq=constraint, b_eq=np.zeros(rows.sum()), bounds=bounds, method="highs")
+    if found.status != 0 or found.x[-1] <= 0.0:
+        return None
+    return float(found.x[-1]), np.asarray(found.x[-1] * wanted)
+
+
+def _no_place(position: Array) -> OutsideMapError:
+    where = tuple(round(float(x) * 1e3, 6) for x in position)
+    return OutsideMapError(
+        Problem("currents_for, position", "a place in the map's box", f"{where} mm", "stay in the box")
+    )
+
+
+_MOST_STEPS = 100
+_TOLERANCE = 1e-9  # of the demand, row by row in units of what a typical current gives
+_DIFFERENCE = 1e-4  # of the range of the currents, for the derivative of the model's weights
+_NO_PROGRESS = 1e-4  # a share of the step below which the search gives up
+_NO_SAVING = 1e-12  # of the power
+
+
+def currents_of_model(
+    evaluator: Evaluator,
+    coil_names: tuple[str, ...],
+    model: CurrentModel,
+    position: ArrayLike,
+    demand: Demand,
+    limits: Limits,
+    weight: Array,
+    start: ArrayLike | None,
+) -> Array:
+    """Currents (n_coils,), A; arguments as in `FieldMap.currents_for`. Limits lie within the model's domain.
+
+    Every step takes the demand as linear about the present currents and finds the least-power currents of that;
+    where the step has converged, they are those of the demand itself (to first order: a local optimum). Raises
+    Infeasible where no step brings the demand nearer: no proof that no currents exist, but of where the search ended.
+    """
+    low, high = _domain(model, limits)
+    at = rows_at(evaluator, position, demand, model.model.coil_count + model.model.field_count)
+    search = _Search(model, coil_names, at, demand, low, high, weight)
+    return search.run(_first(model, coil_names, start, low, high))
+
+
+class _Search:
+    """What stays the same from step to step."""
+
+    def __init__(
+        self,
+        model: CurrentModel,
+        names: tuple[str, ...],
+        at: Array,
+        demand: Demand,
+        low: Array,
+        high: Array,
+        weight: Array,
+    ) -> None:
+        self.model, self.names, self.at, self.demand = model, names, at, demand
+        self.low, self.high, self.weight = low, high, weight
+        self.step = _DIFFERENCE * np.maximum(np.ptp(model.model.known_currents, axis=0), 1e-12)
+        typical = np.maximum(np.abs(model.model.known_currents).max(axis=0), 1e-12)
+        self.size = np.maximum(np.abs(self._slope(np.clip(0.0, low, high))) @ typical, 1e-300)
+        # The merit of currents: their power, and this price for what they miss of the demand.
+        self.price = 10.0 * self._power(typical)
+
+    def run(self, currents: Array) -> Array:
+        """Steps until the demand is met and no power can be saved along it; every step lowers the merit."""
+        off = self._off(currents)
+        for _ in range(_MOST_STEPS):
+            aim, left = self._aim(currents, off)
+            promised = self._power(currents) - self._power(aim) + self.price * (off - left)
+            if off <= _TOLERANCE and promised <= _NO_SAVING * self._power(currents):
+                return currents
+            share = 1.0
+            while True:
+                trial = currents + share * (aim - currents)
+                off_trial = self._off(trial)
+                gained = self._power(currents) - self._power(trial) + self.price * (off - off_trial)
+                if gained >= 0.1 * share * promised > 0.0:
+                    break
+                share *= 0.5
+                if share < _NO_PROGRESS:
+                    if off <= _TOLERANCE:
+                        return currents
+                    raise self._stuck(currents)
+            currents, off = trial, off_trial
+        if off <= _TOLERANCE:
+            return currents
+        must_hold = f"an end within {_MOST_STEPS} steps"
+        raise NotConverged(Problem("currents_for", must_hold, f"{off:.1e} of the demand left", "move start"))
+
+    def _aim(self, currents: Array, off: float) -> tuple[Array, float]:
+        """Least-power currents of the demand made linear about `currents`, or of the half, quarter, ... of what is
+        missing of it where limits bind; and how much is left then."""
+        slope = self._slope(currents)
+        here = slope @ currents
+        missing = self.demand.values - self._given(currents)
+        found, active = np.empty(len(currents)), np.empty(len(currents), np.int64)
+        share = 1.0
+        while True:
+            part = here + share * missing
+            status = kernels.least_power(slope, part, self.low, self.high, self.weight, found, active)
+            if status == kernels.FOUND:
+                return found, (1.0 - share) * off
+            if status != kernels.BEYOND_LIMITS:
+                raise self._refused(status, slope, part, active)
+            share *= 0.5
+            if share < _NO_PROGRESS:
+                raise self._stuck(currents)
+
+    def _power(self, currents: Array) -> float:
+        return float(self.weight @ currents**2)
+
+    def _slope(self, currents: Array) -> Array:
+        """Derivative (r, n_coils) of what is given by the currents: central differences of the model's weights."""
+        columns = []
+        for k, step in enumerate(self.step):
+            shift = step * np.eye(len(currents))[k]
+            columns.append((self._given(currents + shift) - self._given(currents - shift)) / (2 * step))
+        return np.ascontiguousarray(np.stack(columns, axis=1))
+
+    def _given(self, currents: Array) -> Array:
+        iron = self.model.model.output @ self.model.amplitudes(currents)
+        return np.asarray(self.at @ np.concatenate([currents, iron]))
+
+    def _off(self, currents: Array) -> float:
+        """How far the demand is missed."""
+        return float((np.abs(self._given(currents) - self.demand.values) / self.size).max())
+
+    def _refused(self, status: int, slope: Array, rest: Array, active: NDArray[np.int64]) -> Exception:
+        linear = Demand(self.demand.names, slope, rest)
+        return refusal(status, slope, linear, self.low, self.high, active, self.names)
+
+    def _stuck(self, currents: Array) -> Infeasible:
+        reached = self._given(currents)
+        margin = 1e-6 * np.abs(currents).max(initial=1e-12)
+        at_limit = np.flatnonzero((currents <= self.low + margin) | (currents >= self.high - margin))
+        binding = {self.names[k]: float(currents[k]) for k in at_limit}
+        limits = ", ".join(f"coil {name} at {value:g} A" for name, value in binding.items()) or "none"
+        must_hold = f"a demand that the search can reach; where it ended these limits bind: {limits}"
+        received, remedy = (
+            self.demand.text(self.demand.values),
+            f"reached: {self.demand.text(reached)}; move start",
+        )
+        problem = Problem("currents_for", must_hold, received, remedy)
+        return Infeasible(problem, reachable=reached, binding=binding)
+
+
+def _domain(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
+    """The limits, within the currents that the model was made for."""
+    if model.model.division_exponent.size:
+        must_hold = "a map made for free currents of its coils"
+        received = "one made for divided currents (u, x, y)"
+        raise InputError(Problem("currents_for", must_hold, received, "make a map with a box of currents"))
+    low, high = checked_limits(limits, model.model.coil_count)
+    return np.maximum(low, model.model.lower), np.minimum(high, model.model.upper)
+
+
+def _first(
+    model: CurrentModel, names: tuple[str, ...], start: ArrayLike | None, low: Array, high: Array
+) -> Array:
+    if start is None:
+        return np.clip(model.model.known_currents.mean(axis=0), low, high)
+    return np.clip(coil_currents(start, names), low, high)
