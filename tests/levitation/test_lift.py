@@ -212,7 +212,7 @@ def test_former_names_warn_and_give_the_same_bits(axisymmetric):
     def solve_at(currents):
         return DifferencedField(FixedCurrents(field.state(currents)), *field.bounds)
 
-    with pytest.warns(DeprecationWarning, match="lift_current"):
+    with pytest.warns(DeprecationWarning, match="fieldmap.levitation"):
         old = lift_current_nonlinear(solve_at, PAYLOAD, POINT, [1.0])
     assert old.history == new.history
     for name in ("currents", "force", "force_per_ampere", "stiffness", "field"):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.field import Field, FieldAtCurrents, as_field
 from fieldmap.lookup import interpolate, open_map
 
 CURRENTS = np.array([1.0, 1.0, 1.0])
@@ -21,10 +22,10 @@ def test_outside_is_an_error_that_names_the_box_and_the_point(coarse, dipoles, m
     points = np.concatenate([dipoles.points(n_inside), [[0.021, 0.0, 0.0], [0.0, 0.0, 0.5]]])
     with pytest.raises(OutsideMapError) as caught:
         getattr(coarse, method)(points, CURRENTS)
-    text = str(caught.value)
-    assert "(-20.0, -15.0, -30.0) to (20.0, 20.0, 10.0) mm" in text
-    assert f"2 of {n_inside + 2} points outside" in text
-    assert "(0.0, 0.0, 500.0) mm" in text
+    problem = caught.value.problems[0]
+    assert "(-20.0, -15.0, -30.0)" in problem.must_hold
+    assert problem.received.startswith(f"2 of {n_inside + 2} ")
+    assert "(0.0, 0.0, 500.0)" in problem.received
     assert caught.value.exit_code == 2
 
 
@@ -63,30 +64,51 @@ def test_no_points_give_no_rows(coarse):
 
 
 @pytest.mark.parametrize(
-    ("points", "currents", "words"),
+    ("points", "currents", "where"),
     [
-        ([0, 0], CURRENTS, "lookup, points.*shape \\(2,\\)"),
-        (np.zeros((2, 2, 3)), CURRENTS, "lookup, points.*shape \\(2, 2, 3\\)"),
-        ("middle", CURRENTS, "lookup, points.*'middle'"),
-        ([0, 0, 0], [1, 2], "lookup, currents.*a, b, c.*shape \\(2,\\)"),
-        ([0, 0, 0], 1.0, "lookup, currents.*a, b, c"),
-        (np.zeros((4, 3)), np.ones((2, 3)), "lookup, currents.*\\(4, 3\\).*shape \\(2, 3\\)"),
-        ([0, 0, 0], {"a": 1}, "lookup, currents.*'a': 1"),
+        ([0, 0], CURRENTS, "points"),
+        (np.zeros((2, 2, 3)), CURRENTS, "points"),
+        ("middle", CURRENTS, "points"),
+        ([0, 0, 0], [1, 2], "currents"),
+        ([0, 0, 0], "one", "currents"),
+        (np.zeros((4, 3)), np.ones((2, 3)), "currents"),
+        ([0, 0, 0], {"a": 1}, "currents"),
     ],
 )
-def test_arguments_of_the_wrong_shape(coarse, points, currents, words):
-    with pytest.raises(InputError, match=words):
+def test_arguments_of_the_wrong_shape(coarse, points, currents, where):
+    with pytest.raises(InputError) as caught:
         coarse.field(points, currents)
+    assert caught.value.problems[0].where == where
+
+
+def test_currents_by_name_and_as_one_number(coarse, dipoles):
+    points = dipoles.points(20)
+    for where in (points, points[0]):
+        expected = coarse.gradient(where, CURRENTS)
+        for given in (1.0, {"c": 1, "a": 1, "b": 1}):
+            np.testing.assert_array_equal(coarse.gradient(where, given), expected)
+            np.testing.assert_array_equal(
+                coarse.at(given).gradient(where), coarse.at(CURRENTS).gradient(where)
+            )
+
+
+def test_a_map_is_a_field_and_at_currents_a_field_at_currents(coarse):
+    assert isinstance(coarse, Field)
+    assert isinstance(coarse.at(1.0), FieldAtCurrents)
+    assert as_field(coarse) is coarse
+    assert coarse.proportional
+    np.testing.assert_array_equal(coarse.bounds, (coarse.lower, coarse.upper))
+    np.testing.assert_array_equal(coarse.at(2.0).currents, 2.0 * CURRENTS)
+    assert coarse.gradient_jump(2.0 * CURRENTS) == pytest.approx(2.0 * coarse.jump().gradient_bound)
 
 
 def test_unknown_kind_and_outside_rule(dipoles, tmp_path):
-    with pytest.raises(InputError, match='"harmonic" or "hermite" or "global"; received \'linear\''):
+    with pytest.raises(InputError) as caught:
         open_map(tmp_path / "any.h5", kind="linear")
-    with pytest.raises(InputError, match='"nan" or "clamp"; received \'zero\''):
-        interpolate(dipoles.map((6, 5, 6)), outside="zero")
+    assert [problem.received for problem in caught.value.problems] == ["'linear'"]
     with pytest.raises(InputError) as caught:
         interpolate(dipoles.map((6, 5, 6)), kind="linear", outside="zero")
-    assert len(caught.value.problems) == 2
+    assert [problem.received for problem in caught.value.problems] == ["'linear'", "'zero'"]
 
 
 def test_clamp_gives_the_nearest_point_of_the_box(dipoles):
@@ -125,7 +147,7 @@ def test_results_into_given_arrays(coarse, dipoles):
         with pytest.raises(InputError, match="lookup, out"):
             coarse.field_and_gradient(points[0], CURRENTS, out=wrong_pair)
     for wrong in (np.empty((399, 3)), np.empty((400, 3), np.float32), np.empty((3, 400)).T, [0.0]):
-        with pytest.raises(InputError, match=r"lookup, out: a contiguous, writeable float64"):
+        with pytest.raises(InputError, match="out"):
             coarse.field(points, CURRENTS, out=wrong)
 
 
@@ -157,7 +179,7 @@ def test_threads_give_the_same_bits(dipoles, kind):
     ):
         np.testing.assert_array_equal(ours, theirs)
     points[69_000] = 1.0
-    with pytest.raises(OutsideMapError, match="1 of 70000 points"):
+    with pytest.raises(OutsideMapError, match="1 of 70000"):
         several.field(points, CURRENTS)
 
 
@@ -223,7 +245,7 @@ def test_threads_with_different_currents_do_not_mix(coarse, dipoles):
 
 
 def test_says_what_it_is(coarse, dipoles):
-    assert repr(coarse) == "FieldMap(harmonic, 3 coils, box -20 to 20, -15 to 20, -30 to 10 mm, 294 nodes)"
+    assert all(part in repr(coarse) for part in ("harmonic", "3 coils", "-15 to 20", "294"))
     assert coarse.error_bound is None
     assert interpolate(dipoles.map((6, 5, 6)), "hermite").interpolation_error is None
 
