@@ -3,10 +3,13 @@
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from functools import wraps
 from importlib import import_module
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 REMOVAL = "the next release"
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
@@ -38,3 +41,19 @@ def warn_renamed(old: str, new: str, level: int = 2) -> None:
     2 points to the line that used the old name."""
     message = f"{old} is now {new}; the old name goes with {REMOVAL}"
     warnings.warn(message, DeprecationWarning, stacklevel=level + 1)
+
+
+def renamed_argument(old: str, new: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator of a function whose argument `old` is now `new`: by its old name it works, and warns."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            if old in kwargs:
+                warn_renamed(f"{function.__name__}({old})", f"{function.__name__}({new})")
+                kwargs[new] = kwargs.pop(old)
+            return function(*args, **kwargs)
+
+        return call
+
+    return decorate

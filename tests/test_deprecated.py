@@ -8,7 +8,7 @@ import warnings
 import pytest
 
 import fieldmap.errors
-from fieldmap.deprecated import renamed, warn_renamed
+from fieldmap.deprecated import renamed, renamed_argument, warn_renamed
 
 
 @pytest.fixture
@@ -45,3 +45,13 @@ def test_a_warning_points_to_the_caller():
         function()
     assert caught[0].filename == __file__
     assert caught[0].lineno == function.__code__.co_firstlineno + 4
+
+
+def test_an_argument_by_its_old_name_works_and_warns():
+    @renamed_argument("radius", "r")
+    def area(r, factor=3.0):
+        return factor * r**2
+
+    assert area(2.0) == area(r=2.0) == 12.0
+    with pytest.warns(DeprecationWarning, match=r"area\(r\)"):
+        assert area(radius=2.0, factor=1.0) == 4.0

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
+from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
@@ -79,6 +80,7 @@ class Equilibrium:
         return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
+@renamed_argument("field_map", "field")
 def find_equilibrium(
     field: AnyField,
     currents: Any = None,

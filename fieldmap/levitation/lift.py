@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
@@ -43,6 +44,7 @@ class LiftCurrent:
     history: tuple[tuple[float, float], ...] = ()
 
 
+@renamed_argument("field_map", "field")
 def lift_current(
     field: AnyField,
     payload: Payload | None,

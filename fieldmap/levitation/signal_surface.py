@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.currents import divide_currents
+from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, require_bounds
@@ -39,6 +40,7 @@ class EquilibriumSurface:
     assumptions: tuple[str, ...]
 
 
+@renamed_argument("field_map", "field")
 def equilibrium_surface(
     field: AnyField,
     payload: Payload | None,

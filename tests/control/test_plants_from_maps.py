@@ -190,7 +190,7 @@ def test_it_can_be_sampled(six):
     ],
 )
 def test_bad_input(one, change, error):
-    good = {"field_map": one, "payload": PAYLOAD, "position": POINT, "currents": [3.0]}
+    good = {"field": one, "payload": PAYLOAD, "position": POINT, "currents": [3.0]}
     with pytest.raises(error):
         plant_from_map(**(good | change))
 
