@@ -56,7 +56,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     return target
 
 
-def write_c_files(field: FieldMap | FieldAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
+def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
     """`write_c_map`, and the header that reads the map beside it."""
     written = write_c_map(field, path)
     header = written.with_name(c_header().name)
