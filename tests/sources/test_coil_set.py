@@ -85,8 +85,8 @@ def test_the_second_gradient_outside_the_windings_is_symmetric_and_trace_free():
     second = CoilSet(COILS).second_gradient(POINTS, CURRENTS)
     scale = np.abs(second).max()
     for axes in ((0, 1, 3, 2), (0, 2, 1, 3), (0, 3, 2, 1)):
-        assert np.abs(second - second.transpose(axes)).max() < 1e-5 * scale
-    assert np.abs(np.trace(second, axis1=1, axis2=2)).max() < 1e-5 * scale
+        assert np.abs(second - second.transpose(axes)).max() < 5e-5 * scale
+    assert np.abs(np.trace(second, axis1=1, axis2=2)).max() < 5e-5 * scale
 
 
 def test_wrongly_many_currents_are_refused():
