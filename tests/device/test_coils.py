@@ -12,6 +12,7 @@ from fieldmap.device.coils import Coil, coil_choices
 from fieldmap.device.coils.winding import arc, bar, rounded_path, winding_path
 from fieldmap.device.model import CircularCoil, PathCoil, RoundedRectangleCoil
 from fieldmap.errors import InputError
+from fieldmap.kernels.coils.path import path_flux_density
 
 PACKAGE = Path(fieldmap.__file__).parent
 FOLDER = Path(coils.__file__).parent
@@ -87,3 +88,26 @@ def test_corners_that_are_no_numbers_are_refused():
     with pytest.raises(InputError) as caught:
         rounded_path("p", np.where(L_SHAPE == 0.06, np.nan, L_SHAPE), 0.006, 0.008, 0.01)
     assert caught.value.problems[0].where == "coil 'p', corners"
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_wide_arcs_are_divided_at_right_angles(sense):
+    """The rules of the kernel hold for arcs up to a right angle."""
+    half = arc((0.01, 0.0), 0.3, np.pi / 2, 0.02, 0.004, sense)
+    path = winding_path([half], [], 0.004, 0.01)
+    assert path.arcs[:, 4] == pytest.approx([np.pi / 4, np.pi / 4])
+    assert np.arctan2(path.arcs[:, 3], path.arcs[:, 2]) == pytest.approx(
+        [0.3 - sense * np.pi / 4, 0.3 + sense * np.pi / 4]
+    )
+    assert len(winding_path([arc((0.0, 0.0), 0.0, np.pi / 4, 0.02, 0.004)], [], 0.004, 0.01).arcs) == 1
+
+
+def test_a_stadium_has_the_field_of_a_rectangle_with_the_largest_corners():
+    ends = [arc((x, 0.0), angle, np.pi / 2, 0.01, 0.006) for x, angle in ((0.01, 0.0), (-0.01, np.pi))]
+    corners = np.array([[0.01, 0.01], [-0.01, 0.01], [-0.01, -0.01], [0.01, -0.01]])
+    sides = [bar(corners[0], corners[1]), bar(corners[2], corners[3])]
+    path = winding_path(ends, sides, 0.006, 0.012)
+    twin = RoundedRectangleCoil("r", 0.02, 0.01, 0.01, 0.006, 0.012, 200)
+    points = np.random.default_rng(2).normal(size=(40, 3)) * 0.02
+    field = path_flux_density(points, path.arcs, path.bars, path.thickness, path.height, 10.0)
+    assert field == pytest.approx(twin.unit_flux_density(points, 10.0), rel=1e-8, abs=1e-12)

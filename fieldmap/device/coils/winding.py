@@ -20,8 +20,9 @@ _FULL_TURN = math.pi * (1 - 1e-12)  # half angle of an arc that closes
 class WindingPath:
     """arcs (n, 8) and bars (m, 5) as documented in `fieldmap.kernels.coils.path`; thickness and height in m.
 
-    The pieces make a closed curve, in the sense of a positive current; their order does not matter. A circle is one
-    arc of a full turn.
+    The pieces make a closed curve, in the sense of a positive current; their order does not matter. No arc turns by
+    more than a right angle, for which the kernel's rules are made (`winding_path` divides those that do), but a circle
+    is one arc of a full turn.
     """
 
     arcs: Array
@@ -79,13 +80,25 @@ def bar(start: Array, end: Array) -> list[float]:
 def winding_path(
     arcs: Sequence[Sequence[float]], bars: Sequence[Sequence[float]], thickness: float, height: float
 ) -> WindingPath:
-    """The path of rows made by `arc` and `bar`."""
+    """The path of rows made by `arc` and `bar`. Arcs that turn by more than a right angle are divided into equal ones
+    that do not."""
+    divided = [row for wide in arcs for row in _divided(wide)]
     return WindingPath(
-        np.array(arcs, dtype=float).reshape(-1, 8),
+        np.array(divided, dtype=float).reshape(-1, 8),
         np.array(bars, dtype=float).reshape(-1, 5),
         thickness,
         height,
     )
+
+
+def _divided(row: Sequence[float]) -> list[Sequence[float]]:
+    x, y, cosine, sine, half_angle, inner, outer, sense = row
+    pieces = math.ceil(half_angle / (0.25 * math.pi) - 1e-9)
+    if pieces < 2:
+        return [row]
+    half, middle = half_angle / pieces, math.atan2(sine, cosine)
+    angles = [middle + sense * (2 * k + 1 - pieces) * half for k in range(pieces)]
+    return [[x, y, math.cos(angle), math.sin(angle), half, inner, outer, sense] for angle in angles]
 
 
 def rounded_path(

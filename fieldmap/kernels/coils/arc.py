@@ -1,6 +1,6 @@
 """Field integrals of a circular arc of rectangular section: slices summed over the azimuth.
 
-Frame of an arc: its centre is the origin, its middle on the first axis; |azimuth| <= span <= pi/2, r1 <= r <= r2,
+Frame of an arc: its centre is the origin, its middle on the first axis; |azimuth| <= span <= pi/4, r1 <= r <= r2,
 heights h1 > h2 of the field point over the section's ends; current counter-clockwise, density 1. Results lack the
 factor mu0/(4 pi) times the density. An arc alone is no closed current: its field is of use only in the sum over a
 closed path.

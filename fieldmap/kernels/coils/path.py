@@ -1,9 +1,9 @@
 """Flux density and gradient of a closed plane winding of rectangular section: arcs and bars, per ampere-turn.
 
 Frame: winding in |z| <= height/2, axis along z. arcs (n, 8): centre x, y, unit vector to the middle of the arc x, y,
-half angle, inner and outer radius, +1 for counter-clockwise current or -1. bars (n, 5): middle x, y, unit vector of
-the current x, y, half length. `thickness` is the width of the winding in its plane, the same for all pieces.
-The current density is uniform. The gradient uses curl B = mu0 J, so that it holds for closed paths only.
+half angle (pi/4 at most), inner and outer radius, +1 for counter-clockwise current or -1. bars (n, 5): middle x, y,
+unit vector of the current x, y, half length. `thickness` is the width of the winding in its plane, the same for all
+pieces. The current density is uniform. The gradient uses curl B = mu0 J, so that it holds for closed paths only.
 """
 
 import math
