@@ -1,4 +1,4 @@
-"""The thesis's answer to spikes of the height when the body moves sideways: a short push of the reference (7.1.2)."""
+"""Compensation of the dip in height when a body moves sideways: a short push of the vertical reference."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ def compensated_reference(
 
     height: vertical reference in the downward frame of the sensor, (n,) or one number, m. horizontal: reference of
     the moving axis, (n,). The push has the sign of the change: less for a rising horizontal reference, more for a
-    falling one. A change during a push begins a new one. Ts, duration in s. Section 7.1.2: 0.05 mm for 10 ms were best.
+    falling one. A change during a push begins a new one. Ts, duration in s.
 
     >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], Ts=5e-3)
     >>> (1e3 * reference).round(3).tolist()

@@ -90,7 +90,7 @@ def from_roots(gain: float, zeros: ArrayLike, poles: ArrayLike) -> TransferFunct
 
 
 def controller_form(numerator: ArrayLike, denominator: ArrayLike) -> StateSpace:
-    """Realisation with the denominator in the first row of A and B = (1, 0, ...): thesis (7-9).
+    """Realisation with the denominator in the first row of A and B = (1, 0, ...).
 
     >>> model = controller_form([-15.63, -50.97], [1, 44.94, -248.3])
     >>> model.A.tolist(), model.C.tolist()
@@ -112,7 +112,7 @@ def to_transfer_function(model: StateSpace) -> TransferFunction:
 
 
 def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace:
-    """The model with one more state per output, its integral: thesis (7-10). C keeps the outputs.
+    """The model with one more state per output, its integral. C keeps the outputs.
 
     >>> with_output_integral([[-44.94, 248.3], [1, 0]], [[1], [0]], [[-15.63, -50.97]]).A[2].tolist()
     [-15.63, -50.97, 0.0]
@@ -176,7 +176,7 @@ def sampled(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
 
 
 def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
-    """The transfer function in s of which this one in q is the sampled form: thesis (7-6) to (7-7).
+    """The transfer function in s of which this one in q is the sampled form: docs/theory/control.md (4), inverted.
 
     >>> vertical = from_roots(-0.03, [0.9935], [1.01, 0.905])
     >>> top, bottom = continuous(vertical, 2e-3)
@@ -194,7 +194,7 @@ def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunctio
 def closed_loop(
     plant: tuple[ArrayLike, ArrayLike], controller: tuple[ArrayLike, ArrayLike]
 ) -> TransferFunction:
-    """y / r = C P / (1 + C P): thesis (5-1). For a plant of negative gain give a controller of negative gain."""
+    """y / r = C P / (1 + C P). For a plant of negative gain give a controller of negative gain."""
     top, bottom = transfer_function(*plant)
     ctop, cbottom = transfer_function(*controller)
     forward = np.polymul(top, ctop)

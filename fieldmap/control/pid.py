@@ -24,17 +24,16 @@ DERIVATIVE = ("error", "measurement")
 
 @dataclass(frozen=True)
 class PID:
-    """A PID controller that runs every Ts seconds: thesis (5-10).
+    """A PID controller that runs every Ts seconds: docs/theory/control.md (1), (2).
 
     u[n] = Kc e[n] + (Kc Ts / Ti) sum e + (Kc Td / Ts) (e[n] - e[n-1]), with e = 0 before the first sample.
 
     Kc: gain, output per unit of error. Ti: integral time, s (infinity: no integral part). Td: derivative time, s.
-    integration: "rectangular" adds e[n], as (5-10) writes it; "trapezoidal" adds (e[n] + e[n-1]) / 2, which is what
-    (5-11) transforms and what LabVIEW's manual documents. lower, upper: limits of the output. anti_windup: "none";
-    "hold" stops the integral while it would drive the output further past a limit; "track" pulls it back with the
-    time constant tracking_time, s (sqrt(Ti Td) unless given; Ti if Td = 0). derivative: of the "error", as (5-10), or
-    of minus the "measurement", without a kick at a step of the reference. acts_on_minus_error: for a plant of negative
-    gain (thesis Fig. 2-15).
+    integration: "rectangular" adds e[n]; "trapezoidal" adds (e[n] + e[n-1]) / 2, as LabVIEW's manual documents it.
+    lower, upper: limits of the output. anti_windup: "none"; "hold" stops the integral while it would drive the output
+    further past a limit; "track" pulls it back with the time constant tracking_time, s (sqrt(Ti Td) unless given; Ti if
+    Td = 0). derivative: of the "error", or of minus the "measurement", without a kick at a step of the reference.
+    acts_on_minus_error: for a plant of negative gain.
     """
 
     Kc: float
@@ -129,10 +128,10 @@ def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array
 def pid_transfer_function(
     Kc: float, Ti: float, Td: float, Ts: float, *, integration: str = "trapezoidal"
 ) -> TransferFunction:
-    """Numerator and denominator in q of the sampled PID controller: thesis (5-11).
+    """Numerator and denominator in q of the sampled PID controller: docs/theory/control.md (3).
 
     k1 = Kc (1 + Ts/2Ti + Td/Ts), k2 = Kc (-1 + Ts/2Ti - 2 Td/Ts), k3 = Kc Td/Ts over q^2 - q: the trapezoidal rule for
-    the integral, a backward difference for the derivative. integration="rectangular" gives (5-10) as it is written:
+    the integral, a backward difference for the derivative. integration="rectangular" has
     Ts/Ti in k1 and nothing in k2. Times in s. Raises InputError for times that are not positive (Td may be 0, Ti
     infinite).
 

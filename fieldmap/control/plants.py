@@ -51,11 +51,10 @@ def levitated_plant(
 
 @dataclass(frozen=True)
 class LumpedMagnet:
-    """An electromagnet that lifts a body z below it (z downward, m): thesis (2-18)..(2-20).
+    """An electromagnet that lifts a body z below it (z downward, m): docs/theory/control.md (6).
 
     Inductance L(z) = L1 + L0 / (1 + z/a), force 1/2 dL/dz i^2. inductance: L0, H; length: a, m; mass: M, kg; damping:
-    N s/m, positive where it opposes motion (in (2-20) drag is printed as M d2z/dt2 = M g + c dz/dt, so its c would be
-    minus this); gravity: m/s^2.
+    N s/m, positive where it opposes motion; gravity: m/s^2.
     """
 
     inductance: float
@@ -75,11 +74,11 @@ class LumpedMagnet:
         check_not_negative("LumpedMagnet", damping=self.damping)
 
     def force(self, z: float, current: float) -> float:
-        """Magnetic force along z, N: negative, as it pulls up. (2-18) with (2-19)."""
+        """Magnetic force along z, N: negative, as it pulls up."""
         return -self.inductance * current**2 / (2 * self.length * self._widening(z) ** 2)
 
     def acceleration(self, z: float, velocity: float, current: float) -> float:
-        """d2z/dt2, m/s^2: (2-20)."""
+        """d2z/dt2, m/s^2."""
         return self.gravity + (self.force(z, current) - self.damping * velocity) / self.mass
 
     def equilibrium_current(self, z: float) -> float:
@@ -88,7 +87,7 @@ class LumpedMagnet:
         return self._widening(z) * float(np.sqrt(2 * self.length * weight / self.inductance))
 
     def plant(self, z: float) -> StateSpace:
-        """The motion about the equilibrium at z, current in, position out: (2-21), (2-22). Its gain is negative.
+        """The motion about the equilibrium at z, current in, position out: (6). Its gain is negative.
 
         >>> magnet = LumpedMagnet(inductance=0.01, length=0.05, mass=0.01)
         >>> bool(magnet.plant(0.02).B[1, 0] < 0 < magnet.plant(0.02).A[1, 0])
@@ -111,7 +110,7 @@ def lumped_magnet_from_lift_currents(
     damping: float = 0.0,
     gravity: float = scipy.constants.g,
 ) -> LumpedMagnet:
-    """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured: (7-18).
+    """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured.
 
     The model's own law is a straight line, so both constants follow: a = current_at_zero / slope and
     L0 = 2 a M g / current_at_zero^2.

@@ -24,14 +24,13 @@ EQUILIBRIUM_AT = ("reference", "measured")
 
 @dataclass(frozen=True, eq=False)
 class Regulator:
-    """u[n] = equilibrium output - k (x1, x2, ..., x_integral) / divisor: thesis (7-15)..(7-21).
+    """u[n] = equilibrium output - k (x1, x2, ..., x_integral) / divisor: docs/theory/control.md (8), (9).
 
-    k (n + 1,): feedback of the n states of the estimator, last of the integral of the deviation from the reference
-    (7-16). estimator: from `kalmd`, one input and one output; it is fed with the deviations from the equilibrium. Ts:
-    sampling time, s. equilibrium: (intercept, slope) of the output that holds the body at a position, (7-19) or (7-20).
-    equilibrium_at: whether that is taken at the "reference" or the "measured" position (7-21). estimate: which states
-    are fed back: "predicted" x[n|n-1] (the thesis's rig), "filtered" x[n|n], "delayed" x[n-1|n-1] (the thesis's model).
-    divisor: of the feedback, 0.69 in (7-21). lower, upper: limits of the output.
+    k (n + 1,): feedback of the n states of the estimator, last of the integral of the deviation from the reference.
+    estimator: from `kalmd`, one input and one output; it is fed with the deviations from the equilibrium. Ts: sampling
+    time, s. equilibrium: (intercept, slope) of the output that holds the body at a position. equilibrium_at: whether
+    that is taken at the "reference" or the "measured" position. estimate: which states are fed back: "predicted"
+    x[n|n-1], "filtered" x[n|n], "delayed" x[n-1|n-1]. divisor: of the feedback. lower, upper: limits of the output.
     """
 
     k: Array

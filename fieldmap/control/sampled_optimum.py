@@ -19,8 +19,8 @@ from fieldmap.typing import Array
 class Estimator(NamedTuple):
     """A sampled Kalman filter as a system with the inputs (u, y) and the outputs (filtered y, filtered x).
 
-    x[n+1|n] = A_est x[n|n-1] + B_est (u[n], y[n]); (y[n|n], x[n|n]) = C_est x[n|n-1] + D_est (u[n], y[n]): thesis
-    (7-15). The printed matrices (7-17) have u first, as here, although (7-15) writes y first.
+    x[n+1|n] = A_est x[n|n-1] + B_est (u[n], y[n]); (y[n|n], x[n|n]) = C_est x[n|n-1] + D_est (u[n], y[n]):
+    docs/theory/control.md (8).
     """
 
     A_est: Array
@@ -32,7 +32,7 @@ class Estimator(NamedTuple):
 def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> Array:
     """Gain k (m, n) of u[n] = -k x[n], held for Ts, that minimises the continuous cost of dx/dt = A x + B u.
 
-    The cost is the integral of x'Q x + u'R u (thesis (7-4)), also between the samples. Q (n, n) symmetric, positive
+    The cost is the integral of x'Q x + u'R u, also between the samples. Q (n, n) symmetric, positive
     semidefinite; R (m, m) symmetric, positive definite; Ts in s. Equivalent to the command of the same name in MATLAB.
     Raises InputError for matrices that do not fit, or a plant that cannot be stabilised.
 

@@ -9,7 +9,7 @@ from fieldmap.arguments import check_not_negative, check_numbers, check_ordered,
 
 @dataclass(frozen=True)
 class Amplifier:
-    """i = gain v + offset, limited: thesis (3-4).
+    """i = gain v + offset, limited.
 
     gain: A/V. lower, upper: range of the input, V. offset: A. deviation: standard deviation of the current, A, taken
     as white and Gaussian. current_lower, current_upper: limits of the current, A; those of the input times the gain

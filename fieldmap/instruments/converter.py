@@ -42,7 +42,7 @@ class Converter:
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Absolute accuracy of a reading, V, and the three parts that it is the sum of: thesis Appendix B.
+    """Absolute accuracy of a reading, V, and the three parts that it is the sum of: docs/theory/control.md (10).
 
     net_gain_error: V/V of the reading; net_offset_error: of the range; noise_uncertainty: V.
     """
@@ -68,8 +68,8 @@ def absolute_accuracy(
     internal_change, external_change: kelvins since the last internal and external calibration; averages: readings
     whose mean is taken; coverage: how many standard deviations of the noise. Net gain error = gain error + gain drift
     internal_change + reference drift external_change; net offset error = offset error + offset drift internal_change +
-    nonlinearity; noise uncertainty = coverage noise / sqrt(averages). Thesis Appendix B; the makers of such cards give
-    the same sum. Raises InputError for numbers that are not finite or negative.
+    nonlinearity; noise uncertainty = coverage noise / sqrt(averages). docs/theory/control.md (10); the makers of
+    such cards give the same sum. Raises InputError for numbers that are not finite or negative.
 
     >>> card = Converter(range=10, bits=16, random_noise=280e-6, gain_error=60e-6, offset_error=20e-6,
     ...     gain_drift=13e-6, offset_drift=21e-6, reference_drift=1e-6, nonlinearity=60e-6)

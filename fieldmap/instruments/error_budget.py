@@ -1,4 +1,4 @@
-"""Worst-case readings of a position through sensor and converter: thesis Appendix C."""
+"""Worst-case readings of a position through sensor and converter."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ _SLACK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """The steps of Table C-1. In SI units; the first axis has what may be actual (high, low), the last four entries
+    """The steps of the budget. In SI units; the first axis has what may be actual (high, low), the last four entries
     are high + accuracy, high - accuracy, low - accuracy, low + accuracy.
 
     actual (2,), shown (2,) by the sensor, m; voltages (2,); codes (2,) before and steps (2,) after rounding by the
@@ -47,9 +47,9 @@ def error_budget(
 ) -> ErrorBudget:
     """Worst-case readings of a nominal position (m) by a sensor that is right to +- sensor_accuracy (m).
 
-    (C-1)..(C-4): the sensor rounds to its resolution, the converter to its step (its resolution unless given, V) and
-    errs by its absolute accuracy either way. rounding: of the converter; Appendix C says nearest but rounds "up"
-    (16393.44 becomes 16394). Raises InputError for numbers that are not finite.
+    The sensor rounds to its resolution, the converter to its step (its resolution unless given, V) and errs by its
+    absolute accuracy either way. rounding: of the converter, "up" (16393.44 becomes 16394) or "nearest". Raises
+    InputError for numbers that are not finite.
 
     >>> sensor = Micrometer(zero=0.020, scale=2e-3, voltage_step=5e-3)
     >>> card = Converter(range=10, bits=16)

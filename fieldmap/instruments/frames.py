@@ -15,7 +15,7 @@ class SensorFrame:
 
     angle: of the sensors' axes against the machine's, rad. offset: reading of each sensor on the machine's axis, m.
     radius: of the body, from the edge that is seen to its centre, m. bias: what is added to the machine's x and y
-    for the tolerances of the mounting, m. (3-2), (3-3) of the thesis: 45 degrees, 26 mm, about 1 and 5 mm.
+    for the tolerances of the mounting, m.
 
     Local positions are (..., 3): the two readings and, unchanged by the transform, the third coordinate.
 
@@ -35,7 +35,7 @@ class SensorFrame:
 
     @property
     def matrix(self) -> Array:
-        """Homogeneous transform (4, 4) from local to global, without bias: (3-2)."""
+        """Homogeneous transform (4, 4) from local to global, without bias."""
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         shift = self.radius - self.offset
         turn = np.array([[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
@@ -44,7 +44,7 @@ class SensorFrame:
         return turn @ move
 
     def to_global(self, local: ArrayLike) -> Array:
-        """Positions (..., 3) in the machine's frame, m, of local positions (..., 3): (3-3).
+        """Positions (..., 3) in the machine's frame, m, of local positions (..., 3).
 
         Raises InputError for numbers that are not finite, or another shape.
         """
@@ -53,7 +53,7 @@ class SensorFrame:
         return points @ matrix[:3, :3].T + matrix[:3, 3] + [*self.bias, 0.0]
 
     def to_local(self, position: ArrayLike) -> Array:
-        """What the sensors read, (..., 3), m, at positions (..., 3) of the machine's frame; inverse of (3-3).
+        """What the sensors read, (..., 3), m, at positions (..., 3) of the machine's frame; inverse of `to_global`.
 
         Raises InputError for numbers that are not finite, or another shape.
         """
@@ -64,8 +64,8 @@ class SensorFrame:
     def global_deviation(self, local_x: float, local_y: float) -> tuple[float, float]:
         """Standard deviations of the machine's x and y, m, from those of two independent readings, m.
 
-        (7-1), for any angle: the diagonal of R diag(local_x^2, local_y^2) R^T. At 45 degrees both are the root mean
-        square of the two.
+        docs/theory/control.md (11): the diagonal of R diag(local_x^2, local_y^2) R^T. At 45 degrees both are the root
+        mean square of the two.
 
         >>> sx, sy = SensorFrame(np.pi / 4, offset=0.026).global_deviation(5.42e-6, 8.38e-6)
         >>> print(f"{1e3 * sx:.5f} {1e3 * sy:.5f} mm")

@@ -20,7 +20,7 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True)
 class Micrometer:
-    """A sensor that scans a position and shows it as a voltage: y = scale v + zero, thesis (3-1).
+    """A sensor that scans a position and shows it as a voltage: position = scale voltage + zero.
 
     zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: none). lower, upper:
     its range, V. scan_rate: scans per second. averages: scans whose mean is shown. latency: scans between the end of
@@ -48,7 +48,7 @@ class Micrometer:
 
     @property
     def resolution(self) -> float:
-        """The position that one step of the analogue output stands for, m: (3-5)."""
+        """The position that one step of the analogue output stands for, m."""
         return self.scale * self.voltage_step
 
     @property
@@ -62,11 +62,11 @@ class Micrometer:
         return self.deviation / float(np.sqrt(self.averages))
 
     def position(self, voltage: ArrayLike) -> Array:
-        """The position, m, that a voltage stands for: (3-1)."""
+        """The position, m, that a voltage stands for."""
         return self.zero + self.scale * check_signal("Micrometer.position(voltage)", voltage)
 
     def voltage(self, position: ArrayLike) -> Array:
-        """The voltage for a position, m, before rounding and limits; inverse of (3-1).
+        """The voltage for a position, m, before rounding and limits; inverse of `position`.
 
         >>> round(float(Micrometer(zero=0.020, scale=2e-3).voltage(0.030)), 9)
         5.0

@@ -1,7 +1,7 @@
-"""Identification of a plant from records of its closed loop: thesis 5.1, (5-1) to (5-3).
+"""Identification of a plant from records of its closed loop: docs/theory/identification.md (12), (15), (16).
 
 The loop is u = C (r - y), y = P u + noise; y is what the sensor says. Three ways: from u and y (direct), from r and y
-with the controller known (indirect, (5-1)), from r, u and y without it (two-stage, (5-2), (5-3)).
+with the controller known (indirect), from r, u and y without it (two-stage).
 """
 
 import numpy as np
@@ -61,7 +61,7 @@ def identify_indirect(
     tolerance: float = 1e-6,
     iterations: int = 100,
 ) -> Estimate:
-    """The plant from reference and position, with the known controller taken out: (5-1), by (15), (16).
+    """The plant from reference and position, with the known controller taken out: (15), (16).
 
     controller: numerator and denominator in q of u / (r - y), with its sign (negative for a plant of negative gain).
     Only the plant's coefficients are estimated, so nothing has to cancel afterwards. Instruments are the noise-free
@@ -113,10 +113,10 @@ def identify_two_stage(
     *,
     loop: Orders,
 ) -> Estimate:
-    """The plant in two stages, (5-2), (5-3), without knowing the controller: Van den Hof and Schrama (Automatica 29
+    """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29
     (1993) 1523).
 
-    First u from r with the structure `loop` ((5-14): Orders(4, 4) for two poles and a PID); what that model predicts
+    First u from r with the structure `loop` (Orders(4, 4) for two poles and a PID); what that model predicts
     is free of noise, and is the input of a modified least squares for y. Poles and zeros of the first stage are not
     looked at, so near cancellations there do no harm; too few do. The plant comes out with the bias of the first
     stage, so this is the least exact of the three. Raises InputError and NotConverged.

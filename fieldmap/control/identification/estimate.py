@@ -18,9 +18,9 @@ from fieldmap.typing import Array
 class Orders:
     """How many poles and zeros the sampled model has, and how many samples of dead time on top.
 
-    (b_0 q^zeros + ...) / (q^poles + ...) q^-dead_time: poles=4, zeros=3 is (5-13) of the thesis, poles=3, zeros=1 is
-    (5-15). The output follows the input by `delay` = poles - zeros + dead_time samples; sampled plants have one or
-    more. Raises InputError for numbers that are not whole, or more zeros than poles.
+    (b_0 q^zeros + ...) / (q^poles + ...) q^-dead_time: such as poles=4, zeros=3. The output follows the input by
+    `delay` = poles - zeros + dead_time samples; sampled plants have one or more. Raises InputError for numbers that are
+    not whole, or more zeros than poles.
     """
 
     poles: int

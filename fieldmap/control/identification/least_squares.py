@@ -1,4 +1,4 @@
-"""Least squares on records of input and output, plain and modified: thesis (5-4), (5-5)."""
+"""Least squares on records of input and output, plain and modified: docs/theory/identification.md (3), (5), (6)."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,7 +52,7 @@ def modified_least_squares(
     tolerance: float = 1e-6,
     iterations: int = 100,
 ) -> Estimate:
-    """The thesis's estimator, (5-4) and (5-5): least squares, filter both records by 1/A, repeat; (5), (6).
+    """Modified least squares: fit, filter both records by 1/A, repeat; (5), (6).
 
     This is the iteration of Steiglitz and McBride (IEEE Trans. Automatic Control 10 (1965) 461). Where an estimate of
     A is unstable the filter takes its poles reflected at the unit circle. Stops when no coefficient changes by more

@@ -64,7 +64,7 @@ def generalised_least_squares(
 def armax(
     outputs: ArrayLike, inputs: ArrayLike, orders: Orders, Ts: float, *, noise_order: int | None = None
 ) -> Estimate:
-    """A(q) y = B(q) u + C(q) v, thesis (5-6), by minimising the prediction errors: (8), (9).
+    """A(q) y = B(q) u + C(q) v, (2), by minimising the prediction errors: (8), (9).
 
     noise_order: of C; as many as poles unless given, which covers white noise of a sensor on top of any plant, in
     open and closed loop. Started from a long autoregression (Hannan and Rissanen) or the modified least squares,

@@ -34,10 +34,10 @@ def recursive_least_squares(
 ) -> RecursiveRun:
     """Recursive least squares; with noise_order > 0 recursive extended least squares (ARMAX): (10), (11).
 
-    forgetting: weight of a sample that is one sample old relative to the newest, in (0, 1]; 0.98 (the thesis's, Fig.
-    5-3) looks back on 1 / (1 - 0.98) = 50 samples, 0.1 s of its plant whose slow pole lives 0.2 s: most of what those
-    parameters do is noise. start_variance: of the coefficients, which start at 0. Without forgetting and noise terms
-    the last estimate is that of `least_squares`, up to the start. Raises InputError.
+    forgetting: weight of a sample that is one sample old relative to the newest, in (0, 1]; it looks back on 1 / (1 -
+    forgetting) samples, which should last several times as long as the plant's slowest pole. start_variance: of the
+    coefficients, which start at 0. Without forgetting and noise terms the last estimate is that of `least_squares`, up
+    to the start. Raises InputError.
     """
     where = "recursive_least_squares"
     check_positive(where, start_variance=start_variance, forgetting=forgetting)

@@ -1,4 +1,4 @@
-"""Closed-loop poles over the controller's gain, each followed along its branch: thesis 5.4."""
+"""Closed-loop poles over the controller's gain, each followed along its branch."""
 
 from dataclasses import dataclass
 from itertools import pairwise

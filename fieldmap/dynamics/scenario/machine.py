@@ -158,7 +158,6 @@ def _sensors(scenario: Scenario) -> Sensors:
     rig = None
     if keys.input_bits is not None or keys.step_mm:
         converter = Converter(10.0, keys.input_bits or 48, keys.input_noise_V)
-        # 2 mm/V: the position that a volt stands for (thesis Table 3-2).
         micrometer = Micrometer(0.0, 2e-3, voltage_step=keys.step_mm / 2.0, lower=-1e3, upper=1e3)
         rig = Rig(micrometer, converter, converter, Amplifier(1.0))
     deviations = tuple(MILLI * value for value in keys.deviation_mm)

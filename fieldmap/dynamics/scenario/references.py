@@ -70,7 +70,7 @@ def _one(piece: StepKeys | RampKeys | SineKeys | BinaryKeys, time: Array) -> Arr
 
 
 def _circle(piece: CircleKeys, time: Array) -> Array:
-    """(7-2): out along x to the radius, then the angle grows by rate Ts every period."""
+    """Out along x to the radius, then the angle grows by rate Ts every period."""
     since = _since(time, piece.at_s)
     angle = piece.rate_rad_per_s * np.clip(since - 1e-9, 0.0, None)
     on = (since >= 0.0)[:, None]
