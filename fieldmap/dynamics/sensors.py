@@ -26,7 +26,7 @@ class Sensors:
     """
 
     frame: SensorFrame | None = None
-    zero_depth: float = 0.077
+    zero_depth: float = 0.0
     deviations: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
     voltage_noise: float = 0.0

@@ -31,6 +31,7 @@ height_mm = 25.0
 linear_N_s_per_m = [0.3, 0.3, 0.3]
 
 [sensors]
+zero_depth_mm = 77.0
 deviation_mm = [0.005, 0.008, 0.01]
 angle_deg = 45.0
 

@@ -47,7 +47,7 @@ def block_of(scenario: Scenario, axis: str, operating_point: OperatingPoint) -> 
     """The controller of z (lift), x or y, in equilibrium at the operating point."""
     contents = scenario.contents
     keys = getattr(contents.control, axis)
-    zero, period = contents.sensors.zero_depth_mm, MILLI * contents.control.period_ms
+    zero, period = scenario.zero_depth_mm, MILLI * contents.control.period_ms
     reading = AxisReading("z", -1e3, -zero) if axis == "z" else AxisReading(axis, 1e3)
     output = float(operating_point.outputs["zxy".index(axis)])
     if isinstance(keys, ConstantKeys):
@@ -101,7 +101,7 @@ def coupled_controller(scenario: Scenario, machine: Machine, operating_point: Op
     depths = np.linspace(keys.depths_mm[1], keys.depths_mm[0], keys.designs)
     points = operating_points_at(scenario, machine, operating_point, list(depths))
     blocks = [lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points]
-    heights = -MILLI * (scenario.contents.sensors.zero_depth_mm + depths)
+    heights = -MILLI * (scenario.zero_depth_mm + depths)
     begin = lqg_block(linearise(machine, operating_point), weights, period, delay, limits).memory
     first = replace(blocks[0], memory=begin)
     return ScheduledController((first, *blocks[1:]), float(heights[0]), float(heights[1] - heights[0]))

@@ -81,11 +81,11 @@ def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment
     scenario = with_depth(scenario, device, opened, body)
     machine, operating_point = _machine_at_operating_point(scenario, device, opened, body)
     contents = scenario.contents
-    start_mm = _reading(operating_point.sensed, contents.sensors.zero_depth_mm)
+    start_mm = _reading(operating_point.sensed, scenario.zero_depth_mm)
     wanted = references(scenario, start_mm)
     control = contents.control
     schedule = Schedule(
-        _into_map(wanted, contents.sensors.zero_depth_mm),
+        _into_map(wanted, scenario.zero_depth_mm),
         MILLI * control.period_ms,
         MILLI * control.step_ms,
         MILLI * control.delay_ms,

@@ -108,7 +108,7 @@ def machine_of(
     """Everything but the controllers."""
     contents = scenario.contents
     keys, walls = contents.coils, contents.walls
-    converter = None if keys.output_bits is None else Converter(10.0, keys.output_bits)
+    converter = None if keys.output_bits is None else Converter(keys.output_range_V, keys.output_bits)
     drive = drive_of_device(
         device, keys.lowest_voltage_V, time_constant=MILLI * keys.time_constant_ms, converter=converter
     )
@@ -157,13 +157,14 @@ def _sensors(scenario: Scenario) -> Sensors:
     frame = SensorFrame(np.deg2rad(keys.angle_deg), offset=0.0) if keys.angle_deg else None
     rig = None
     if keys.input_bits is not None or keys.step_mm:
-        converter = Converter(10.0, keys.input_bits or 48, keys.input_noise_V)
-        micrometer = Micrometer(0.0, 2e-3, voltage_step=keys.step_mm / 2.0, lower=-1e3, upper=1e3)
+        converter = Converter(keys.input_range_V, keys.input_bits or 48, keys.input_noise_V)
+        scale = MILLI * keys.mm_per_V
+        micrometer = Micrometer(0.0, scale, voltage_step=keys.step_mm / keys.mm_per_V, lower=-1e3, upper=1e3)
         rig = Rig(micrometer, converter, converter, Amplifier(1.0))
     deviations = tuple(MILLI * value for value in keys.deviation_mm)
     return Sensors(
         frame,
-        MILLI * keys.zero_depth_mm,
+        MILLI * scenario.zero_depth_mm,
         deviations,  # type: ignore[arg-type]
         (rig, rig, rig),
         keys.input_noise_V,

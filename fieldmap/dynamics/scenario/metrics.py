@@ -47,7 +47,7 @@ class RunMetrics:
 
 def reading_mm(scenario: Scenario, points: Array) -> Array:
     """x, y and depth in mm of sensed points (n, 3), m."""
-    return np.asarray(points) * [1e3, 1e3, -1e3] - [0.0, 0.0, scenario.contents.sensors.zero_depth_mm]
+    return np.asarray(points) * [1e3, 1e3, -1e3] - [0.0, 0.0, scenario.zero_depth_mm]
 
 
 def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:

@@ -16,6 +16,8 @@ from fieldmap.inputs.toml_lines import line_numbers
 
 # Tables and files that had another name, which still is read.
 _OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
+# What files of this format could leave out.
+_FORMER_ZERO_DEPTH_MM = 77.0
 _OLDER_FILES = {"linked_regulator": "coupled_regulator"}
 
 
@@ -33,6 +35,12 @@ class Scenario:
         """Reading of the vertical sensor at the start; of a prepared scenario, which has chosen one."""
         depth = self.contents.start.depth_mm
         return math.nan if depth is None else depth
+
+    @property
+    def zero_depth_mm(self) -> float:
+        """Depth below the map's origin at which the vertical sensor reads 0."""
+        depth = self.contents.sensors.zero_depth_mm
+        return _FORMER_ZERO_DEPTH_MM if depth is None else depth
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> ScenarioError:
         """An error at a key of the file."""
@@ -63,7 +71,11 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
                 for finding in findings
             ]
         raise ScenarioError(*Document(path, document.text, data).problems(findings))
-    return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
+    contents = ScenarioFile.model_validate(data)
+    if contents.sensors.zero_depth_mm is None:
+        message = f"{path}: sensors.zero_depth_mm is {_FORMER_ZERO_DEPTH_MM:g} unless given, and 0 from {REMOVAL} on"
+        warnings.warn(message, FutureWarning, stacklevel=2)
+    return Scenario(path, document.text, contents, dict(changes or {}))
 
 
 def find_scenario(path_or_name: str | Path) -> Path:

@@ -97,8 +97,9 @@ class CoilKeys(Table):
     time_constant_ms: NotNegative = Field(default=0.0, description="of the amplifier's own answer")
     noise_A: NotNegative = Field(default=0.0, description="standard deviation of the current")
     output_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
-        default=None, description="of the output converter, range -10 to 10 V"
+        default=None, description="of the output converter"
     )
+    output_range_V: Positive = Field(default=10.0, description="of the output converter, to both sides")
     end_beyond_table: bool = Field(
         default=False, description="currents beyond the table of the iron end the run"
     )
@@ -114,11 +115,17 @@ class SensorKeys(Table):
         default=[0.0] * 3, description="noise of the two crossed sensors and the vertical one"
     )
     angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
-    zero_depth_mm: float = Field(default=77.0, description="depth at which the vertical sensor reads 0")
+    zero_depth_mm: float | None = Field(
+        default=None,
+        description="depth below the map's origin at which the vertical sensor reads 0; give it: left out it is 77, and "
+        "0 from the next release on",
+    )
     step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
     input_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
-        default=None, description="of the input converter, range -10 to 10 V at 2 mm/V"
+        default=None, description="of the input converter"
     )
+    input_range_V: Positive = Field(default=10.0, description="of the input converter, to both sides")
+    mm_per_V: Positive = Field(default=2.0, description="of the sensors' outputs")
     input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
     scan_rate_Hz: NotNegative = Field(default=0.0, description="0: shows what is at each sample")
     averages: Count | Annotated[list[Count], Field(min_length=3, max_length=3)] = Field(

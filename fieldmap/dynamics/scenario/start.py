@@ -39,7 +39,7 @@ _HEIGHTS = 21
 def magnet_at(scenario: Scenario, opened: FieldMap, body: RigidBody) -> Array:
     """The magnet's centre (3,) of the upright body at the start, m."""
     contents = scenario.contents
-    z = -MILLI * (contents.sensors.zero_depth_mm + scenario.start_depth_mm) - _above(body)
+    z = -MILLI * (scenario.zero_depth_mm + scenario.start_depth_mm) - _above(body)
     point = np.array([MILLI * (contents.start.x_mm or 0.0), MILLI * (contents.start.y_mm or 0.0), z])
     if not (opened.lower <= point).all() or not (point <= opened.upper).all():
         received = f"the magnet at {[round(1e3 * float(p), 3) for p in point]} mm"
@@ -82,7 +82,7 @@ def with_depth(scenario: Scenario, device: Device, opened: FieldMap, body: Rigid
 def _begun(scenario: Scenario, height: float, body: RigidBody) -> Scenario:
     """The scenario that begins with its magnet at a height, m."""
     contents = scenario.contents
-    depth = -1e3 * (height + _above(body)) - contents.sensors.zero_depth_mm
+    depth = -1e3 * (height + _above(body)) - scenario.zero_depth_mm
     start = contents.start.model_copy(update={"depth_mm": round(depth, 6)})
     return replace(scenario, contents=contents.model_copy(update={"start": start}))
 
@@ -195,7 +195,7 @@ def operating_point_at(
     """
     contents = scenario.contents
     nan = np.nan
-    place = [nan, nan, -MILLI * (contents.sensors.zero_depth_mm + depth_mm)]
+    place = [nan, nan, -MILLI * (scenario.zero_depth_mm + depth_mm)]
     outputs = [nan, nan, nan]
     for k, (given, keys) in enumerate(
         ((contents.start.x_mm, contents.control.x), (contents.start.y_mm, contents.control.y))
