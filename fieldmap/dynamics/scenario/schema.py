@@ -117,7 +117,7 @@ class SensorKeys(Table):
     angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
     zero_depth_mm: float | None = Field(
         default=None,
-        description="depth below the map's origin at which the vertical sensor reads 0; give it: left out it is 77, and "
+        description="depth below the map's origin at which the vertical sensor reads 0; left out it is 77, and "
         "0 from the next release on",
     )
     step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
