@@ -2,37 +2,15 @@
 
 import contextlib
 import io
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from fieldmap.cli import main
 
-# A 1 mm x 1 mm winding of 44 mm mean radius: on the axis it is a filament to 5e-5.
-DEVICE = """
-format = 1
-name = "thin_loop"
-title = "A thin loop above a small magnet"
-
-[[coil]]
-name = "loop"
-kind = "circular"
-inner_radius_mm = 43.5
-outer_radius_mm = 44.5
-height_mm = 1.0
-turns = 1000
-position_mm = [0.0, 0.0, 0.0]
-
-[payload]
-mass_g = 10.0
-moment_A_m2 = 0.8
-magnet_offset_mm = 5.0
-
-[workspace]
-shape = "box"
-lower_mm = [-6.0, -6.0, -124.0]
-upper_mm = [6.0, 6.0, -60.0]
-"""
+DEVICES = Path(__file__).parents[1] / "devices"
+DEVICE = (DEVICES / "thin_loop.toml").read_text()
 
 RECIPE = """
 format = 1

@@ -1,64 +1,15 @@
 """Forces, sections and --tolerance on the command line, against closed forms and each other."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fieldmap.cli import main
 
-# A ball of constant permeability above a lid of iron that a slab touches, beside a coil.
-DEVICE = """
-format = 1
-name = "table"
-title = "A ball and two slabs that touch, in a coil"
-
-[material.iron]
-kind = "linear"
-mu_r = 50
-
-[[body]]
-name = "ball"
-material = "iron"
-shape = "sphere"
-radius_mm = 3
-mesh_size_mm = 1.5
-position_mm = [0, 0, 8]
-
-[[body]]
-name = "lid"
-material = "iron"
-shape = "box"
-size_mm = [10, 8, 2]
-mesh_size_mm = 2.5
-
-[[body]]
-name = "slab"
-material = "iron"
-shape = "box"
-size_mm = [10, 8, 2]
-mesh_size_mm = 2.5
-position_mm = [0, 0, -2]
-
-[[coil]]
-name = "loop"
-kind = "circular"
-inner_radius_mm = 99.5
-outer_radius_mm = 100.5
-height_mm = 1.0
-turns = 1000
-
-[[section]]
-name = "equator"
-centre_mm = [0, 0, 8]
-normal = [0, 0, 1]
-bodies = ["ball"]
-
-[[section]]
-name = "joint"
-centre_mm = [0, 0, 0]
-normal = [0, 0, -1]
-"""
+DEVICES = Path(__file__).parents[1] / "devices"
+DEVICE = (DEVICES / "ball_and_slabs.toml").read_text()
 
 
 @pytest.fixture(scope="module")

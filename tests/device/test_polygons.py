@@ -1,6 +1,7 @@
 """Simple polygons and what is not one; areas and arcs against elementary geometry."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -49,7 +50,7 @@ def test_scale_and_place_do_not_matter():
 def test_arcs_fit_up_to_half_the_edge_of_a_square():
     square = [[0, 0], [10, 0], [10, 10], [0, 10]]
     assert rounding_fault(square, 5.0) is None
-    assert "edge 1-2 is 10 mm long but its arcs need 10.2" in rounding_fault(square, 5.1)
+    assert re.findall(r"[\d.]+", rounding_fault(square, 5.1))[:4] == ["1", "2", "10", "10.2"]
 
 
 def test_the_inscribed_circle_is_the_roundest_a_triangle_can_be():

@@ -1,5 +1,7 @@
 """Linear iron beyond its law: found at the current at which the field in a sphere passes its saturation."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.constants import mu_0
@@ -8,32 +10,8 @@ from fieldmap import read_device, solve_linear
 from fieldmap.device.model import Arctangent, BHTable, LinearMaterial, Marrocco
 from fieldmap.iron.beyond_saturation import MOST_OF_ANY_IRON, largest_polarisation, overdriven_bodies
 
-SPHERE = """
-format = 1
-name = "sphere"
-title = "A small sphere in the middle of a wide loop"
-
-[material.iron]
-kind = "froehlich"
-mu_r = 1000.0
-saturation_polarisation_T = 1.5
-
-[[body]]
-name = "sphere"
-material = "iron"
-shape = "sphere"
-radius_mm = 5.0
-mesh_size_mm = 3.0
-
-[[coil]]
-name = "loop"
-kind = "circular"
-inner_radius_mm = 99.5
-outer_radius_mm = 100.5
-height_mm = 1.0
-turns = 1000
-position_mm = [0.0, 0.0, 0.0]
-"""
+DEVICES = Path(__file__).parents[1] / "devices"
+SPHERE = (DEVICES / "sphere_in_wide_loop.toml").read_text()
 
 
 @pytest.fixture(scope="module")

@@ -1,95 +1,15 @@
 """A rig without iron, quick to map, with a closed form on its axis; and one whose iron saturates."""
 
+from pathlib import Path
+
 import pytest
 
 from fieldmap.maps import generate
 
-DEVICE = """
-format = 1
-name = "pair"
-title = "Two coils on one axis"
+DEVICES = Path(__file__).parents[1] / "devices"
+DEVICE = (DEVICES / "pair.toml").read_text()
 
-[[coil]]
-name = "upper"
-kind = "circular"
-inner_radius_mm = 20.0
-outer_radius_mm = 30.0
-height_mm = 12.0
-turns = 100
-position_mm = [0.0, 0.0, 40.0]
-
-[[coil]]
-name = "lower"
-kind = "circular"
-inner_radius_mm = 20.0
-outer_radius_mm = 30.0
-height_mm = 12.0
-turns = 200
-position_mm = [0.0, 0.0, -40.0]
-
-[workspace]
-shape = "box"
-lower_mm = [-10.0, -10.0, -12.0]
-upper_mm = [10.0, 10.0, 12.0]
-"""
-
-TWO_CORES = """
-format = 1
-name = "two_cores"
-title = "Two cores on a bar, a coil on each"
-
-[material.steel]
-kind = "froehlich"
-mu_r = 2000.0
-saturation_polarisation_T = 2.0
-
-[[body]]
-name = "bar"
-material = "steel"
-shape = "box"
-size_mm = [60.0, 12.0, 8.0]
-position_mm = [0.0, 0.0, 20.0]
-mesh_size_mm = 7.0
-
-[[body]]
-name = "left core"
-material = "steel"
-shape = "box"
-size_mm = [10.0, 10.0, 20.0]
-position_mm = [-22.0, 0.0, 0.0]
-mesh_size_mm = 7.0
-
-[[body]]
-name = "right core"
-material = "steel"
-shape = "box"
-size_mm = [10.0, 10.0, 20.0]
-position_mm = [22.0, 0.0, 0.0]
-mesh_size_mm = 7.0
-
-[[coil]]
-name = "left"
-kind = "circular"
-inner_radius_mm = 8.0
-outer_radius_mm = 13.0
-height_mm = 14.0
-turns = 4000
-position_mm = [-22.0, 0.0, 10.0]
-
-[[coil]]
-name = "right"
-kind = "circular"
-inner_radius_mm = 8.0
-outer_radius_mm = 13.0
-height_mm = 14.0
-turns = 4000
-position_mm = [22.0, 0.0, 10.0]
-
-[workspace]
-shape = "box"
-lower_mm = [-8.0, -8.0, -16.0]
-upper_mm = [8.0, 8.0, -6.0]
-"""
+TWO_CORES = (DEVICES / "two_cores.toml").read_text()
 
 RECIPE = """
 format = 1

@@ -37,9 +37,10 @@ def test_the_figures_of_a_row_stand_on_the_page(gallery, tmp_path, monkeypatch):
     assert len(set(files)) == 3
     for file in files:
         assert (tmp_path / file).read_bytes()[:4] == b"\x89PNG"
-    assert "Fig. 4-7: &lt;Fx&gt;. A remark." in page
+    assert "&lt;Fx&gt;" in page
+    assert "<Fx>" not in page
     assert "S12: no map" in page
-    assert "4-7</a> horizontal force of both" in page
+    assert re.search(r">4-7</a> \w", page)
     places = re.findall(r' id="([^"]+)"', page)
     assert len(places) == len(set(places))
     assert set(re.findall(r'href="#([^"]+)"', page)) <= set(places)

@@ -12,24 +12,8 @@ from fieldmap.store import read_map
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "slurm_map.py"
 
-DEVICE = """
-format = 1
-name = "loop"
-title = "One coil"
-
-[[coil]]
-name = "coil"
-kind = "circular"
-inner_radius_mm = 20.0
-outer_radius_mm = 30.0
-height_mm = 12.0
-turns = 100
-
-[workspace]
-shape = "box"
-lower_mm = [-5.0, -5.0, 10.0]
-upper_mm = [5.0, 5.0, 20.0]
-"""
+DEVICES = Path(__file__).parents[1] / "devices"
+DEVICE = (DEVICES / "one_coil.toml").read_text()
 
 RECIPE = """
 format = 1

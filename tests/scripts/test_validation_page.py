@@ -3,6 +3,7 @@
 import csv
 import importlib
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -46,9 +47,12 @@ def test_studies_that_were_not_run_are_named(page):
 
 
 def test_bounds_and_verdicts(page):
-    assert "1 of 2 within their bounds." in page
-    assert "| sphere | error of B | 0.0005 | 0.001 | a formula |" in page
-    assert "| rod | error of B | 0.02 **FAIL** | 0.001 | a formula |" in page
+    rows = {
+        line.split(" | ")[0][2:]: line.split(" | ")[2:4] for line in page.splitlines() if line[:2] == "| "
+    }
+    assert rows["sphere"] == ["0.0005", "0.001"]
+    assert rows["rod"] == ["0.02 **FAIL**", "0.001"]
+    assert "1 of 2" in page
     assert page.index("| map, 5 mm |") > page.index("## Convergence")
 
 
@@ -58,4 +62,5 @@ def test_rows_of_the_thesis(page):
     }
     assert lines["| S7"][0] == "1 of 2"
     assert lines["| S12"][2] == "3, 20 % |"
-    assert "1 of 2 sharp numbers agree; 1 misprints; 6 numbers in all." in page
+    (total,) = (line for line in page.splitlines() if " misprint" in line and line[0].isdigit())
+    assert re.findall(r"\d+", total) == ["1", "2", "1", "6"]

@@ -2,6 +2,7 @@
 
 import textwrap
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,65 +14,10 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its own imports
     import xarray  # noqa: F401
 
-LOOP = """
-format = 1
-name = "thin_loop"
-title = "A thin loop above a small magnet"
+DEVICES = Path(__file__).parents[1] / "devices"
+LOOP = (DEVICES / "thin_loop_with_driver.toml").read_text()
 
-[[coil]]
-name = "loop"
-kind = "circular"
-inner_radius_mm = 43.5
-outer_radius_mm = 44.5
-height_mm = 1.0
-turns = 1000
-position_mm = [0.0, 0.0, 0.0]
-
-[payload]
-mass_g = 10.0
-moment_A_m2 = 0.8
-
-[driver]
-gain_A_per_V = 1.0
-current_limit_A = 3.0
-
-[workspace]
-shape = "box"
-lower_mm = [-12.0, -12.0, -124.0]
-upper_mm = [12.0, 12.0, -40.0]
-"""
-
-SPHERE = """
-format = 1
-name = "sphere"
-title = "An iron sphere below a loop, coarse"
-
-[material.iron]
-kind = "froehlich"
-mu_r = 1000.0
-saturation_polarisation_T = 1.5
-
-[[body]]
-name = "sphere"
-material = "iron"
-shape = "sphere"
-radius_mm = 10.0
-mesh_size_mm = 4.0
-
-[[coil]]
-name = "loop"
-kind = "circular"
-inner_radius_mm = 29.5
-outer_radius_mm = 30.5
-height_mm = 1.0
-turns = 100
-position_mm = [0.0, 0.0, 25.0]
-
-[workspace]
-shape = "box"
-lower_mm = [-8.0, -8.0, -24.0]
-upper_mm = [8.0, 8.0, -12.0]
-"""
+SPHERE = (DEVICES / "sphere_below_loop.toml").read_text()
 
 GRID = """
 format = 1
