@@ -13,7 +13,6 @@ ROOT = Path(__file__).parents[1]
 # Circles that are about to go. A circle that is gone must leave this list.
 KNOWN = {
     ("fieldmap.cli.linearise_text", "fieldmap.cli.linearising"),
-    ("fieldmap.dynamics.blocks", "fieldmap.dynamics.closed_loop", "fieldmap.dynamics.trim"),
     ("fieldmap.plot.shown", "fieldmap.plot.trajectory"),
 }
 
