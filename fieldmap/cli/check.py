@@ -115,7 +115,7 @@ def _map_page(name: str, checked: "MapCheck") -> Iterator["Section"]:
 
 def _map_facts(checked: "MapCheck") -> Iterator[tuple[str, str]]:
     from fieldmap.cli.printing import count_of
-    from fieldmap.store.verification import DIVERGENCE_AND_CURL, TOTAL, VALUES_AND_GRADIENTS
+    from fieldmap.store.map_check import DIVERGENCE_AND_CURL, TOTAL, VALUES_AND_GRADIENTS
 
     info, source = checked.info, checked.info.provenance
     yield "file", "length and SHA-256 are those of its seal; format, completeness, links"

@@ -1,6 +1,8 @@
 """What a solve cost and how well it went."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
@@ -42,6 +44,13 @@ class SolverReport:
     symmetry: str = "none"
     storage: str = ""
     refinement: tuple[tuple[int, float], ...] = ()
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "SolverReport":
+        """The report that `dataclasses.asdict` has made plain, also after JSON; without its error estimate."""
+        lists = {name: tuple(plain[name]) for name in ("assumptions", "continuation")}
+        steps = tuple((int(count), float(error)) for count, error in plain["refinement"])
+        return cls(**{**plain, **lists, "refinement": steps, "error": None})
 
     @property
     def total_seconds(self) -> float:

@@ -1,36 +1,39 @@
-"""From a recipe to a map file: check, solve, evaluate part by part, measure the interpolant, finish."""
+"""From a recipe to a map file: check, solve, evaluate part by part, bound the error, write."""
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
-from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
-from fieldmap.iron import LinearSolution, check_geometry, solve_linear
-from fieldmap.maps.certificate import SOLVER_POINTS, certified_bounds
-from fieldmap.maps.evaluation import DividedFields
-from fieldmap.maps.interpolation import interpolation_error
-from fieldmap.maps.placement import choose_grid, with_box
-from fieldmap.maps.recipe import CurrentPlan, Recipe, current_domain, read_recipe, read_recipe_device
-from fieldmap.maps.reduction.domain import corners
-from fieldmap.maps.saturating import archive_path, trained_map
-from fieldmap.maps.solver_state import from_arrays, to_arrays
-from fieldmap.maps.stopwatch import Stopwatch
-from fieldmap.parallel import Workers, same_arithmetic
+from fieldmap.iron import LinearSolution, SolverReport, check_geometry
+from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
+from fieldmap.maps.linear_fields import linear_fields
+from fieldmap.maps.recipe import (
+    CurrentPlan,
+    Recipe,
+    choose_grid,
+    current_domain,
+    read_recipe,
+    read_recipe_device,
+    with_box,
+)
+from fieldmap.maps.saturating_fields import SaturatingFields, Stopwatch, trained_map
+from fieldmap.maps.training.states import corners
+from fieldmap.parallel import Common, Workers, same_arithmetic
 from fieldmap.provenance import fingerprint, library_versions
-from fieldmap.store import MapData, MapInfo, MapWriter, Provenance, open_writer, read_info
+from fieldmap.store import Checkpoint, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
+from fieldmap.store.map_writer import what_decides
+from fieldmap.typing import Array, PathLike, Progress
 
-Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
-# Rooms whose code takes part in making a map.
-ROOMS = (
+# Packages and modules whose code takes part in making a map.
+CODE = (
     "kernels",
     "parallel",
     "inputs",
@@ -47,9 +50,44 @@ ROOMS = (
 SOLVE, EVALUATE, TRAINED = 0.03, 0.6, 0.9
 
 
+# Points of one piece of work: about as many as the nodes of a part of the file.
+_POINTS = 1000
+Fields: TypeAlias = LinearSolution | SaturatingFields
+
+
+class DividedFields:
+    """`fields`, their points divided among workers. The division depends on the points alone, so that who evaluates
+    them changes no bit."""
+
+    def __init__(self, fields: Fields, workers: Workers) -> None:
+        self._report, self.workers = fields.report, workers
+        self._common = Common.of(fields)
+
+    @property
+    def report(self) -> SolverReport:
+        """Of the solver."""
+        return self._report
+
+    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3), per ampere or at weight 1."""
+        parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
+        pairs = self.workers.results(_unit_fields, parts, self._common)
+        flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
+        return flux, gradient
+
+    def of_parts(self, parts: Sequence[Array]) -> Iterator[tuple[int, tuple[Array, Array]]]:
+        """Number of a part, points (n, 3), and the fields there, as they are done."""
+        for outcome in self.workers.map(_unit_fields, parts, self._common):
+            yield outcome.index, outcome.result()
+
+
+def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
+    return fields.unit_fields(points)
+
+
 def generate(
-    recipe: str | PathLike[str],
-    output: str | PathLike[str] | None = None,
+    recipe: PathLike,
+    output: PathLike | None = None,
     resume: bool = True,
     progress: Progress | None = None,
     workers: int = 1,
@@ -87,22 +125,45 @@ def generate(
     if resume and _is_done(target, info):
         say("complete already", 1.0)
         return target
-    with same_arithmetic(), Workers(workers, scheduler) as team:
-        if order.currents is None:
-            _generate_linear(order, placed, info, target, resume, team, say)
-        else:
-            _generate_saturating(order, order.currents, placed, info, target, resume, team, say)
+    with (
+        same_arithmetic(),
+        Workers(workers, scheduler) as team,
+        Checkpoint(checkpoint_path(target), what_decides(info), resume) as checkpoint,
+    ):
+        if checkpoint.note:
+            say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
+        try:
+            if order.currents is None:
+                _generate_linear(order, placed, info, target, checkpoint, team, say)
+            else:
+                _generate_saturating(order, order.currents, placed, info, target, checkpoint, team, say)
+        except FieldmapError:
+            if not len(checkpoint):
+                checkpoint.remove()
+            raise
     say("complete", 1.0)
     return target
 
 
 def _generate_linear(
-    recipe: Recipe, device: Device, info: MapInfo, target: Path, resume: bool, workers: Workers, say: Progress
+    recipe: Recipe,
+    device: Device,
+    info: MapInfo,
+    target: Path,
+    checkpoint: Checkpoint,
+    workers: Workers,
+    say: Progress,
 ) -> None:
-    with open_writer(target, info, resume) as writer:
-        _say_resumed(writer, say)
-        solution = DividedFields(_solution(device, recipe, writer, say), workers)
-        _fill(writer, solution, info.reference_current, dict, say)
+    solution = linear_fields(
+        device,
+        recipe.mu_r,
+        recipe.tolerance,
+        recipe.refinement,
+        checkpoint,
+        lambda message, share: say(message, SOLVE + share * (EVALUATE - SOLVE)),
+    )
+    writer = MapWriter(target, info, checkpoint)
+    _fill(writer, DividedFields(solution, workers), info.reference_current, dict, say)
 
 
 def _generate_saturating(
@@ -111,48 +172,45 @@ def _generate_saturating(
     device: Device,
     info: MapInfo,
     target: Path,
-    resume: bool,
+    checkpoint: Checkpoint,
     workers: Workers,
     say: Progress,
 ) -> None:
-    if not resume:
-        archive_path(target).unlink(missing_ok=True)
     trained = trained_map(
         device,
         current_domain(recipe, plan, len(device.coils)),
         plan,
         info.reference_current,
         info.grid,
-        target,
-        info.provenance.fingerprint,
+        checkpoint,
         workers,
         lambda message, share: say(message, SOLVE + share * (TRAINED - SOLVE)),
     )
-    info = replace(info, reduced_model=trained.model, current_error=trained.error)
     spent = Stopwatch(workers, *trained.spent)
-    with open_writer(target, info, resume) as writer:
-        _say_resumed(writer, say)
-        fields = DividedFields(trained.fields, workers)
-        _fill(writer, fields, trained.largest_weights, lambda: {**trained.about, **spent.read()}, say)
-    archive_path(target).unlink(missing_ok=True)
-
-
-def _say_resumed(writer: MapWriter, say: Progress) -> None:
-    if writer.note or writer.resumed:
-        say(writer.note or f"resumed with {writer.resumed} of {len(writer.chunks)} parts", EVALUATE)
+    info = replace(info, reduced_model=trained.model, current_error=trained.error)
+    writer, fields = MapWriter(target, info, checkpoint), DividedFields(trained.fields, workers)
+    _fill(writer, fields, trained.largest_weights, lambda: {**trained.about, **spent.read()}, say)
 
 
 def _fill(
     writer: MapWriter,
-    solution: DividedFields,
-    largest_weights: NDArray[np.float64],
+    fields: DividedFields,
+    largest_weights: Array,
     about: Callable[[], Mapping[str, Any]],
     say: Progress,
 ) -> None:
-    """Fields at the nodes, and the rest of the file; about(): what the report says beside the solver's."""
-    _evaluate(solution, writer, say)
+    """Fields at the nodes, their error, and the file; about(): what its report says beside the solver's."""
+    if writer.resumed:
+        say(f"resumed with {writer.resumed} of {len(writer.chunks)} parts", EVALUATE)
+    _evaluate(fields, writer, say)
     say("certifying the lookup against the solver", _certificate_begins(writer.info))
-    _finish(solution, largest_weights, about, writer)
+    data = writer.data()
+    read = data.as_read()
+    error = interpolation_error(read, fields.unit_fields)
+    bounds = certified_bounds(read, fields.unit_fields, largest_weights)
+    report: dict[str, Any] = asdict(fields.report) | dict(about()) | _finished_by(fields.workers)
+    assumptions = tuple(report.pop("assumptions"))
+    writer.finish(report, assumptions, error, bounds, data)
 
 
 def _describe(recipe: Recipe, device: Device) -> MapInfo:
@@ -175,7 +233,7 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
             device_name=device.name,
             recipe_text=recipe.text,
             device_text=device.text,
-            fingerprint=fingerprint((recipe.text, *device.texts), ROOMS),
+            fingerprint=fingerprint((recipe.text, *device.texts), CODE),
             versions=library_versions(),
             included=dict(device.included),
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
@@ -183,7 +241,7 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
     )
 
 
-def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
+def _reference_current(recipe: Recipe, device: Device) -> Array:
     """As the recipe says; else 1 A, or the middle of the domain of the currents, where that is positive."""
     count = len(device.coils)
     if recipe.currents is None:
@@ -205,7 +263,7 @@ def _reference_current(recipe: Recipe, device: Device) -> NDArray[np.float64]:
     return given
 
 
-def _target(recipe: Recipe, output: str | PathLike[str] | None) -> Path:
+def _target(recipe: Recipe, output: PathLike | None) -> Path:
     target = OUTPUT_FOLDER / recipe.file_name if output is None else Path(output)
     if target.is_dir():
         received = "a folder"
@@ -226,29 +284,7 @@ def _is_done(target: Path, info: MapInfo) -> bool:
         return False
 
 
-def _solution(device: Device, recipe: Recipe, writer: MapWriter, say: Progress) -> LinearSolution:
-    """The solution kept in the partial file, or a new one, which is then kept."""
-    kept = writer.state()
-    if kept is not None:
-        return from_arrays(device, *kept)
-    try:
-        solution = solve_linear(
-            device,
-            recipe.mu_r,
-            recipe.tolerance,
-            lambda message, fraction: say(message, SOLVE + fraction * (EVALUATE - SOLVE)),
-            recipe.refinement,
-        )
-    except FieldmapError:
-        writer.discard()
-        raise
-    arrays, about = to_arrays(solution)
-    writer.save_state(arrays, about)
-    # Evaluated from what was kept, so that a resumed run gives the same bits.
-    return from_arrays(device, arrays, about)
-
-
-def _evaluate(solution: DividedFields, writer: MapWriter, say: Progress) -> None:
+def _evaluate(fields: DividedFields, writer: MapWriter, say: Progress) -> None:
     total, missing = len(writer.chunks), writer.missing
     share = (_certificate_begins(writer.info) - EVALUATE) / total
     _, ny, nz = writer.info.grid.shape
@@ -260,7 +296,7 @@ def _evaluate(solution: DividedFields, writer: MapWriter, say: Progress) -> None
 
     tell()
     parts = [writer.info.grid.points(chunk.first, chunk.last) for chunk in missing]
-    for index, (flux, gradient) in solution.of_parts(parts):
+    for index, (flux, gradient) in fields.of_parts(parts):
         chunk = missing[index]
         planes = (len(flux), chunk.last - chunk.first, ny, nz)
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
@@ -272,21 +308,6 @@ def _certificate_begins(info: MapInfo) -> float:
     """As if all that remains were fields of the solver at points: at the nodes, then at those of the certificate."""
     nodes = int(np.prod(info.grid.shape))
     return EVALUATE + (1 - EVALUATE) * nodes / (nodes + SOLVER_POINTS)
-
-
-def _finish(
-    solution: DividedFields,
-    largest_weights: NDArray[np.float64],
-    about: Callable[[], Mapping[str, Any]],
-    writer: MapWriter,
-) -> None:
-    parts = [writer.read(chunk) for chunk in writer.chunks]
-    flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
-    data = MapData(**{**vars(writer.info), "flux_density": flux, "gradient": gradient})
-    error, bounds = interpolation_error(data, solution), certified_bounds(data, solution, largest_weights)
-    report: dict[str, Any] = asdict(solution.report) | dict(about()) | _finished_by(solution.workers)
-    assumptions = tuple(report.pop("assumptions"))
-    writer.finish(report, assumptions, error, bounds)
 
 
 def _finished_by(workers: Workers) -> dict[str, str]:

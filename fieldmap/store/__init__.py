@@ -1,40 +1,48 @@
-"""The map as data, and the one door to its file.
+"""The map as data, its file, and the one way to keep long work: see `fieldmap.store.checkpoint`.
 
-Depends on: errors, h5py, numpy.
+A map is written by `map_writer`, read by `map_reader` and verified by `map_check`.
+
+Depends on: errors, typing, currents, h5py, numpy.
 """
 
+from fieldmap.deprecated import renamed
+from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
 from fieldmap.store.grid import Grid
+from fieldmap.store.map_check import MapCheck, check_map
 from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
-from fieldmap.store.partial import Chunk, partial_path
-from fieldmap.store.reader import read_info, read_map
+from fieldmap.store.map_format import Chunk
+from fieldmap.store.map_reader import read_info, read_map
+from fieldmap.store.map_writer import MapWriter, open_writer, write_map
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.store.run_file import RunRecord, is_run_file, read_runs, write_runs
 from fieldmap.store.seal import seal_map
-from fieldmap.store.states import KeptState, StateArchive
-from fieldmap.store.verification import MapCheck, check_map
-from fieldmap.store.writer import MapWriter, open_writer, write_map
+from fieldmap.store.whole_files import whole_file, write_whole
 
 __all__ = [
+    "Checkpoint",
     "Chunk",
     "FieldError",
     "Grid",
-    "KeptState",
     "MapCheck",
     "MapData",
     "MapInfo",
     "MapWriter",
+    "Piece",
     "Provenance",
     "ReducedModel",
     "RunRecord",
-    "StateArchive",
     "check_map",
+    "checkpoint_path",
     "is_run_file",
     "open_writer",
-    "partial_path",
     "read_info",
     "read_map",
     "read_runs",
     "seal_map",
+    "whole_file",
     "write_map",
     "write_runs",
+    "write_whole",
 ]
+
+__getattr__ = renamed(__name__, {"partial_path": "checkpoint_path"})

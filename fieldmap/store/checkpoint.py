@@ -19,14 +19,15 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import InputError, Problem
+from fieldmap.store.whole_files import disk_errors
 from fieldmap.typing import PathLike
 
 FORMAT = 1
@@ -128,7 +129,7 @@ class Checkpoint:
         digest = hashlib.sha256(header + payload).hexdigest()
         prefix = f"{digest} {len(header):016x} {len(payload):016x}\n".encode()
         begin = self._file.seek(0, os.SEEK_END)
-        with _disk_errors(self.path):
+        with disk_errors(self.path):
             try:
                 self._file.write(prefix + header + payload + b"\n")
                 self._to_disk()
@@ -150,7 +151,7 @@ class Checkpoint:
 
     def _begin(self, decides: Mapping[str, str]) -> None:
         self._places.clear()
-        with _disk_errors(self.path):
+        with disk_errors(self.path):
             self._file.truncate(0)
             self._file.seek(0)
             self._file.write(json.dumps(_first_line(decides)).encode() + b"\n")
@@ -226,17 +227,6 @@ def _opened(path: Path) -> BinaryIO:
     except OSError:
         pass  # a file system without locks
     return file
-
-
-@contextmanager
-def _disk_errors(path: Path) -> Iterator[None]:
-    """Turn a failure to write into an error that says what to do."""
-    try:
-        yield
-    except OSError as error:
-        remedy = "free space on the disk or write elsewhere, then run again: finished parts are kept"
-        problem = Problem(str(path), "can be written", error.strerror or str(error), remedy)
-        raise FieldmapError(problem) from error
 
 
 def _cannot_write(path: Path, error: OSError) -> Problem:

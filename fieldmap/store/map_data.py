@@ -1,7 +1,7 @@
 """A map in memory: arrays over a grid, and where they come from."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -119,6 +119,15 @@ class MapData(MapInfo):
             if values.shape != wanted:
                 raise InputError(_problem(name, f"shape {wanted}", f"shape {values.shape}"))
             object.__setattr__(self, name, values)
+
+    def as_read(self) -> "MapData":
+        """The map as a reader of its file has it: its fields were multiplied by their scale and are divided by it."""
+        scale = self.field_scale.reshape(-1, 1, 1, 1, 1)
+        flux, gradient = (
+            self.flux_density * scale / scale,
+            self.gradient * scale[..., None] / scale[..., None],
+        )
+        return replace(self, flux_density=flux, gradient=gradient)
 
 
 def _problem(name: str, must_hold: str, received: str) -> Problem:

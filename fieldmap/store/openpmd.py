@@ -11,18 +11,16 @@ import numpy as np
 
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_data import MapInfo
-from fieldmap.store.names import MESHES, TENSOR, VECTOR, record_names
+from fieldmap.store.map_format import MESHES, TENSOR, VECTOR, planes_per_chunk, record_names
 
 # Powers of length, mass, time, current, temperature, amount, luminous intensity.
 TESLA = np.array([0.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
 TESLA_PER_METRE = np.array([-1.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
 
 
-def create_skeleton(file: h5py.File, info: MapInfo, planes: int) -> None:
-    """Write all groups, attributes and data sets of a map; every number is NaN so far.
-
-    planes: how many x-planes of the grid one stored chunk holds.
-    """
+def create_skeleton(file: h5py.File, info: MapInfo) -> None:
+    """Write all groups, attributes and data sets of a map; every number is NaN so far."""
+    planes = planes_per_chunk(info.grid)
     _write_root(file, info)
     iteration = file.create_group("/data/0")
     iteration.attrs.update(time=np.float64(0), dt=np.float64(0), timeUnitSI=np.float64(1))
@@ -103,7 +101,7 @@ def _create_record(
             fletcher32=True,
             fillvalue=np.nan,
         )
-        # Written out now, so that filling a chunk later moves nothing: a killed run leaves a sound structure.
+        # Allocated now: the numbers lie beside what describes them, not all of them behind all descriptions.
         data[...] = np.nan
         data.attrs.update(unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
 

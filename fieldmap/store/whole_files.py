@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.typing import PathLike
 
 
@@ -34,6 +34,19 @@ def write_whole(path: PathLike, content: bytes) -> None:
     """Write a file from memory, complete or not at all. Raises InputError if the place cannot be written."""
     with whole_file(path) as partial:
         partial.write_bytes(content)
+
+
+@contextmanager
+def disk_errors(path: PathLike) -> Iterator[None]:
+    """Turn a failure to write into an error that says what to do."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
+        remedy = "free space on the disk or write elsewhere, then run again: finished parts are there"
+        raise FieldmapError(
+            Problem(str(path), "must be a file that can be written", reason, remedy)
+        ) from error
 
 
 def sync_folder(folder: Path) -> None:

@@ -16,14 +16,14 @@ from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
-from fieldmap.store import Grid, KeptState, MapData, StateArchive
+from fieldmap.store import Checkpoint, Grid, MapData
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
 DEVICE = "drive_unit"
 ROOMS = ("kernels", "device", "sources", "iron")
 """Rooms whose code decides a state."""
-FILE = "thesis_states.h5"
+FILE = "thesis_states_{:g}.cache"
 TOLERANCE = 1e-3
 SPACING = 4e-3
 LOWER, UPPER = np.array([-16e-3, -16e-3, -132e-3]), np.array([16e-3, 16e-3, -84e-3])
@@ -90,23 +90,24 @@ class UnitStates:
                 return kept
         nodes = self._solve(amperes)
         if self._folder is not None:
-            number = len(self._fields)
-            self._archive(lambda archive: archive.put(number, KeptState(amperes, nodes)))
+            piece = {"currents": amperes, "nodes": nodes}
+            self._archive(lambda archive: archive.put(str(len(archive)), piece))
         return self._keep(amperes, nodes)
 
     def knows(self, currents: ArrayLike) -> bool:
         """Whether the state is at hand already."""
         return any(np.abs(known - np.asarray(currents)).max() < _NEGLIGIBLE for known, _ in self._fields)
 
-    def _recall(self, archive: StateArchive) -> None:
-        while (state := archive.get(len(self._fields))) is not None and not isinstance(state.values, str):
-            self._keep(state.currents, state.values)
+    def _recall(self, archive: Checkpoint) -> None:
+        for key in archive:
+            piece = archive.get(key)
+            if piece is not None:
+                self._keep(piece.arrays["currents"], piece.arrays["nodes"])
 
-    def _archive(self, action: Callable[[StateArchive], object]) -> None:
+    def _archive(self, action: Callable[[Checkpoint], object]) -> None:
         assert self._folder is not None
-        with StateArchive(
-            self._folder / FILE.replace(".h5", f"_{self.refinement:g}.h5"), self._fingerprint
-        ) as archive:
+        file = self._folder / FILE.format(self.refinement)
+        with Checkpoint(file, self._fingerprint) as archive:
             action(archive)
 
     def _keep(self, currents: Array, nodes: Array) -> FieldMap:

@@ -1,5 +1,6 @@
 """S14: the two branches of Tables 6-4 and 6-6, the unit's magnet led out and back with hysteresis in the iron."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +19,7 @@ from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import StationaryPoint, equilibrium_at
 from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
-from fieldmap.store import KeptState, StateArchive
+from fieldmap.store import Checkpoint
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, ROOMS, UPPER
 from fieldmap.thesis.equilibrium_shift import COMMON, RULES, Rule, curve
 from fieldmap.thesis.rows import Answers, Ours
@@ -178,7 +179,7 @@ def _rest(
 
 REFINEMENT = 0.5
 """Mesh sizes of the device file are divided by this: positions within 8 %, a run in a minute or two."""
-_FILE = "thesis_remanence.h5"
+_FILE = "thesis_remanence.cache"
 
 
 def x_remanence(inputs: dict[str, Any]) -> Answers:
@@ -237,14 +238,13 @@ def kept_shift(
     if folder is None:
         return _shift(pinning, protocol, way)
     mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*ROOMS, "levitation", "thesis"))
-    with StateArchive(folder / _FILE, mark) as archive:
-        number = 0
-        while (kept := archive.get(number)) is not None:
-            if np.array_equal(kept.currents, key) and not isinstance(kept.values, str):
-                return kept.values
-            number += 1
+    with Checkpoint(folder / _FILE, mark) as archive:
+        name = json.dumps(key.tolist())
+        piece = archive.get(name)
+        if piece is not None:
+            return piece.arrays["shifts"]
         found = _shift(pinning, protocol, way)
-        archive.put(number, KeptState(key, found))
+        archive.put(name, {"shifts": found})
     return found
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import h5py
 
-from fieldmap.store import partial_path
+from fieldmap.store import checkpoint_path
 from validation.row import Row
 
 SPOILED = 1000
@@ -203,8 +203,8 @@ def _run(recipe: Path, target: Path) -> list[tuple[float, str]]:
     """Seconds and text of each step of a run to its end."""
     done = subprocess.run(_command(recipe, target), capture_output=True, text=True, check=True)
     lines = (line.partition(" ") for line in done.stdout.splitlines())
-    if partial_path(target).exists():
-        raise FileExistsError(partial_path(target))
+    if checkpoint_path(target).exists():
+        raise FileExistsError(checkpoint_path(target))
     return [(float(second), text) for second, _, text in lines]
 
 

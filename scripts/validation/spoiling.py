@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldmap.currents import IndependentCurrents
 from fieldmap.store import FieldError, Grid, MapData, Provenance, ReducedModel
-from fieldmap.store.record import write_text
+from fieldmap.store.map_format import write_text
 
 Generator = np.random.Generator
 BX = "/data/0/meshes/B_1/x"

@@ -19,7 +19,7 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import InputError
-from fieldmap.maps.solver_state import from_arrays, to_arrays
+from fieldmap.maps.linear_fields import from_arrays, to_arrays
 from fieldmap.sources.magpylib_objects import magpylib_coil
 
 POINTS = np.array([[0.0, 0.0, -0.006], [0.008, 0.002, -0.004], [0.012, 0.0, 0.01], [0.0, -0.03, 0.05]])

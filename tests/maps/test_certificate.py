@@ -9,7 +9,7 @@ from fieldmap.device import read_device
 from fieldmap.lookup import open_map
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import generate, generation
-from fieldmap.maps.certificate import between_samples, box_surface, certified_bounds
+from fieldmap.maps.error_bound import between_samples, box_surface, certified_bounds
 from fieldmap.sources import unit_flux_densities
 from fieldmap.store import Grid, read_map
 

@@ -7,9 +7,8 @@ from fieldmap.cli.application import application
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generate
-from fieldmap.maps.saturating import archive_path
 from fieldmap.parallel import WorkerDied
-from fieldmap.store import read_info
+from fieldmap.store import checkpoint_path, read_info
 
 
 @pytest.fixture
@@ -75,7 +74,7 @@ def test_what_is_not_the_fault_of_a_state_stops_the_run_and_is_tried_again(
     target = tmp_path / "map.h5"
     with pytest.raises(type(error)):
         generate(few_states, target)
-    assert archive_path(target).exists()
+    assert checkpoint_path(target).exists()
     generate(few_states, target)
     assert read_info(target).provenance.solver_report["states_failed"] == {}
     np.testing.assert_array_equal(solves[3], solves[4])

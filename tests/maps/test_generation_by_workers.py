@@ -7,8 +7,7 @@ import h5py
 import pytest
 
 from fieldmap.maps import generate
-from fieldmap.maps.saturating import archive_path
-from fieldmap.store import partial_path
+from fieldmap.store import checkpoint_path
 
 LINEAR = """
 format = 1
@@ -47,10 +46,10 @@ import os, signal, sys
 import psutil
 from distributed import LocalCluster
 from fieldmap.maps import generate
-from fieldmap.store import partial
+from fieldmap.store import map_format
 
 # Three parts of three planes of nodes.
-partial.NODES_PER_CHUNK = 180
+map_format.NODES_PER_CHUNK = 180
 # Ignored where the tests themselves run in the background of a shell.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 folder = sys.argv[1]
@@ -87,7 +86,7 @@ if __name__ == "__main__":
     try:
         generate(f"{folder}/saturating.toml", f"{folder}/resumed.h5", workers=2, progress=tell)
     except KeyboardInterrupt:
-        print("stopped, archive there:", os.path.exists(f"{folder}/resumed.h5.states"))
+        print("stopped, archive there:", os.path.exists(f"{folder}/resumed.h5.partial"))
     generate(f"{folder}/saturating.toml", f"{folder}/resumed.h5", progress=at("", print))
 """
 
@@ -155,5 +154,4 @@ def test_an_interrupted_run_is_resumed_without_workers_to_the_same_bits(folder, 
     # Nine states at least were kept; the first that is told of is one of those still missing.
     assert int(states[0].split()[1]) >= 10
     assert same(folder / "one_saturating.h5", folder / "resumed.h5")
-    assert not archive_path(folder / "resumed.h5").exists()
-    assert not partial_path(folder / "resumed.h5").exists()
+    assert not checkpoint_path(folder / "resumed.h5").exists()

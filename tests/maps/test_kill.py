@@ -7,20 +7,21 @@ import sys
 import h5py
 import pytest
 
-from fieldmap.store import partial_path
+from fieldmap.store import checkpoint_path
 
 # Every run is a process of its own with the kernels from the cache. Code compiled in the same session may be inlined,
 # and so rounded, otherwise than what the cache gives to the next one.
 RUN = """
 import os, signal, sys
-from fieldmap.maps import generate, generation
-from fieldmap.store import partial
+from fieldmap.maps import generate
+from fieldmap.maps import linear_fields
+from fieldmap.store import map_format
 
 # Parts of one plane of nodes each.
-partial.NODES_PER_CHUNK = 63
+map_format.NODES_PER_CHUNK = 63
 recipe, target, moment, solves = sys.argv[1:]
 if solves == "no":
-    generation.solve_linear = None
+    linear_fields.solve_linear = None
 
 def tell(text, share):
     print(text)
@@ -77,11 +78,11 @@ def test_resumed_after_a_kill(recipe, whole, tmp_path, moment, parts):
     killed = run(recipe, target, moment)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not target.exists()
-    assert partial_path(target).exists()
+    assert checkpoint_path(target).exists()
     # The kept solution is used, nothing is solved again.
     resumed = run(recipe, target, solves="no")
     assert resumed.returncode == 0, resumed.stderr
     if parts:
         assert f"resumed with {parts} of 13 parts" in resumed.stdout.splitlines()
     assert all_numbers(target) == all_numbers(whole)
-    assert not partial_path(target).exists()
+    assert not checkpoint_path(target).exists()

@@ -9,7 +9,7 @@ from fieldmap.device import read_device
 from fieldmap.device.model import WorkspaceCylinder
 from fieldmap.errors import RecipeError
 from fieldmap.maps import read_recipe
-from fieldmap.maps.placement import choose_grid
+from fieldmap.maps.recipe import choose_grid
 
 
 def grid_for(rig, recipe_text, lines, **changes):

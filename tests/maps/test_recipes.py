@@ -5,8 +5,7 @@ import pytest
 
 from fieldmap.errors import RecipeError
 from fieldmap.maps import generate, read_recipe
-from fieldmap.maps.placement import choose_grid
-from fieldmap.maps.recipe import read_recipe_device
+from fieldmap.maps.recipe import choose_grid, read_recipe_device
 from fieldmap.shipped import shipped_names
 
 

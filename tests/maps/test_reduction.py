@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
-from fieldmap.maps.reduction.basis import output_fields, proper_modes
-from fieldmap.maps.reduction.cubature import empirical_cubature
-from fieldmap.maps.reduction.domain import corners, held_out, sequence
-from fieldmap.maps.reduction.greedy import pivots
+from fieldmap.maps.training.cubature import empirical_cubature
+from fieldmap.maps.training.modes import output_fields, pivots, proper_modes
+from fieldmap.maps.training.states import corners, held_out, sequence
 
 
 @pytest.fixture

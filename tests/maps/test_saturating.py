@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -12,12 +13,13 @@ import pytest
 import fieldmap as fm
 from fieldmap.cli.summary import print_summary
 from fieldmap.currents import LiftAndDirections, divide_currents
-from fieldmap.errors import InputError, OutsideMapError, RecipeError
+from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, RecipeError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
-from fieldmap.maps.reduction.basis import proper_modes
-from fieldmap.maps.saturating import archive_path
-from fieldmap.store import KeptState, StateArchive, read_map
+from fieldmap.maps.training.modes import proper_modes
+from fieldmap.maps.training.states import SolvedStates, Wanted
+from fieldmap.parallel import Common, Workers
+from fieldmap.store import Checkpoint, checkpoint_path, read_map
 
 RECIPE = """
 format = 1
@@ -180,33 +182,39 @@ def test_a_stopped_run_goes_on_to_the_same_bits(data, folder):
         with pytest.raises(KeyboardInterrupt):
             fm.generate(folder / "recipe.toml", other, progress=stop_at(message))
         assert not other.exists()
-    assert archive_path(other).exists()
+    assert checkpoint_path(other).exists()
     resumed = read_map(fm.generate(folder / "recipe.toml", other))
     assert (resumed.flux_density == data.flux_density).all()
     assert (resumed.gradient == data.gradient).all()
     for name in ("gradients", "weights", "air", "output", "known_amplitudes"):
         assert (getattr(resumed.reduced_model, name) == getattr(data.reduced_model, name)).all()
-    assert not archive_path(other).exists()
+    assert not checkpoint_path(other).exists()
 
 
-def test_a_damaged_archive_is_begun_anew(tmp_path):
-    path = tmp_path / "a.states"
-    with StateArchive(path, "one") as archive:
-        archive.put(0, KeptState(np.array([1.0]), np.arange(3.0), 2.0, 3.0, 0.1))
-        archive.put(1, KeptState(np.array([2.0]), "did not converge"))
-        assert archive.get(0, np.array([1.5])) is None
-    with StateArchive(path, "one") as archive:
-        kept = archive.get(0, np.array([1.0]))
-        np.testing.assert_array_equal(kept.values, np.arange(3.0))
-        assert (kept.seconds, kept.processor_seconds, kept.estimate) == (2.0, 3.0, 0.1)
-        assert archive.get(1).values == "did not converge"
-        assert archive.get(1).currents == [2.0]
-    with StateArchive(path, "other") as archive:
-        assert archive.get(0) is None
-    path.write_bytes(b"no such thing")
-    with StateArchive(path, "other") as archive:
-        assert archive.get(0) is None
-        assert archive.kept() is None
+def test_states_come_back_with_their_costs(tmp_path):
+    """Unless they are of other currents; one that failed comes back with its reason."""
+
+    def solve(currents, tolerance, start):
+        if currents[0] == 2.0:
+            raise NotConverged(Problem("solver", "must converge", "no", "refine"))
+        return SimpleNamespace(state=SimpleNamespace(potential=np.arange(3.0)[:, None]))
+
+    solver = Common.of(SimpleNamespace(solve=solve))
+    wanted = [Wanted(0, np.array([1.0]), None, 0.1), Wanted(1, np.array([2.0]))]
+    with Checkpoint(tmp_path / "a.partial", "one") as checkpoint, Workers() as workers:
+        first = SolvedStates(checkpoint, solver, workers)
+        potentials = first.solve(wanted, 1e-3, lambda done: None)
+        np.testing.assert_array_equal(potentials[0], np.arange(3.0))
+        assert potentials[1] is None
+    with Checkpoint(tmp_path / "a.partial", "one") as checkpoint, Workers() as workers:
+        again = SolvedStates(checkpoint, solver, workers)
+        assert again.known(0, np.array([1.5])) is None
+        np.testing.assert_array_equal(again.solve(wanted, 1e-3, lambda done: None)[0], potentials[0])
+        assert (again.count, again.failed) == (first.count, first.failed)
+        assert again.failed == {1: again.known(1).potential}
+        known = again.known(0)
+        assert (known.estimate, known.currents) == (0.1, [1.0])
+        assert again.earlier_seconds == known.seconds + again.known(1).seconds
 
 
 def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import MapFileError
-from fieldmap.store import open_writer, partial_path, read_info, read_map, seal_map, write_map
+from fieldmap.store import checkpoint_path, open_writer, read_info, read_map, seal_map, write_map
 from fieldmap.store.seal import SEAL_LENGTH
 
 
@@ -90,12 +90,23 @@ def test_another_program_cuts_the_seal_off(path, data):
 def test_incomplete(data, tmp_path):
     with open_writer(tmp_path / "map.h5", data):
         pass
-    partial = partial_path(tmp_path / "map.h5")
+    partial = checkpoint_path(tmp_path / "map.h5")
     refused(partial, "a complete map; received the file of a run that has not finished; go on with it")
     renamed = partial.rename(tmp_path / "renamed.h5")
     refused(renamed, "without seal")
     seal_map(renamed)
-    refused(renamed, "a complete map; received 0 of 1 parts; go on with it")
+    refused(renamed, "a damaged or foreign file")
+
+
+def test_parts_that_are_not_flagged_as_written(data, tmp_path):
+    path = write_map(tmp_path / "map.h5", data)
+
+    def unfinished(file):
+        file["/fieldmap/completion"].attrs["complete"] = np.uint8(0)
+        file["/fieldmap/completion/chunks"][0] = 0
+
+    edited(path, unfinished)
+    refused(path, "a complete map; received 0 of 1 parts; go on with it")
 
 
 def edited(path, change, seal=True):
@@ -129,7 +140,7 @@ def wrong_spacing(file):
 
 
 def other_recipe(file):
-    from fieldmap.store.record import write_text
+    from fieldmap.store.map_format import write_text
 
     write_text(file, "recipe", "spacing_mm = 5\n")
 
@@ -140,7 +151,7 @@ def edited_header(file):
 
 
 def no_coils(file):
-    from fieldmap.store.record import write_text
+    from fieldmap.store.map_format import write_text
 
     header = json.loads(file["/fieldmap/header"][()])
     write_text(file, "header", json.dumps(header | {"coil_names": [], "record_names": []}))

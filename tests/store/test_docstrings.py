@@ -7,7 +7,7 @@ import pytest
 
 MODULES = {
     "fieldmap.store.grid": 1,
-    "fieldmap.store.names": 1,
+    "fieldmap.store.map_format": 1,
     "fieldmap.maps.recipe": 1,
     "fieldmap.maps.generation": 1,
     "fieldmap.lookup.field_map": 1,

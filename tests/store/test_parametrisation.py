@@ -7,7 +7,7 @@ import pytest
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import MapFileError
 from fieldmap.store import Grid, MapData, ReducedModel, read_map, seal_map, write_map
-from fieldmap.store.reduced_model_file import REDUCED_MODEL
+from fieldmap.store.map_format import REDUCED_MODEL
 
 ATTRIBUTE = "parametrisation"
 ALL = [IndependentCurrents(6), LiftAndDirections(1.25), CoilGroups(((0, 1, 2), (3, 4, 5)))]

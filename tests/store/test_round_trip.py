@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fieldmap.store import FieldError, open_writer, partial_path, read_info, read_map, write_map
-from fieldmap.store.names import record_names
+from fieldmap.store import FieldError, checkpoint_path, open_writer, read_info, read_map, write_map
+from fieldmap.store.map_format import record_names
 
 
 def test_everything_comes_back(data, tmp_path):
@@ -21,7 +21,7 @@ def test_everything_comes_back(data, tmp_path):
     assert again.provenance == data.provenance
     assert again.interpolation_error == FieldError(1e-9, 2e-7)
     assert again.error_bounds == {"harmonic": FieldError(2e-9, 3e-7), "global": FieldError(1e-9, 2e-7)}
-    assert not partial_path(path).exists()
+    assert not checkpoint_path(path).exists()
     assert read_info(path).provenance == data.provenance
 
 

@@ -158,7 +158,7 @@ def test_the_command_on_a_damaged_map(path, capsys):
 
 
 def test_a_header_that_claims_a_giant_grid_costs_nothing(path):
-    from fieldmap.store.record import write_text
+    from fieldmap.store.map_format import write_text
 
     def change(file):
         header = json.loads(file["/fieldmap/header"][()])

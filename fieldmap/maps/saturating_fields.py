@@ -1,9 +1,9 @@
 """The map of a device whose iron saturates: train a reduced model of the currents, then evaluate its fields."""
 
 import itertools
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from time import monotonic, process_time
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,43 @@ from fieldmap.device.model import Coil, Device
 from fieldmap.iron import NonlinearSolver, SolverReport
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.maps.recipe import CurrentPlan
-from fieldmap.maps.reduction.states import SolvedStates
-from fieldmap.maps.reduction.training import Trained, train
-from fieldmap.maps.stopwatch import SPENT, Stopwatch
+from fieldmap.maps.training.states import SolvedStates
+from fieldmap.maps.training.training import Trained, train
 from fieldmap.parallel import Common, Workers
 from fieldmap.sources import unit_flux_density_and_gradient
-from fieldmap.store import FieldError, Grid, ReducedModel, StateArchive
+from fieldmap.store import Checkpoint, FieldError, Grid, ReducedModel
 from fieldmap.store.reduced_model import ARRAYS
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Progress
 
-Say = Callable[[str, float], None]
 # Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
 PROBES_PER_EDGE = 7
+# Key of the trained model in the checkpoint.
+_TRAINED = "trained model"
 _FACES = [field.name for field in fields(ChargedFaces)]
+# Names under which a map's report states what it cost.
+SPENT = ("generation_seconds", "generation_processor_seconds")
+
+
+class Stopwatch:
+    """Seconds of the clock and of all processors, workers' too, since it was made, and what earlier runs took."""
+
+    def __init__(self, workers: Workers, seconds: float = 0.0, processor_seconds: float = 0.0) -> None:
+        self._workers = workers
+        self._seconds = seconds - monotonic()
+        self._processor_seconds = processor_seconds - self._processors()
+
+    def add(self, seconds: float, processor_seconds: float) -> None:
+        """Count what another run took."""
+        self._seconds += seconds
+        self._processor_seconds += processor_seconds
+
+    def read(self) -> dict[str, float]:
+        """The seconds so far, named by `SPENT`."""
+        now = (self._seconds + monotonic(), self._processor_seconds + self._processors())
+        return dict(zip(SPENT, now, strict=True))
+
+    def _processors(self) -> float:
+        return process_time() + self._workers.processor_seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,34 +84,26 @@ class TrainedMap:
     spent: tuple[float, float]
 
 
-def archive_path(target: Path) -> Path:
-    """Where the solved states of a map are kept while it is being made."""
-    return target.with_name(target.name + ".states")
-
-
 def trained_map(
     device: Device,
     domain: CurrentDomain,
     plan: CurrentPlan,
     reference: Array,
     grid: Grid,
-    target: Path,
-    fingerprint: str,
+    checkpoint: Checkpoint,
     workers: Workers,
-    say: Say,
+    say: Progress,
 ) -> TrainedMap:
-    """Solve the states, or go on with those in the archive beside `target`, and train on them.
+    """Solve the states that are not in the checkpoint yet, and train on all of them.
 
     Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on.
     """
-    with StateArchive(archive_path(target), fingerprint) as archive:
-        kept = archive.kept()
-        if kept is None:
-            archive.keep(*_train(device, domain, plan, reference, grid, archive, workers, say))
-            # Read back, so that a resumed run gives the same bits.
-            kept = archive.kept()
-        assert kept is not None
-        return _from_arrays(device, *kept)
+    if _TRAINED not in checkpoint:
+        checkpoint.put(_TRAINED, *_train(device, domain, plan, reference, grid, checkpoint, workers, say))
+    # Read back, so that a resumed run gives the same bits.
+    kept = checkpoint.get(_TRAINED)
+    assert kept is not None
+    return _from_arrays(device, *kept)
 
 
 def _train(
@@ -96,9 +112,9 @@ def _train(
     plan: CurrentPlan,
     reference: Array,
     grid: Grid,
-    archive: StateArchive,
+    checkpoint: Checkpoint,
     workers: Workers,
-    say: Say,
+    say: Progress,
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     spent = Stopwatch(workers)
     # An assembled solver is large: every process assembles its own, while this one does.
@@ -107,7 +123,7 @@ def _train(
     solver = common.use(
         _solver(device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0)))
     )
-    states = SolvedStates(archive, common, workers)
+    states = SolvedStates(checkpoint, common, workers)
     trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
     spent.add(states.earlier_seconds, states.earlier_processor_seconds)
     middle = solver.solve(domain.middle, plan.training.tolerance, trained.snapshots.nearest(domain.middle))
@@ -117,7 +133,7 @@ def _train(
     return arrays | {"charge": trained.charge}, about
 
 
-def _solver(device: Device, refinement: float, say: Say | None = None) -> NonlinearSolver:
+def _solver(device: Device, refinement: float, say: Progress | None = None) -> NonlinearSolver:
     return NonlinearSolver(device, refinement, say, "auto")
 
 
@@ -139,14 +155,7 @@ def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict
 
 
 def _from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> TrainedMap:
-    kept = about["report"]
-    report = SolverReport(
-        **{
-            **kept,
-            "assumptions": tuple(kept["assumptions"]),
-            "continuation": tuple(kept["continuation"]),
-        }
-    )
+    report = SolverReport.from_dict(about["report"])
     faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[f"face_{name}"]) for name in _FACES})
     charge = np.ascontiguousarray(arrays["charge"])
     return TrainedMap(

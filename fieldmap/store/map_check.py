@@ -12,12 +12,18 @@ from fieldmap.errors import MapFileError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapInfo
-from fieldmap.store.names import MESHES, OWN, TENSOR, VECTOR
+from fieldmap.store.map_format import MESHES, OWN, TENSOR, UNREADABLE, VECTOR, planes_per_chunk
+from fieldmap.store.map_reader import (
+    Refused,
+    check_record,
+    hard,
+    opened_map,
+    read_header,
+    read_numbers,
+    stored,
+)
 from fieldmap.store.openpmd import TESLA, TESLA_PER_METRE
-from fieldmap.store.partial import UNREADABLE, planes_per_chunk
-from fieldmap.store.reader import check_record, opened_map, read_header, read_numbers
 from fieldmap.store.seal import REMAKE
-from fieldmap.store.trust import Refused, hard, stored
 
 DIVERGENCE_AND_CURL = 1e-4
 """Largest divergence, and largest curl, of a stored gradient at a node, of the largest gradient of that field."""

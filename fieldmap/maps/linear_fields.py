@@ -12,11 +12,32 @@ from typing import Any
 import numpy as np
 
 from fieldmap.device.model import Device
-from fieldmap.iron import LinearSolution, SolverReport
+from fieldmap.iron import LinearSolution, SolverReport, solve_linear
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.store import Checkpoint
+from fieldmap.typing import Progress
 
+# Key of the solution in the checkpoint.
+_SOLUTION = "solution"
 _FACES = [field.name for field in fields(ChargedFaces)]
+
+
+def linear_fields(
+    device: Device,
+    mu_r: float | None,
+    tolerance: float,
+    refinement: float,
+    checkpoint: Checkpoint,
+    say: Progress,
+) -> LinearSolution:
+    """The solution in the checkpoint, or a new one, which is then kept there."""
+    if _SOLUTION not in checkpoint:
+        checkpoint.put(_SOLUTION, *to_arrays(solve_linear(device, mu_r, tolerance, say, refinement)))
+    # Read back, so that a resumed run gives the same bits.
+    kept = checkpoint.get(_SOLUTION)
+    assert kept is not None
+    return from_arrays(device, *kept)
 
 
 def to_arrays(solution: LinearSolution) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -30,8 +51,7 @@ def to_arrays(solution: LinearSolution) -> tuple[dict[str, np.ndarray], dict[str
 
 def from_arrays(device: Device, arrays: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> LinearSolution:
     """The solution of `to_arrays`; KeyError or TypeError if the arrays are another solver's."""
-    kept = about["report"]
-    report = SolverReport(**{**kept, "assumptions": tuple(kept["assumptions"])})
+    report = SolverReport.from_dict(about["report"])
     state = None
     if arrays:
         faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[name]) for name in _FACES})

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.iron import NonlinearSolver
-from fieldmap.maps.reduction.snapshots import Snapshots
+from fieldmap.maps.training.states import Snapshots
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 

@@ -1,8 +1,10 @@
-"""What a map file holds of ours besides the numbers: header and report as JSON, source texts, with hashes."""
+"""The layout of a map file: where things lie, what they are called, and header and report as JSON with hashes."""
 
 import hashlib
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import h5py
@@ -10,9 +12,73 @@ import numpy as np
 
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_data import FieldError, MapInfo, Provenance
-from fieldmap.store.names import FORMAT_VERSION, OWN, record_names
 from fieldmap.store.reduced_model import ReducedModel
 
+FORMAT_VERSION = 1
+# Nodes per chunk: few enough that a killed run loses little, enough that a solver works on many at once.
+NODES_PER_CHUNK = 1000
+MESHES = "/data/0/meshes"
+OWN = "/fieldmap"
+REDUCED_MODEL = f"{OWN}/reduced_model"
+PARAMETRISATION = "parametrisation"
+"""Attribute of the reduced model: name and parameters of the parametrisation of its currents, JSON."""
+DIVISION_EXPONENT = "division_exponent"
+"""What readers before the parametrisation look for: n of `LiftAndDirections`, or nothing for independent currents."""
+VECTOR = ("x", "y", "z")
+TENSOR = tuple(i + j for i in VECTOR for j in VECTOR)
+"""Components of the gradient: "xy" is dB_x/dy."""
+
+
+def record_names(coil_names: Sequence[str]) -> tuple[str, ...]:
+    """One distinct record name part per coil, of ASCII letters, digits and underscores only.
+
+    >>> record_names(["1", "upper left", "upper-left"])
+    ('1', 'upper_left', 'upper_left_2')
+    """
+    taken: list[str] = []
+    for name in coil_names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name) or "_"
+        candidate, count = plain, 1
+        while candidate in taken:
+            count += 1
+            candidate = f"{plain}_{count}"
+        taken.append(candidate)
+    return tuple(taken)
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """The x-planes first <= i < last of the grid."""
+
+    number: int
+    first: int
+    last: int
+
+
+def planes_per_chunk(grid: Grid) -> int:
+    """How many x-planes are stored, and computed, at a time: depends on the grid alone, so that a resumed run fits."""
+    nx, ny, nz = grid.shape
+    most = max(1, min(nx, NODES_PER_CHUNK // (ny * nz)))
+    return -(-nx // -(-nx // most))  # the same number of chunks, as equal as can be
+
+
+def chunks_of(grid: Grid) -> tuple[Chunk, ...]:
+    """All chunks of a grid, in order."""
+    planes = planes_per_chunk(grid)
+    starts = range(0, grid.shape[0], planes)
+    return tuple(Chunk(n, first, min(first + planes, grid.shape[0])) for n, first in enumerate(starts))
+
+
+def component_paths(record: str) -> dict[str, list[str]]:
+    """Paths of the flux density's and the gradient's components of one coil."""
+    return {
+        "flux_density": [f"{MESHES}/B_{record}/{c}" for c in VECTOR],
+        "gradient": [f"{MESHES}/gradB_{record}/{c}" for c in TENSOR],
+    }
+
+
+# What h5py raises on a file that is not as it should be.
+UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError)
 _EMPTY = b"\n"  # HDF5 knows no string of length 0
 
 
@@ -43,7 +109,7 @@ def read_text(data: h5py.Dataset) -> str:
     return "" if raw == _EMPTY else raw.decode()
 
 
-def header_of(info: MapInfo, planes: int) -> dict[str, Any]:
+def header_of(info: MapInfo) -> dict[str, Any]:
     """All that is known of a map before it is computed, as plain JSON."""
     source = info.provenance
     return {
@@ -62,7 +128,7 @@ def header_of(info: MapInfo, planes: int) -> dict[str, Any]:
         "lower_m": info.grid.lower.tolist(),
         "spacing_m": info.grid.spacing.tolist(),
         "shape": list(info.grid.shape),
-        "planes_per_chunk": planes,
+        "planes_per_chunk": planes_per_chunk(info.grid),
     }
 
 

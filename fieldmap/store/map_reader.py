@@ -1,4 +1,8 @@
-"""Read a map file, believing nothing: complete, undamaged, self-contained, and saying one thing only."""
+"""Read a map file, believing nothing: complete, undamaged, self-contained, and saying one thing only.
+
+What is taken from a file are objects at hard links and arrays that are wholly in it and as large as it says, and
+nothing else. All of it is checked before memory is asked for or a number is read.
+"""
 
 import json
 import os
@@ -10,16 +14,78 @@ from typing import Any
 import h5py
 import numpy as np
 
+from fieldmap.currents import CurrentParametrisation, parametrisation_from_json
 from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapData, MapInfo
-from fieldmap.store.names import FORMAT_VERSION, OWN, component_paths, record_names
+from fieldmap.store.map_format import (
+    DIVISION_EXPONENT,
+    FORMAT_VERSION,
+    OWN,
+    PARAMETRISATION,
+    REDUCED_MODEL,
+    UNREADABLE,
+    component_paths,
+    info_from,
+    read_text,
+    record_names,
+    sha256,
+)
 from fieldmap.store.openpmd import fixed
-from fieldmap.store.partial import PARTIAL_SUFFIX, UNREADABLE
-from fieldmap.store.record import info_from, read_text, sha256
-from fieldmap.store.reduced_model_file import REDUCED_MODEL, read_reduced_model
+from fieldmap.store.reduced_model import ARRAYS, ReducedModel, parametrisation_of
 from fieldmap.store.seal import REMAKE, check_seal
-from fieldmap.store.trust import Refused, hard, is_hard, stored
+
+_NAMES = {"f": "float64 numbers", "fi": "numbers", "u": "flags", "S": "text of fixed length"}
+
+
+class Refused(Exception):  # noqa: N818 - internal, turned into MapFileError by the reader
+    """A check failed: what must hold, what was found, remedy."""
+
+
+def hard(file: h5py.Group, path: str) -> h5py.Group | h5py.Dataset:
+    """The object at a path of hard links: nothing is taken from elsewhere."""
+    here: h5py.Group | h5py.Dataset = file
+    for name in path.strip("/").split("/"):
+        if not is_hard(here, name):
+            raise Refused(f"{path} inside the file", f"a link, or nothing, at {here.name}", REMAKE)
+        here = here[name]
+    return here
+
+
+def is_hard(group: h5py.Group | h5py.Dataset, name: str) -> bool:
+    """Whether a group has an object of its own by that name; does not follow links to find out."""
+    return isinstance(group, h5py.Group) and isinstance(group.get(name, getlink=True), h5py.HardLink)
+
+
+def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
+    """The data set at a path of hard links, all of whose bytes lie in this file.
+
+    kinds: its type must be one of these of numpy (a key of _NAMES). Refused are numbers kept in other files, filters
+    other than checksums (a few bytes could declare any size), arrays larger than what is stored of them, and numbers
+    that stand in several places (those of one component in that of another).
+    """
+    data = hard(file, path)
+    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in kinds or data.dtype.hasobject:
+        raise Refused(f"{path}: {_NAMES[kinds]}", _kind_of(data), REMAKE)
+    if data.is_virtual or data.external:
+        raise Refused(f"{path} inside the file", "numbers kept in another file", REMAKE)
+    if h5py.h5o.get_info(data.id).rc != 1:
+        raise Refused(f"{path}: numbers of its own", "numbers that have another name as well", REMAKE)
+    plist = data.id.get_create_plist()
+    filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
+    if not filters <= {h5py.h5z.FILTER_FLETCHER32}:
+        raise Refused(
+            f"{path}: stored as it is, with checksums at most", "a compressed or filtered array", REMAKE
+        )
+    if data.shape is None or data.nbytes > data.id.get_storage_size():
+        received = f"shape {data.shape} with {data.id.get_storage_size()} bytes stored"
+        raise Refused(f"{path}: all of its numbers stored", received, REMAKE)
+    return data
+
+
+def _kind_of(data: h5py.Group | h5py.Dataset) -> str:
+    return f"shape {data.shape}, {data.dtype}" if isinstance(data, h5py.Dataset) else "no data set"
 
 
 def read_map(path: str | os.PathLike[str]) -> MapData:
@@ -54,7 +120,7 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     if not Path(path).is_file():
         raise MapFileError(Problem(where, "an existing map file", "no such file", REMAKE))
     try:
-        if Path(path).name.endswith(PARTIAL_SUFFIX):
+        if Path(path).name.endswith(SUFFIX):
             remedy = "go on with it: fieldmap map RECIPE --resume"
             raise Refused("a complete map", "the file of a run that has not finished", remedy)
         check_seal(path)
@@ -95,12 +161,33 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
     for name in ("recipe", "device"):
         if header[f"{name}_sha256"] != sha256(texts[name]):
             raise Refused(f"the {name} it was made from", f"a {name} text with another hash", REMAKE)
-    model = read_reduced_model(file) if is_hard(hard(file, OWN), REDUCED_MODEL.rpartition("/")[2]) else None
+    model = _read_reduced_model(file) if is_hard(hard(file, OWN), REDUCED_MODEL.rpartition("/")[2]) else None
     info = info_from(header, json.loads(texts["report"]), texts["recipe"], texts["device"], model)
     records = record_names(info.field_names)
     if header["record_names"] != list(records):
         raise Refused(f"the records {', '.join(records)}", str(header["record_names"])[:200], REMAKE)
     return info, records
+
+
+def _read_reduced_model(file: h5py.File) -> ReducedModel:
+    """The model of a map of saturating iron; Refused, ValueError or InputError if the arrays are no such model."""
+    arrays = {
+        name: np.ascontiguousarray(stored(file, f"{REDUCED_MODEL}/{name}", "fi")[()]) for name in ARRAYS
+    }
+    return ReducedModel(**arrays, parametrisation=_parametrisation(file, arrays["source"].shape[-1]))
+
+
+def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
+    """As named in the file, or as an older file says it; both must agree."""
+    exponent = stored(file, f"{REDUCED_MODEL}/{DIVISION_EXPONENT}", "fi")[()]
+    stated = hard(file, REDUCED_MODEL).attrs.get(PARAMETRISATION)
+    older = parametrisation_of(exponent, coils)
+    if stated is None:
+        return older
+    named = parametrisation_from_json(bytes(stated).decode())
+    if exponent.size and named != older:
+        raise Refused(f"one parametrisation of the currents, {named}", f"{older} as well", REMAKE)
+    return named
 
 
 def _components(file: h5py.File, paths: list[list[str]], info: MapInfo, tail: tuple[int, ...]) -> Array:

@@ -1,0 +1,229 @@
+"""The solved states that train a reduced model: their currents, their solution, their images under the symmetry."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from fieldmap.currents import CurrentDomain
+from fieldmap.iron import NonlinearSolver
+from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
+from fieldmap.store import Checkpoint
+from fieldmap.typing import Array
+
+# Beyond this many corners only the low-discrepancy states are solved.
+MOST_CORNERS = 64
+_SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
+
+
+def sequence(domain: CurrentDomain, first: int, count: int) -> Array:
+    """Currents (count, c), from number `first` on, of a sequence that fills the domain evenly: the middle, then low
+    discrepancy (Sobol), denser towards the faces, where a model has neighbours on one side only."""
+    d = domain.parametrisation.signal_count
+    power = int(np.ceil(np.log2(max(2, first + count))))
+    shares = qmc.Sobol(d, seed=_SEED).random_base2(power)
+    spread = np.concatenate([np.full((1, d), 0.5), 0.5 - 0.5 * np.cos(np.pi * shares)])
+    return domain.at(spread[first : first + count])
+
+
+def held_out(domain: CurrentDomain, count: int) -> Array:
+    """Currents (count, c) at random, uniform over the domain, to try a trained model at."""
+    d = domain.parametrisation.signal_count
+    return domain.at(np.random.default_rng(_HELD_OUT_SEED).random((count, d)))
+
+
+def corners(domain: CurrentDomain) -> Array:
+    """Currents (m, c) of the corners; none where there are more than 64."""
+    d = domain.parametrisation.signal_count
+    if 2**d > MOST_CORNERS:
+        return domain.at(np.empty((0, d)))
+    signs = np.array(list(itertools.product((0.0, 1.0), repeat=d)))
+    return domain.at(signs[np.random.default_rng(_ORDER_SEED).permutation(len(signs))])
+
+
+# Currents that differ by less than this share of the largest are the same state.
+_SAME = 1e-9
+
+
+class Snapshots:
+    """Currents and nodal potentials, in the order in which they came; an image costs no solve.
+
+    admits(currents (c,)): whether an image is wanted; solved: how many states are no images.
+    """
+
+    def __init__(self, solver: NonlinearSolver, admits: Callable[[Array], bool]) -> None:
+        self._solver, self._images, self._admits = solver, solver.images, admits
+        self._currents: list[Array] = []
+        self._potentials: list[Array] = []
+        self.solved = 0
+
+    @property
+    def currents(self) -> Array:
+        """(s, c), A."""
+        return np.array(self._currents)
+
+    @property
+    def potentials(self) -> Array:
+        """Nodal potentials (n, s)."""
+        return np.array(self._potentials).T
+
+    def add(self, currents: Array, potential: Array) -> None:
+        """A state of currents (c,) and potential (n,), and its images."""
+        self._currents.append(currents)
+        self._potentials.append(potential)
+        for image in self._images:
+            values = image.currents(currents)
+            if self.number(values) is None and self._admits(values):
+                self._currents.append(values)
+                self._potentials.append(image.potential(potential))
+        self.solved += 1
+
+    def empty(self, admits: Callable[[Array], bool]) -> "Snapshots":
+        """No states yet, of the same solver."""
+        return Snapshots(self._solver, admits)
+
+    def number(self, currents: Array) -> int | None:
+        """Which state has these currents (c,)."""
+        if not self._currents:
+            return None
+        same = is_among(currents, self.currents)
+        return int(same.argmax()) if same.any() else None
+
+    def nearest(self, currents: Array) -> Array | None:
+        """Potential (n,) of the state nearest to currents (c,) that carries any."""
+        if not self._currents:
+            return None
+        away = np.linalg.norm(self.currents - currents, axis=1)
+        best = int(np.where(np.abs(self.currents).max(axis=1) > 0, away, np.inf).argmin())
+        return self._potentials[best] if self._currents[best].any() else None
+
+
+def is_among(currents: Array, states: Array) -> NDArray[np.bool_]:
+    """Which of the states' currents (s, c) are currents (c,), up to rounding."""
+    return np.asarray(np.abs(states - currents).max(axis=1) <= _SAME * np.abs(states).max(initial=0.0))
+
+
+def one_of(states: Array) -> Callable[[Array], bool]:
+    """Whether currents (c,) are among those of the states (s, c)."""
+    return lambda currents: bool(is_among(currents, states).any())
+
+
+def nothing(currents: Array) -> bool:
+    """No image."""
+    return False
+
+
+# Not the state's fault: another day, or another machine, and it is solved.
+_OF_THE_MACHINE = (WorkerDied, MemoryError, OSError)
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A state to solve: its number, currents (c,), nodal potential (n,) to begin from, and how much it is needed,
+    which is kept with it. Where it begins must not depend on which others happen to be solved already."""
+
+    number: int
+    currents: Array
+    start: Array | None = None
+    estimate: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class TriedState:
+    """currents (c,); potential (n,), or the reason why there is none; seconds of the clock and of the processors that
+    it took; estimate: of how much the state was needed, NaN where nobody asked."""
+
+    currents: Array
+    potential: Array | str
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    estimate: float = float("nan")
+
+
+@dataclass
+class SolvedStates:
+    """Solves states, or takes them from the checkpoint where they are there already.
+
+    failed: number of the state -> why it could not be solved; count: states that were; earlier_seconds and
+    earlier_processor_seconds: what those from the checkpoint took in the runs that solved them.
+    """
+
+    checkpoint: Checkpoint
+    solver: Common[NonlinearSolver]
+    workers: Workers
+    failed: dict[int, str] = field(default_factory=dict)
+    count: int = 0
+    earlier_seconds: float = 0.0
+    earlier_processor_seconds: float = 0.0
+
+    def known(self, number: int, currents: Array | None = None) -> TriedState | None:
+        """The state of this number, or None if it was never tried, or with other currents than these (c,)."""
+        piece = self.checkpoint.get(_key(number))
+        if piece is None:
+            return None
+        arrays, about = piece
+        if currents is not None and not np.array_equal(arrays["currents"], currents):
+            return None
+        potential = arrays["potential"] if about["failed"] is None else str(about["failed"])
+        return TriedState(arrays["currents"], potential, *map(float, about["costs"]))
+
+    def solve(
+        self, wanted: Sequence[Wanted], tolerance: float, tell: Callable[[int], None]
+    ) -> list[Array | None]:
+        """Nodal potential (n,) of every state, in their order; None where it could not be solved.
+
+        tell(k) is called once k of them are there and others are not.
+        """
+        found = [self.known(state.number, state.currents) for state in wanted]
+        for tried in found:
+            if tried is not None:
+                self.earlier_seconds += tried.seconds
+                self.earlier_processor_seconds += tried.processor_seconds
+        missing = [k for k, tried in enumerate(found) if tried is None]
+        items = [(wanted[k].currents, tolerance, wanted[k].start) for k in missing]
+        done, begin = len(wanted) - len(missing), monotonic()
+        if missing:
+            tell(done)
+        for outcome in self.workers.map(_potential, items, self.solver):
+            number = missing[outcome.index]
+            found[number] = self._put(wanted[number], outcome, monotonic() - begin)
+            done, begin = done + 1, monotonic()
+            if done < len(wanted):
+                tell(done)
+        return [self._potential(state, tried) for state, tried in zip(wanted, found, strict=True)]
+
+    def _put(self, state: Wanted, outcome: Outcome[Array], seconds: float) -> TriedState:
+        """seconds: since the state before; of several at a time each counts its share."""
+        if isinstance(outcome.error, _OF_THE_MACHINE):
+            raise outcome.error
+        potential = outcome.reason or outcome.result()
+        tried = TriedState(state.currents, potential, seconds, outcome.processor_seconds, state.estimate)
+        arrays, failed = {"currents": state.currents}, None
+        if isinstance(potential, str):
+            failed = potential
+        else:
+            arrays["potential"] = potential
+        costs = (tried.seconds, tried.processor_seconds, float(tried.estimate))
+        self.checkpoint.put(_key(state.number), arrays, {"failed": failed, "costs": costs})
+        return tried
+
+    def _potential(self, state: Wanted, tried: TriedState | None) -> Array | None:
+        assert tried is not None
+        if isinstance(tried.potential, str):
+            self.failed[state.number] = tried.potential
+            return None
+        self.count += 1
+        return tried.potential
+
+
+def _key(number: int) -> str:
+    return f"state {number}"
+
+
+def _potential(solver: NonlinearSolver, item: tuple[Array, float, Array | None]) -> Array:
+    currents, tolerance, start = item
+    return np.ascontiguousarray(solver.solve(currents, tolerance, start=start).state.potential[:, 0])

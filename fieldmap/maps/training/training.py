@@ -1,0 +1,342 @@
+"""From solved states of saturating iron to a reduced model, its fields' charges, and its errors on other states."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmap.currents import CurrentDomain
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.galerkin import GalerkinModel
+from fieldmap.maps.recipe import Plan
+from fieldmap.maps.training.cubature import empirical_cubature
+from fieldmap.maps.training.model_error import Errors, Trial
+from fieldmap.maps.training.modes import Proposal, SolvedModes, output_fields
+from fieldmap.maps.training.states import (
+    Snapshots,
+    SolvedStates,
+    Wanted,
+    corners,
+    held_out,
+    is_among,
+    nothing,
+    one_of,
+    sequence,
+)
+from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.typing import Array, Progress
+
+# States to begin with, of a sequence that fills the domain; then so many at once, of a pool of so many.
+_FIRST, _AT_ONCE, _POOL = 8, 8, 32
+# A gradient may be off by so much more than a flux density, each as a share of its largest.
+_GRADIENT = 2.0
+# At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
+# between. They are smooth and largest at the rim, where the sequence is densest and the corners are.
+_WEIGHED, _MARGIN = 128, 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Solving:
+    """What solves states: the solver, the states and the workers, where fields are compared, and whom to tell."""
+
+    solver: NonlinearSolver
+    states: SolvedStates
+    trial: Trial
+    plan: Plan
+    say: Progress
+
+    def training(self, wanted: Sequence[Wanted]) -> list[Array | None]:
+        """Potential (n,) of every state, or None where the solver fails; numbers as those of the states to train on."""
+        first, most = wanted[0].number if wanted else 0, self.plan.states
+
+        def tell(done: int) -> None:
+            self.say(f"state {first + done + 1} of at most {most}", 0.05 + 0.4 * (first + done) / most)
+
+        return self.states.solve(wanted, self.plan.tolerance, tell)
+
+    def choose(self, modes: SolvedModes, pool: Array, first: int, count: int) -> Proposal:
+        """The states numbered from `first`: those in the checkpoint, or chosen of a pool."""
+        tried = [self.states.known(first + k) for k in range(count)]
+        known = [state for state in tried if state is not None]
+        if len(known) < count:
+            return modes.propose(pool, count)
+        starts = np.zeros((len(modes.basis), count))
+        return Proposal(np.array([s.currents for s in known]), np.array([s.estimate for s in known]), starts)
+
+
+@dataclass(frozen=True)
+class Round:
+    """What one choice of states showed: how many had been solved before, and how far what the model foretold of the
+    next ones was off when they were solved."""
+
+    solved: int
+    estimate: float
+    errors: Errors
+
+
+def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, tuple[Round, ...]]:
+    """States to train on. After the first few, those that the estimate says the model lacks most; no more once the
+    model foretells them as accurately as planned."""
+    plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
+    first = sequence(domain, 0, min(_FIRST, plan.states))
+    middle = solving.training([Wanted(0, first[0])])
+    # The others begin from the one in the middle, if that carries any current.
+    start = middle[0] if first[0].any() else None
+    others = [Wanted(number, currents, start) for number, currents in enumerate(first[1:], 1)]
+    for currents, potential in zip(first, middle + solving.training(others), strict=True):
+        if potential is not None:
+            training.add(currents, potential)
+    done = _FIRST
+    rounds: list[Round] = []
+    while done < plan.states and training.solved:
+        solving.say(f"choosing states after {done}", 0.05 + 0.4 * done / plan.states)
+        pool = sequence(domain, _FIRST + _POOL * len(rounds), _POOL)
+        count = min(_AT_ONCE, plan.states - done)
+        found = _round(solving, training, pool, done, count)
+        done += count
+        if found is not None:
+            rounds.append(found)
+            if _share(found.errors) <= plan.accuracy:
+                break
+    return training, tuple(rounds)
+
+
+def _round(solving: Solving, training: Snapshots, pool: Array, done: int, count: int) -> Round | None:
+    """Choose states, solve them, see how well they were foretold, and add them."""
+    before, plan = training.solved, solving.plan
+    modes = SolvedModes(solving.solver, training, plan.modes)
+    proposal = solving.choose(modes, pool, done, count)
+    new = Snapshots(solving.solver, nothing)
+    chosen = zip(proposal.currents, proposal.starts.T, proposal.estimates.tolist(), strict=True)
+    wanted = [Wanted(number, *state) for number, state in enumerate(chosen, done)]
+    for currents, potential in zip(proposal.currents, solving.training(wanted), strict=True):
+        if potential is not None:
+            new.add(currents, potential)
+    if not new.solved:
+        return None
+    amplitudes = np.array([modes.amplitude(currents) for currents in new.currents])
+    errors = solving.trial.errors(amplitudes, modes.model.charge, new)
+    for currents, potential in zip(new.currents, new.potentials.T, strict=True):
+        training.add(currents, np.ascontiguousarray(potential))
+    return Round(before, float(proposal.estimates[0]), errors)
+
+
+def _share(errors: Errors) -> float:
+    return max(errors.flux_density_share, errors.gradient_share / _GRADIENT)
+
+
+def solve_tried(
+    solving: Solving, modes: SolvedModes, currents: Array, first: int, text: str, share: float
+) -> Snapshots:
+    """The states of currents (s, c), numbered from `first`; images are taken where both are among them."""
+    found = Snapshots(solving.solver, one_of(currents))
+    left, gone = list(range(len(currents))), 0
+
+    def tell(done: int) -> None:
+        solving.say(
+            f"state {gone + done + 1} of {len(currents)} {text}", share + 0.2 * (gone + done) / len(currents)
+        )
+
+    while left:
+        batch = _no_images_of_each_other(solving.solver, left, currents)
+        wanted = [_from_modes(solving, modes, first + k, currents[k]) for k in batch]
+        for k, potential in zip(
+            batch, solving.states.solve(wanted, solving.plan.tolerance, tell), strict=True
+        ):
+            if potential is not None:
+                found.add(currents[k], potential)
+        # An image of one that failed is solved itself.
+        left = [k for k in left if k not in batch and found.number(currents[k]) is None]
+        gone = len(currents) - len(left)
+    return found
+
+
+def _no_images_of_each_other(solver: NonlinearSolver, numbers: list[int], currents: Array) -> list[int]:
+    """Of the states of these numbers those that are images of none before them."""
+    chosen: list[int] = []
+    for k in numbers:
+        images = [image.currents(currents[j]) for j in chosen for image in solver.images]
+        if not images or not is_among(currents[k], np.array(images)).any():
+            chosen.append(k)
+    return chosen
+
+
+def _from_modes(solving: Solving, modes: SolvedModes, number: int, currents: Array) -> Wanted:
+    """A state that begins from what the modes say of it, unless it is there already."""
+    known = solving.states.known(number, currents) is not None
+    return Wanted(number, currents, None if known else modes.basis @ modes.amplitude(currents))
+
+
+def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accuracy: float) -> Snapshots:
+    """Train on those of the tried states that the modes lack; the others, still to try the model on.
+
+    They are solved already, and what a model does not foretell it had better know.
+    """
+    left = tried.empty(nothing)
+    for k in modes.missing(tried, accuracy) if tried.solved else ():
+        # It may be the image of one that was just added.
+        if training.number(tried.currents[k]) is None:
+            training.add(tried.currents[k], np.ascontiguousarray(tried.potentials[:, k]))
+    for currents, potential in zip(tried.currents, tried.potentials.T, strict=True):
+        if training.number(currents) is None:
+            left.add(currents, np.ascontiguousarray(potential))
+    return left
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
+    trained on, how many of these are corners of the domain, and how the others were chosen; its errors on states
+    that it was not trained on, by their kind; and the largest weights (c + k,) of the map's fields over the domain."""
+
+    model: ReducedModel
+    charge: Array
+    snapshots: Snapshots
+    corners: int
+    rounds: tuple[Round, ...]
+    errors: Mapping[str, Errors]
+    largest_weights: Array
+
+
+def train(
+    solver: NonlinearSolver,
+    domain: CurrentDomain,
+    plan: Plan,
+    points: Array,
+    reference: Array,
+    states: SolvedStates,
+    say: Progress,
+) -> Trained:
+    """Solve, reduce and try. points (n, 3): where the field matters, in the air; reference (c,): the currents at which
+    the map states its total field; states: keeps what was solved, so that a stopped run goes on. Raises NotConverged
+    if no state at all could be solved."""
+    trial = Trial(solver, points)
+    solving = Solving(solver, states, trial, plan, say)
+    snapshots, rounds = solve_training(solving, domain)
+    require_states(states)
+    modes = SolvedModes(solver, snapshots, plan.modes)
+    tried = _tried(solving, modes, domain)
+    before = snapshots.solved
+    tried["in corners"] = add_missing(modes, snapshots, tried["in corners"], plan.accuracy)
+    if snapshots.solved > before:
+        modes = SolvedModes(solver, snapshots, plan.modes)
+    full, currents, amplitudes = modes.model, modes.currents, modes.amplitudes
+    parts = _contributions(full, currents, amplitudes, say)
+    chosen, factors = empirical_cubature(parts, plan.points)
+    reduced = full.sampled(chosen, factors * full.weights[chosen])
+    say("fields of the modes", 0.95)
+    probes = _probes(*solver.surface.field_and_gradient(points, full.charge))
+    combination, output = output_fields(amplitudes, probes, plan.fields)
+    model = _model(reduced, output, currents, amplitudes, domain, reference)
+    say("error on states not trained on", 0.98)
+    charge = combination @ full.charge
+    errors = {
+        name: trial.errors(_weights(reduced, output, found.currents), charge, found)
+        for name, found in tried.items()
+        if found.solved
+    }
+    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, corners(domain)]))
+    return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
+
+
+def _tried(solving: Solving, modes: SolvedModes, domain: CurrentDomain) -> dict[str, Snapshots]:
+    """States that the model is tried on, by their kind."""
+    plan, states = solving.plan, solving.states
+    at_random, in_corners = held_out(domain, plan.held_out), corners(domain)
+    tried = {
+        "at random": solve_tried(solving, modes, at_random, plan.states, "at random", 0.5),
+        "in corners": solve_tried(
+            solving, modes, in_corners, plan.states + len(at_random), "in corners", 0.7
+        ),
+    }
+    require_states(states)
+    require_some(tried, states)
+    return tried
+
+
+def _probes(flux: Array, gradient: Array) -> Array:
+    """Fields (k, n, 3) and gradients (k, n, 3, 3) of the modes as one row each, both of the same size."""
+    length = np.abs(flux).max() / np.abs(gradient).max()
+    return np.concatenate([flux.reshape(len(flux), -1), length * gradient.reshape(len(flux), -1)], axis=1)
+
+
+def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Array, currents: Array) -> Array:
+    """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at the
+    currents (s, c) and at a sequence that fills the domain, and a margin for the places between."""
+    places = np.concatenate([currents, sequence(domain, 0, _WEIGHED)])
+    iron = np.abs(_weights(reduced, output, places)).max(axis=0)
+    return np.concatenate([domain.largest, _MARGIN * iron])
+
+
+def _contributions(full: GalerkinModel, currents: Array, amplitudes: Array, say: Progress) -> Iterator[Array]:
+    """What the points add to the residual of every state (p, r), one state after the other."""
+    for number, (values, amplitude) in enumerate(zip(currents, amplitudes, strict=True)):
+        say(
+            f"sample points, from state {number + 1} of {len(currents)}", 0.88 + 0.05 * number / len(currents)
+        )
+        yield full.energy_contributions(values, amplitude)
+    say("sample points, their choice", 0.93)
+
+
+def _weights(reduced: GalerkinModel, output: Array, currents: Array) -> Array:
+    """Weights (s, k) of the iron's fields at currents (s, c)."""
+    start = np.zeros(output.shape[1])
+    return np.array([output @ reduced.solve(values, start)[0] for values in currents])
+
+
+def require_states(states: SolvedStates) -> None:
+    """Raise NotConverged unless at least half of the states were solved."""
+    if not states.count or len(states.failed) > states.count:
+        raise NotConverged(
+            Problem(
+                "training of the current dependence",
+                "at least half of the states must be solved",
+                f"{len(states.failed)} of {states.count + len(states.failed)} failed; the first: "
+                f"{next(iter(states.failed.values()))}",
+                "make the range of the currents smaller, or refine the mesh",
+            )
+        )
+
+
+def require_some(tried: Mapping[str, Snapshots], states: SolvedStates) -> None:
+    """Raise NotConverged unless a state was solved that the model can be tried on: a map states its error."""
+    if not any(found.solved for found in tried.values()):
+        raise NotConverged(
+            Problem(
+                "training of the current dependence",
+                "a state that the model is tried on must be solved",
+                f"none; the last to fail: {list(states.failed.values())[-1]}",
+                "raise held_out, make the range of the currents smaller, or refine the mesh",
+            )
+        )
+
+
+def _model(
+    reduced: GalerkinModel,
+    output: Array,
+    currents: Array,
+    amplitudes: Array,
+    domain: CurrentDomain,
+    reference: Array,
+) -> ReducedModel:
+    amplitude, _ = reduced.solve(reference, amplitudes[0])
+    offset, knots, coefficients = reduced.tables.arrays
+    return ReducedModel(
+        reduced.gradients,
+        reduced.source,
+        reduced.weights,
+        reduced.law,
+        offset,
+        knots,
+        coefficients,
+        reduced.air,
+        reduced.constant,
+        output,
+        currents,
+        amplitudes,
+        domain.lower,
+        domain.upper,
+        domain.parametrisation,
+        output @ amplitude,
+    )

@@ -1,0 +1,244 @@
+"""Write a map file: at once from memory, or from chunks of nodes that a killed run finds again.
+
+The file is written whole, to another name first. Until then chunks lie in a `Checkpoint` beside it, TARGET.partial.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
+from fieldmap.store.map_data import FieldError, MapData, MapInfo
+from fieldmap.store.map_format import (
+    DIVISION_EXPONENT,
+    FORMAT_VERSION,
+    MESHES,
+    OWN,
+    PARAMETRISATION,
+    REDUCED_MODEL,
+    VECTOR,
+    Chunk,
+    chunks_of,
+    component_paths,
+    header_of,
+    record_names,
+    report_of,
+    to_json,
+    write_text,
+)
+from fieldmap.store.openpmd import create_skeleton, fixed
+from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.store.seal import seal_map
+from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
+from fieldmap.typing import Array, PathLike
+
+# Keys of the header that do not decide the numbers of a map, or are known only once some of them are there.
+_FREE_KEYS = ("created", "title", "record_names")
+_CALLED = {
+    "recipe_sha256": "recipe",
+    "device_sha256": "device file",
+    "fingerprint": "fingerprint of device, settings and versions",
+    "lower_m": "lower corner",
+    "spacing_m": "spacing",
+    "reference_current_A": "reference current",
+}
+
+
+def write_map(target: PathLike, data: MapData) -> Path:
+    """Write a whole map from memory. Replaces an existing file in one step; returns the path.
+
+    Raises FieldmapError if a number is not finite or the disk is full, InputError if the place cannot be written.
+    """
+    path = Path(target)
+    for chunk in chunks_of(data.grid):
+        planes = slice(chunk.first, chunk.last)
+        _check_finite(path, chunk, data.flux_density[:, planes], data.gradient[:, planes])
+    make_folder(path)
+    with whole_file(path) as partial:
+        file = h5py.File(partial, "w")
+        with disk_errors(path):
+            with file:
+                _write(file, data)
+            seal_map(partial)
+    sync_folder(path.parent)
+    return path
+
+
+def _write(file: h5py.File, data: MapData) -> None:
+    create_skeleton(file, data)
+    own = file.create_group(OWN)
+    own.attrs["format_version"] = np.int64(FORMAT_VERSION)
+    write_text(file, "header", to_json(header_of(data)))
+    write_text(file, "recipe", data.provenance.recipe_text)
+    write_text(file, "device", data.provenance.device_text)
+    _write_reduced_model(file, data.reduced_model)
+    completion = own.create_group("completion")
+    completion.attrs["complete"] = np.uint8(1)
+    completion["chunks"] = np.ones(len(chunks_of(data.grid)), dtype=np.uint8)
+    _write_numbers(file, data)
+    write_text(file, "report", to_json(report_of(data)))
+
+
+def _write_numbers(file: h5py.File, data: MapData) -> None:
+    """Every field at its reference current, and their sum."""
+    total = np.zeros((len(VECTOR), *data.grid.shape))
+    each = zip(
+        record_names(data.field_names),
+        data.field_scale,
+        data.reference_weights,
+        data.flux_density,
+        data.gradient.reshape(*data.gradient.shape[:-2], 9),
+        strict=True,
+    )
+    for record, scale, weight, flux, tensor in each:
+        paths = component_paths(record)
+        for values, where in ((flux, paths["flux_density"]), (tensor, paths["gradient"])):
+            for c, path in enumerate(where):
+                file[path][...] = values[..., c] * scale
+        for c in range(len(VECTOR)):
+            total[c] += weight * (flux[..., c] * scale)
+    for c, name in enumerate(VECTOR):
+        file[f"{MESHES}/B/{name}"][...] = total[c]
+
+
+def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
+    """One array per field, each with its checksum; nothing where there is no model."""
+    if model is None:
+        return
+    group = file.create_group(REDUCED_MODEL)
+    group.attrs[PARAMETRISATION] = fixed(model.parametrisation.to_json())
+    for field in fields(model):
+        name = DIVISION_EXPONENT if field.name == PARAMETRISATION else field.name
+        values = getattr(model, name)
+        # What HDF5 gives for a block that it does not find is no number of any model.
+        missing = np.nan if values.dtype.kind == "f" else -1
+        checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}
+        group.create_dataset(name, data=values, **checked)
+
+
+class MapWriter:
+    """The chunks of a map in the making, in a checkpoint. A context manager; leaving without `finish` keeps them.
+
+    chunks: all of them; resumed: how many were there at the beginning.
+    """
+
+    def __init__(self, target: Path, info: MapInfo, checkpoint: Checkpoint) -> None:
+        self._target = target
+        self.checkpoint = checkpoint
+        self.info = info
+        self.chunks = chunks_of(info.grid)
+        self.resumed = len(self.chunks) - len(self.missing)
+
+    def __enter__(self) -> "MapWriter":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.checkpoint.close()
+
+    @property
+    def note(self) -> str:
+        """Why a checkpoint that was there is not used, or ""."""
+        return self.checkpoint.note
+
+    @property
+    def missing(self) -> tuple[Chunk, ...]:
+        """Chunks still to be written."""
+        return tuple(chunk for chunk in self.chunks if _key(chunk) not in self.checkpoint)
+
+    def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
+        """Keep a chunk: (n_fields, planes, ny, nz, 3) in T/A and (n_fields, planes, ny, nz, 3, 3) in T/(m A).
+
+        Raises FieldmapError if a number is not finite or the disk is full.
+        """
+        _check_finite(self._target, chunk, flux_density, gradient)
+        self.checkpoint.put(_key(chunk), {"flux_density": flux_density, "gradient": gradient})
+
+    def read(self, chunk: Chunk) -> tuple[Array, Array]:
+        """What `write` was given for a chunk. Raises KeyError if it is missing."""
+        piece = self.checkpoint.get(_key(chunk))
+        if piece is None:
+            raise KeyError(chunk)
+        return piece.arrays["flux_density"], piece.arrays["gradient"]
+
+    def data(self) -> MapData:
+        """The map, all of whose chunks must be written."""
+        if self.missing:
+            raise ValueError(f"{len(self.missing)} of {len(self.chunks)} chunks are not written yet")
+        parts = [self.read(chunk) for chunk in self.chunks]
+        flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
+        return MapData(**{**vars(self.info), "flux_density": flux, "gradient": gradient})
+
+    def finish(
+        self,
+        solver_report: Mapping[str, Any],
+        assumptions: tuple[str, ...] = (),
+        interpolation_error: FieldError | None = None,
+        error_bounds: Mapping[str, FieldError] = MappingProxyType({}),
+        data: MapData | None = None,
+    ) -> Path:
+        """Write the file, from `data` if it is in memory already, and remove the checkpoint. Returns the path."""
+        whole = self.data() if data is None else data
+        source = replace(self.info.provenance, solver_report=solver_report, assumptions=tuple(assumptions))
+        path = write_map(
+            self._target,
+            replace(
+                whole, provenance=source, interpolation_error=interpolation_error, error_bounds=error_bounds
+            ),
+        )
+        self.checkpoint.remove()
+        return path
+
+
+def open_writer(target: PathLike, info: MapInfo, resume: bool = True) -> MapWriter:
+    """The chunks of `target` that an earlier run has written, or none yet.
+
+    They are used only if fingerprint, grid, coils and reference currents are those of `info`; `note` says why they
+    were not. Raises InputError if the place cannot be written or another run writes there.
+    """
+    path = Path(target)
+    return MapWriter(path, info, Checkpoint(checkpoint_path(path), what_decides(info), resume))
+
+
+def what_decides(info: MapInfo) -> dict[str, str]:
+    """What decides the numbers of a map, as texts by name: the fingerprint of its checkpoint."""
+    return {
+        _CALLED.get(key, key.replace("_", " ")): json.dumps(value)
+        for key, value in header_of(info).items()
+        if key not in _FREE_KEYS
+    }
+
+
+def make_folder(path: Path) -> None:
+    """The folder of a file. Raises InputError if it cannot be made."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        remedy = "choose a folder that exists and that you may write to"
+        problem = Problem(
+            str(path), "must be a place that can be written", error.strerror or str(error), remedy
+        )
+        raise InputError(problem) from error
+
+
+def _key(chunk: Chunk) -> str:
+    return f"chunk {chunk.number}"
+
+
+def _check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
+    if np.isfinite(flux_density).all() and np.isfinite(gradient).all():
+        return
+    raise FieldmapError(
+        Problem(
+            f"{target.name}, x-planes {chunk.first} to {chunk.last - 1}",
+            "flux density and gradient are finite at every node",
+            "NaN or infinity from the solver",
+            "move the box away from edges of iron and windings, where a field can be singular",
+        )
+    )
