@@ -21,11 +21,10 @@ from fieldmap.cli import main as run_command
 from fieldmap.cli.progress import Progress
 from fieldmap.plot.figures import save_curves
 from fieldmap.store.whole_files import write_whole
-from fieldmap.thesis import Curves, attempt_rows
-from fieldmap.thesis.figures import CAPTIONS
+from fieldmap.thesis import Curves, attempt_rows, read_rows
+from fieldmap.thesis.figures import thesis_figures
 from fieldmap.thesis.finished_parts import cached_parts
 from fieldmap.thesis.printed import figure_numbers
-from fieldmap.thesis.rows import ROWS
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def figures(folder: Path, maps: Path, rows: Sequence[str]) -> Iterator[Picture]:
     with Progress("gallery") as progress:
         for result in attempt_rows(rows, progress, cached_parts(folder / "finished", maps)):
             section, command = (
-                f"{result.row}: {ROWS[result.row]}",
+                f"{result.row}: {read_rows()[result.row].system}",
                 f"fieldmap thesis {result.row} --report report",
             )
             if result.problem:
@@ -138,7 +137,11 @@ def write_page(folder: Path, sections: dict[str, list[Picture]], missing: Sequen
     known = {
         "sections": sections,
         "missing": missing,
-        "figures": [(number, CAPTIONS[number], drawn[number]) for number in CAPTIONS if number in drawn],
+        "figures": [
+            (number, figure.shows, drawn[number])
+            for number, figure in thesis_figures().items()
+            if number in drawn
+        ],
         "version": fieldmap.__version__,
     }
     text = environment.get_template("gallery.html.j2").render(known)

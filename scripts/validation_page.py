@@ -21,7 +21,7 @@ from typing import Any
 from validate import STUDIES
 
 import fieldmap
-from fieldmap.thesis.rows import ROWS
+from fieldmap.thesis import read_rows
 
 PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
 LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")
@@ -61,7 +61,7 @@ def thesis_table(path: Path) -> str:
         mine = [number for number in numbers if number["row"] == row]
         sharp = [number for number in mine if number["kind"] == "sharp" and not number["misprint"]]
         agree = sum(number["agrees"] == "true" for number in sharp)
-        cells = [row, ROWS[row], f"{agree} of {len(sharp)}" if sharp else "-"]
+        cells = [row, read_rows()[row].system, f"{agree} of {len(sharp)}" if sharp else "-"]
         cells += [_deviation(mine, kind) for kind in ("model", "measured")]
         lines.append(f"| {' | '.join(cells)} |")
     sharp = [number for number in numbers if number["kind"] == "sharp" and not number["misprint"]]

@@ -133,10 +133,8 @@ def _sections(result: "PartResult") -> "list[Section]":
 
 
 def _cells(number: "Comparison") -> tuple[str, ...]:
-    from fieldmap.thesis.words import deviation_in_words
-
     kind = "misprint" if number.misprint else number.kind
-    values = (f"{number.thesis:.6g}", f"{number.ours:.6g}", deviation_in_words(number))
+    values = (f"{number.thesis:.6g}", f"{number.ours:.6g}", number.verdict)
     # With spaces, so that a narrow terminal folds it between words.
     return (number.name.replace("_", " "), number.unit, *values, kind, number.place)
 

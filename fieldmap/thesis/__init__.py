@@ -1,17 +1,16 @@
-"""The numbers that the thesis prints, beside ours: one row per system, as data and a function.
+"""The numbers that the thesis prints, beside ours: one row per system, as data and functions.
 
-What is printed lies in the data folder thesis/ (one TOML file per part of a row, every number with its place); what
-we make of it lies here, one function per part. `compare` puts the two side by side. Depends on every room but `cli`
-and `view`, each imported when its row is asked for.
+The row files in printed_numbers/ declare what is printed, with its place, and which function computes ours; the modules
+of this package hold these functions. They use the public API of the other packages, as a reader's own script would, and
+only the command line imports this package. `compare` puts printed numbers and ours side by side.
 """
 
 from fieldmap.curves import Curves, Series
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_rows, compare
-from fieldmap.thesis.rows import PARTS, ROWS, Answers, Ours, row_names
+from fieldmap.thesis.printed import read_rows
+from fieldmap.thesis.rows import Answers, Ours, part_names, row_names
 
 __all__ = [
-    "PARTS",
-    "ROWS",
     "Answers",
     "Comparison",
     "Curves",
@@ -20,5 +19,7 @@ __all__ = [
     "Series",
     "attempt_rows",
     "compare",
+    "part_names",
+    "read_rows",
     "row_names",
 ]

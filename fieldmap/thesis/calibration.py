@@ -11,7 +11,7 @@ from fieldmap.levitation import Calibration, LiftReadings, PositionReadings, cal
 from fieldmap.thesis.drive_unit import payload
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
-from fieldmap.thesis.workspace import EXTRAPOLATED, extended_map
+from fieldmap.thesis.workspace import extended_map
 from fieldmap.typing import Array
 
 FITS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -25,17 +25,37 @@ OFFSET_LIMITS = (5e-3, 30e-3)
 """m: the magnet is 10 mm tall and lies inside the body."""
 
 
+class _Said:
+    """A fit as the row file speaks of it: its values in one line, its fitted values, and both misfits."""
+
+    def __init__(self, fit: Calibration) -> None:
+        deviations = fit.deviations
+        self._values = fit.values
+        self.misfit, self.misfit_before = fit.misfit, fit.misfit_before
+        self.fitted = ", ".join(
+            f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted
+        )
+
+    def __format__(self, spec: str) -> str:
+        v = self._values
+        return (
+            f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
+            f"{v['current_scale']:.2f}, misfit {self.misfit:.1f} deviations"
+        )
+
+
 def calibrations(inputs: dict[str, Any]) -> Answers:
     """(7-18) and Tables 6-4, 6-6 before and after each fit."""
     found = {name: _fit(name, *_frozen(inputs)) for name in FITS}
     numbers: dict[str, Any] = {}
     for name, fit in found.items():
-        about = _about(name, fit, inputs)
         lifts, x, y = _computed(fit, inputs)
-        numbers[f"current_{name}"] = Ours([thesis_lift_current(z) / lift for z, lift in lifts], about)
-        numbers[f"x_{name}"] = Ours(x, about)
-        numbers[f"y_{name}"] = Ours(y, about)
-    return Answers(numbers, _figures(found, inputs), {"": _verdict(found)})
+        numbers[f"current_{name}"] = Ours(
+            [thesis_lift_current(z) / lift for z, lift in lifts], fit.assumptions
+        )
+        numbers[f"x_{name}"] = Ours(x, fit.assumptions)
+        numbers[f"y_{name}"] = Ours(y, fit.assumptions)
+    return Answers(numbers, _figures(found, inputs), {name: _Said(fit) for name, fit in found.items()})
 
 
 def _frozen(inputs: dict[str, Any]) -> tuple[Any, ...]:
@@ -99,20 +119,6 @@ def _computed(fit: Calibration, inputs: dict[str, Any]) -> tuple[list[tuple[floa
     return list(zip(inputs["depths_mm"].tolist(), lifts, strict=True)), x, y
 
 
-def _about(name: str, fit: Calibration, inputs: dict[str, Any]) -> tuple[str, ...]:
-    deviations = fit.deviations
-    values = ", ".join(f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted)
-    return (
-        f"fit `{name}`: {values} (magnet_offset in m)",
-        f"misfit {fit.misfit:.2f} deviations, {fit.misfit_before:.1f} with nothing fitted; deviations assumed: "
-        f"{100 * inputs['lift_deviation']:g} % of a current, {inputs['position_deviation_mm']:g} mm",
-        "level held by the lift; places counted from signal 0; rising branches only",
-        "the current that carries is linearised: the measured one over lift per weight there",
-        EXTRAPOLATED,
-        *fit.assumptions,
-    )
-
-
 def _figures(found: dict[str, Calibration], inputs: dict[str, Any]) -> tuple[Curves, ...]:
     computed = {name: _computed(fit, inputs) for name, fit in found.items()}
     z = inputs["depths_mm"]
@@ -139,20 +145,3 @@ def _figures(found: dict[str, Calibration], inputs: dict[str, Any]) -> tuple[Cur
             )
         )
     return tuple(figures)
-
-
-def _verdict(found: dict[str, Calibration]) -> str:
-    """What the fits say together."""
-
-    def said(name: str) -> str:
-        fit, v = found[name], found[name].values
-        return (
-            f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
-            f"{v['current_scale']:.2f}, misfit {fit.misfit:.1f} deviations"
-        )
-
-    return (
-        f"(7-18) alone: {said('scale')}; with h free {said('scale_and_h')}. With the shifts along x: {said('with_x')}. "
-        f"With those along y as well: {said('with_x_and_y')}. A scale of the force does not move an equilibrium whose "
-        "level is held: the one number that (7-18) asks for leaves the shifts as they are computed."
-    )

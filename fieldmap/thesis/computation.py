@@ -4,15 +4,14 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
 from fieldmap.thesis.available_maps import FOLDER, MapMissing, opened
-from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, read_part
-from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of, row_of
+from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, filled, read_part, row_of
+from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
 
 Progress = Callable[[str, float], None]
 
@@ -41,15 +40,38 @@ class Comparison:
     title: str
     assumptions: tuple[str, ...]
 
+    @property
+    def verdict(self) -> str:
+        """ "agrees" for a sharp number that does, otherwise the deviation; "" where the thesis prints 0."""
+        return "agrees" if self.agrees else percent(self.deviation)
 
-def compared(part: str, printed: PrintedPart, answers: Mapping[str, Any]) -> tuple[Comparison, ...]:
+
+def percent(deviation: float | None) -> str:
+    """A deviation in per cent, a factor in words where that would be a long number.
+
+    >>> percent(0.0123), percent(-2e-5), percent(11.5), percent(None)
+    ('+1.2 %', '-0.002 %', '12.5 times', '')
+    """
+    if deviation is None:
+        return ""
+    if abs(deviation) >= 10.0:
+        return f"{1.0 + deviation:.3g} times"
+    value = 100.0 * deviation
+    return f"{value:+.1f} %" if abs(value) >= 0.1 else f"{value:+.1g} %"
+
+
+def compared(part: str, printed: PrintedPart, answers: Answers) -> tuple[Comparison, ...]:
     """Every printed number of a part beside the answer of the same name."""
-    if answers.keys() != printed.numbers.keys():
-        raise LookupError(f"{part}: computed and printed differ: {set(answers) ^ set(printed.numbers)}")
+    ours = answers.numbers
+    if ours.keys() != printed.numbers.keys():
+        raise LookupError(f"{part}: computed and printed differ: {set(ours) ^ set(printed.numbers)}")
+    values = {**printed.inputs, **answers.facts}
     comparisons: list[Comparison] = []
     for name, numbers in printed.numbers.items():
-        answer = answers[name] if isinstance(answers[name], Ours) else Ours(answers[name])
-        comparisons += _table(part, printed.title, numbers, answer)
+        answer = ours[name] if isinstance(ours[name], Ours) else Ours(ours[name])
+        declared = [*printed.assumptions.get("", ()), *printed.assumptions.get(name, ())]
+        assumptions = dict.fromkeys([*answer.assumptions, *(filled(text, values) for text in declared)])
+        comparisons += _table(part, printed.title, numbers, Ours(answer.value, tuple(assumptions)))
     return tuple(comparisons)
 
 
@@ -154,9 +176,12 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     return PartResult(
         part,
         printed.title,
-        compared(part, printed, answers.numbers),
+        compared(part, printed, answers),
         answers.curves,
-        _joined(part, printed, answers),
+        {
+            name: filled(text, {**printed.inputs, **answers.facts})
+            for name, text in printed.explanations.items()
+        },
         seconds,
         map=printed.map,
     )
@@ -198,13 +223,3 @@ def _check_figures(part: str, printed: PrintedPart, curves: Iterable[Curves]) ->
     if drawn != set(printed.figures):
         odd = ", ".join(sorted(drawn ^ set(printed.figures)))
         raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")
-
-
-def _joined(part: str, printed: PrintedPart, answers: Answers) -> dict[str, str]:
-    """What the data file and the function say of the same number, one after the other."""
-    unknown = set(answers.explanations) - {"", *printed.numbers}
-    if unknown:
-        raise LookupError(f"{part}: explained, but not printed: {', '.join(sorted(unknown))}")
-    names = dict.fromkeys([*printed.explanations, *answers.explanations])
-    both = (printed.explanations, answers.explanations)
-    return {name: " ".join(texts[name].strip() for texts in both if name in texts) for name in names}

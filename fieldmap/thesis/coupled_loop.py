@@ -36,30 +36,28 @@ def vertical(inputs: dict[str, Any]) -> Answers:
     name = f"damping of (7-7), {drag:g} N s/m"
     title = "Table 7-1: step of 1 mm, PID of 7.2.1"
     curves = (over_time(title, DEPTH, {"air": base, name: slow}, begin=0.8, end=3.0),)
-    return Answers(numbers, curves, {"rise_time": _of_rise(inputs, slow)})
+    return Answers(numbers, curves, _tried(inputs, slow))
 
 
-def _of_rise(inputs: dict[str, Any], slow: Readings) -> str:
+def _tried(inputs: dict[str, Any], slow: Readings) -> dict[str, str]:
     """What damping, gain and lag do to the step."""
-    drag = float(inputs["between_drag_N_s_per_m"])
     weaker = {"control.z.Kc": 0.8 * VERTICAL_PID["Kc"]}
-    tried = {
-        f"the damping of (7-7), {inputs['identified_drag_N_s_per_m']:g} N s/m,": slow,
-        "a gain less by a fifth": run_of(inputs, "vertical_step", weaker),
-        f"that and a damping of {drag:g} N s/m": run_of(
-            inputs, "vertical_step", {**weaker, "drag.linear_N_s_per_m": [0.005, 0.005, drag]}
-        ),
-        "an amplifier that takes 5 ms": run_of(inputs, "vertical_step", {"coils.time_constant_ms": 5.0}),
+    drag = {"drag.linear_N_s_per_m": [0.005, 0.005, float(inputs["between_drag_N_s_per_m"])]}
+    runs = {
+        "with_damping": slow,
+        "with_less_gain": run_of(inputs, "vertical_step", weaker),
+        "with_both": run_of(inputs, "vertical_step", {**weaker, **drag}),
+        "with_a_lag": run_of(inputs, "vertical_step", {"coils.time_constant_ms": 5.0}),
     }
-    parts = []
-    for name, run in tried.items():
-        step = run.step(DEPTH)
-        parts.append(
-            f"with {name} rise {step.rise_time:.3f} s, reference reached after "
-            f"{run.time_to_reference(DEPTH, 1.0):.3f} s, peak {step.peak_time:.2f} s, settling "
-            f"{step.settling_time:.2f} s, overshoot {100 * step.overshoot:.0f} %"
-        )
-    return f"Tried: {'; '.join(parts)}."
+    return {name: _step_in_words(run) for name, run in runs.items()}
+
+
+def _step_in_words(run: Readings) -> str:
+    step = run.step(DEPTH)
+    return (
+        f"rise {step.rise_time:.3f} s, reference reached after {run.time_to_reference(DEPTH, 1.0):.3f} s, "
+        f"peak {step.peak_time:.2f} s, settling {step.settling_time:.2f} s, overshoot {100 * step.overshoot:.0f} %"
+    )
 
 
 def horizontal(inputs: dict[str, Any]) -> Answers:
@@ -77,17 +75,11 @@ def horizontal(inputs: dict[str, Any]) -> Answers:
         "rms_at_rest": ours([run.rms(axis, share) for axis, run in enumerate(every)], *every),
     }
     twice = run_of(inputs, "horizontal_pid", {"control.x.Kc": 0.05})
-    words = (
-        "With twice the gain, as a machine would have that goes twice as far for a small signal, x rises in "
-        f"{twice.step(X).rise_time:.2f} s. So do the identified models: (6-6) answers a signal with 43.8 mm per "
-        "unit, twice as much as the static Table 6-2; the PD steps of 6.5 speak for less than that table. "
-        "Hysteresis, which the map does not have, makes the rig's answer depend on the size of the step."
-    )
     curves = tuple(
         over_time(f"Fig. 7-21: step of {name} by 0.1 mm at 11 mm", axis, {name: run}, begin=1.0)
         for axis, (name, run) in enumerate(runs.items())
     )
-    return Answers(numbers, curves, {"rise_time": words})
+    return Answers(numbers, curves, {"rise_of_twice_the_gain_s": twice.step(X).rise_time})
 
 
 SMALL_STEPS = {"reference.0.by_mm": 0.01, "reference.0.times": 10, "reference.0.every_s": 0.5}
@@ -133,7 +125,14 @@ def combined(inputs: dict[str, Any]) -> Answers:
         *_steps_of_the_height(middle, aside),
     )
     stiff = run_of(inputs, "horizontal_pid", {**GAIN_1, "reference.1.by_mm": 0.1})
-    return Answers(numbers, curves, {"": _of_two_axes(steps, stiff)})
+    both = [run.step(X) for run in steps.values()]
+    facts = {
+        "rises_s": [step.rise_time for step in both],
+        "overshoots_percent": [100 * step.overshoot for step in both],
+        "end_at_gain_1": stiff.run.metrics.event
+        or f"stays up, its height off by {stiff.departure(DEPTH, 1.0):.2f} mm at most",
+    }
+    return Answers(numbers, curves, facts)
 
 
 def _steps_of_the_height(middle: Readings, aside: Readings) -> list[Curves]:
@@ -148,25 +147,6 @@ def _steps_of_the_height(middle: Readings, aside: Readings) -> list[Curves]:
         remark = "True positions: the sensors show them under a noise of 0.007 mm."
         curves.append(Curves(title, "time (s)", "deviation (mm)", series, remark))
     return curves
-
-
-def _of_two_axes(steps: dict[str, Readings], stiff: Readings) -> str:
-    rises = [run.step(X).rise_time for run in steps.values()]
-    over = [100 * run.step(X).overshoot for run in steps.values()]
-    end = (
-        stiff.run.metrics.event or f"stays up, its height off by {stiff.departure(DEPTH, 1.0):.2f} mm at most"
-    )
-    return (
-        f"x rises in {rises[0]:.2f} s where it alone is controlled, in {rises[1]:.2f} s with y under control, in "
-        f"{rises[2]:.2f} s where both step; overshoot {over[0]:.1f} and {over[2]:.1f} %. The thesis finds a "
-        "little less rise time with both controlled, and more overshoot where both step. With the gain 1 on both "
-        f"axes the rig went unstable; ours {end}. What is missing is likely the body's swing: it stays upright "
-        "here, as a free one leans and is held 10 mm aside by the yoke's field."
-    )
-
-
-def _gone(size: float, still: float) -> str:
-    return "gone" if size < 1.5 * still else "still there"
 
 
 def _shift(run: Readings, axis: int) -> float:
@@ -202,7 +182,14 @@ def spikes(inputs: dict[str, Any]) -> Answers:
         over_time("Fig. 7-14: the height at rest", DEPTH, {"depth": runs[tuned]}, end=2.0),
     )
     plain = run_of(inputs, "spikes", {"field.iron": "linearised"}).departure(DEPTH, 1.0)
-    return Answers(numbers, curves, {"": _of_spikes(inputs["small_gains"], sizes, still, plain)})
+    small = [sizes[f"gain {gain:g}"] for gain in inputs["small_gains"]]
+    facts = {
+        "small_spikes_mm": small,
+        "spikes_then": ["gone" if size < 1.5 * still else "still there" for size in small],
+        "still_mm": still,
+        "linearised_mm": plain,
+    }
+    return Answers(numbers, curves, facts)
 
 
 def _one_spike(inputs: dict[str, Any], runs: dict[str, Readings]) -> Curves:
@@ -214,15 +201,3 @@ def _one_spike(inputs: dict[str, Any], runs: dict[str, Readings]) -> Curves:
     for words, peak in zip(("", ", push"), inputs["rig_peaks_mm"], strict=True):
         drawn = with_measured(drawn, f"peak of the rig{words}", window, [peak, peak], points=False)
     return drawn
-
-
-def _of_spikes(gains: Any, sizes: dict[str, float], still: float, plain: float) -> str:
-    small = ", ".join(
-        f"{sizes[name]:.3f} mm at a gain of {gain:g} ({_gone(sizes[name], still)})"
-        for name, gain in ((f"gain {gain:g}", gain) for gain in gains)
-    )
-    return (
-        f"The measured height departs by {small}, and by {still:.3f} mm before any step; the thesis finds the "
-        "spikes gone in Figs 7-13, 7-14. With the iron linearised about the currents at rest a gain of 1 leaves "
-        f"{plain:.3f} mm: the spikes are what saturation does to the lift when the currents leave balance."
-    )

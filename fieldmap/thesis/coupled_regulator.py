@@ -133,16 +133,17 @@ def regulator(inputs: dict[str, Any]) -> Answers:
     numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
     numbers["rms_sideways"] = ours([run.rms(DEPTH, 1.0) for run in sides.values()], *sides.values())
     curves = (
-        *step_and_states(best, quiet, inputs["rig_peak"]),
+        *step_and_states(best, quiet, _rig_peak(inputs)),
         over_time("Figs 7-36, 7-38: the height while x and y step", DEPTH, dict(reversed(sides.items()))),
         over_time("Figs 7-35, 7-37: x meanwhile", X, sides),
     )
     slow = run_of(inputs, "regulator", {"noise.off": True, "coils.time_constant_ms": 2.0}).step(DEPTH)
-    words = (
-        f"With an amplifier that takes 2 ms, which the thesis does not print, the overshoot is "
-        f"{100 * slow.overshoot:.0f} % and the peak comes after {slow.peak_time:.3f} s."
-    )
-    return Answers(numbers, curves, {"regulator": words})
+    return Answers(numbers, curves, {"slow": slow})
+
+
+def _rig_peak(inputs: dict[str, Any]) -> tuple[float, float]:
+    """Of the step of 0.1 mm: s after it, mm beyond it."""
+    return inputs["rig_peak_time_s"], 1e-3 * inputs["rig_overshoot_percent"]
 
 
 def heights(inputs: dict[str, Any]) -> Answers:
@@ -154,21 +155,21 @@ def heights(inputs: dict[str, Any]) -> Answers:
     ]
     numbers = {"rms": ours([run.rms(DEPTH, 1.0) for run in runs], *runs)}
     drag = float(inputs["identified_drag_N_s_per_m"])
-    words = (
-        f"Farther from the block, after a step of 0.1 mm: {_farther(inputs, {})}. With the damping of (7-7), "
-        f"{drag:g} N s/m, in the place of the air's: {_farther(inputs, {'drag.linear_N_s_per_m': [drag] * 3})}."
-    )
-    return Answers(numbers, (), {"": words})
+    facts = {
+        "farther": _farther(inputs, {}),
+        "farther_damped": _farther(inputs, {"drag.linear_N_s_per_m": [drag] * 3}),
+    }
+    return Answers(numbers, facts=facts)
 
 
-def _farther(inputs: dict[str, Any], changes: dict[str, Any]) -> str:
+def _farther(inputs: dict[str, Any], changes: dict[str, Any]) -> list[str]:
     """What becomes of the regulator at each further gap."""
     said = []
     for gap in inputs["further_gaps_mm"]:
         depth = float(inputs["block_below_mm"] - gap)
         run = run_of(inputs, "regulator", {"start.depth_mm": depth, "duration_s": 6.0, **changes})
         said.append(f"{gap:g} mm: {run.run.metrics.event or _held(run)}")
-    return "; ".join(said)
+    return said
 
 
 def _held(run: Readings) -> str:

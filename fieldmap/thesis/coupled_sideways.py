@@ -28,13 +28,6 @@ def sway(inputs: dict[str, Any]) -> Answers:
     }
     last = 0.75 * free.time[-1]
     swings = [float(np.ptp(run.true[run.during(last), X])) / 2 for run in (free, block)]
-    words = (
-        f"In the last quarter of the run x still swings by {swings[0]:.2f} mm to either side without the block, "
-        f"by {swings[1]:.3f} mm with it, as Figs 6-1 and 6-2 show. The block slows the height too in ours: its "
-        f"step rises in {near.step(DEPTH).rise_time:.3f} s near it and in {far.step(DEPTH).rise_time:.3f} s "
-        "without, where Fig. 6-3 shows little difference: a plate without edges under the magnet takes more than "
-        "the rig's block did."
-    )
     curves = (
         over_time("Fig. 6-1: step of the x signal, no block", X, {"no block": free}, asked=False),
         over_time("Fig. 6-2: the same above the block", X, {"above the block": block}, asked=False),
@@ -46,7 +39,12 @@ def sway(inputs: dict[str, Any]) -> Answers:
             end=3.5,
         ),
     )
-    return Answers(numbers, curves, {"": words})
+    facts = {
+        "swings_mm": swings,
+        "rise_near_s": near.step(DEPTH).rise_time,
+        "rise_far_s": far.step(DEPTH).rise_time,
+    }
+    return Answers(numbers, curves, facts)
 
 
 def _reaches(run: Readings, rest: float, band: float = 0.05) -> float:
@@ -73,13 +71,9 @@ def proportional(inputs: dict[str, Any]) -> Answers:
         "x_at_0.9_1.0_0.9": ours([_held_at(x, X, k) for k in (9, 10, 11)], x),
         "y_at_0.1_and_back": ours([_held_at(y, Y, k) for k in (1, 19)], y),
     }
-    words = (
-        "Ours comes back to the same places: iron without hysteresis, so what remains between the way out and "
-        "back is noise. The share of a step that PD control leaves open is 1 / (1 + gain times shift per signal)."
-    )
     negative = run_of(inputs, "horizontal_pd", {"reference.0.by_mm": -0.1, "reference.1.by_mm": 0.1})
     curves = (*_under_pd(inputs, x, negative, y), *_under_pid(inputs, changes))
-    return Answers(numbers, curves, {"": words})
+    return Answers(numbers, curves)
 
 
 def _under_pd(inputs: dict[str, Any], x: Readings, negative: Readings, y: Readings) -> list[Curves]:
@@ -135,14 +129,15 @@ def ranges(inputs: dict[str, Any]) -> Answers:
     down, up = run_of(inputs, "range_vertical"), run_of(inputs, "range_vertical", UPWARD)
     on = run_of(inputs, "range_vertical", BEYOND)
     numbers["vertical_range"] = ours(float(down.true[:, DEPTH].max() - up.true[:, DEPTH].min()), down, up)
-    words = (
-        f"Downward the map's currents, certified to 2.2 A, end at {down.true[:, DEPTH].max():.1f} mm; with the "
-        f"table continued the magnet is led to {on.true[:, DEPTH].max():.1f} mm, "
-        f"{on.run.metrics.event or 'the end of the run'}, at {on.run.metrics.largest_current_A:.2f} A of "
-        f"3.55 A. Upward it comes to {up.true[:, DEPTH].min():.1f} mm."
-    )
+    facts = {
+        "deepest_mm": down.true[:, DEPTH].max(),
+        "continued_mm": on.true[:, DEPTH].max(),
+        "end": on.run.metrics.event or "the end of the run",
+        "largest_current_A": on.run.metrics.largest_current_A,
+        "highest_mm": up.true[:, DEPTH].min(),
+    }
     curves.append(over_time("Slowly down and up", DEPTH, {"down": on, "up": up}))
-    return Answers(numbers, tuple(curves), {"vertical_range": words})
+    return Answers(numbers, tuple(curves), facts)
 
 
 def _ways(inputs: dict[str, Any], depth: float) -> dict[str, Readings]:

@@ -155,10 +155,6 @@ PANELS = (
 """Mean currents, A, at which states on a ray are solved; the next panel begins where one is left: at 1.558 A, which is
 (7-18) at z_s = 10 mm, at 3.0 and at 4.3 A."""
 _ENDS = (1.558, 3.0, 4.3, 5.2)
-WORDS = (
-    "solved states of their own for these currents (shipped mesh), quadratic in the current level between "
-    "1.0, 1.558, 2.2, 3.0, 3.6, 4.3 and 5.2 A, harmonic polynomials of degree 5 between nodes 4 mm apart"
-)
 
 
 class UnitRays:

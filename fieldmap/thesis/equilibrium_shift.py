@@ -13,26 +13,14 @@ from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import GRAVITY, MagnetModel, equilibrium_at
-from fieldmap.thesis.drive_unit import WORDS, payload, unit_rays
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.drive_unit import payload, unit_rays
+from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 Rule = Literal["constant", "held"]
 FAR = 0.34
 """Direction signals beyond this are solved as states: the map is off by 0.1 to 0.2 mm there."""
-
-COMMON = (
-    "iron: drive_unit with its B-H table, one state for each set of currents, no hysteresis, no eddy currents",
-    "h, the depth of the magnet's centre below the point that the sensor reads, is not known: scanned, never fitted",
-    "positions count from the place at signal 0, as a sensor does that was set to zero there",
-)
-RULES: dict[str, str] = {
-    "constant": "the current level stays what (7-18) says on the axis; the vertical force is left unbalanced",
-    "held": "the level rises so that the lift stays what it is at the origin at the current of (7-18): the vertical "
-    "controller, which holds z_s; the scale of the force that makes it carry the weight there drops out",
-}
-MAP_WORDS = "n = 1.25 and signals up to 0.3: map `division`; otherwise solved states"
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,24 +124,16 @@ def curve(
     return _curve(field_map, tuple(float(s) for s in np.asarray(signals)), axis, n, z_s, h, rule)
 
 
-def words(rule: Rule, *more: str) -> tuple[str, ...]:
-    """What a table of shifts rests on."""
-    return (*COMMON, RULES[rule], MAP_WORDS, WORDS, *more)
-
-
 def n_table(inputs: dict[str, Any]) -> Answers:
     """Table 6-2: n = 1.25 and 1.5 at z_s = 10 mm; rows are h."""
     hs, zero = inputs["offsets_mm"], inputs["zero_mm"]
-    origin = f"the sensor's zero is set so that signal 0 reads {zero:g} mm, as in Table 6-4"
-    numbers, drawn = {}, []
+    numbers: dict[str, Any] = {}
+    drawn = []
     for n, name in ((1.25, "n125"), (1.5, "n150")):
         signals, measured = inputs[f"{name}_signals"], inputs[f"{name}_measured_mm"]
         for rule in BOTH:
             of_h = [curve(inputs["map"], signals, n=n, z_s=inputs["z_mm"], h=h, rule=rule) for h in hs]
-            numbers[f"{name}_{rule}"] = Ours(
-                [zero + 1e3 * found.along for found in of_h],
-                words(rule, origin, f"rows: h = {', '.join(f'{h:g}' for h in hs)} mm"),
-            )
+            numbers[f"{name}_{rule}"] = [zero + 1e3 * found.along for found in of_h]
             drawn.append(_scan(name, n, rule, hs, of_h, signals, measured, zero))
     return Answers(numbers, tuple(drawn))
 
@@ -167,30 +147,27 @@ def _scan(
     ]
     points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
     level = "level held by the lift" if rule == "held" else "level of (7-18) at the origin throughout"
-    remark = "Nothing is fitted. " + RULES[rule][0].upper() + RULES[rule][1:] + "."
     return Curves(
         f"Table 6-2, n = {n:g}, {level}: scan over h",
         "x control signal (1)",
         "x (mm)",
         (points, *lines),
-        remark=remark,
+        remark="Nothing is fitted.",
     )
 
 
 def height_table(inputs: dict[str, Any]) -> Answers:
     """Table 6-3: z_s = 10 and 11.5 mm at n = 1.25; rows are h."""
     hs, zero, signals = inputs["offsets_mm"], inputs["zero_mm"], inputs["signals"]
-    origin = f"signal 0 reads {zero:g} mm at both heights; rows: h = {', '.join(f'{h:g}' for h in hs)} mm"
     numbers: dict[str, Any] = {}
     curves = []
     for rule in BOTH:
         high, low = (
             [curve(inputs["map"], signals, z_s=z, h=h, rule=rule) for h in hs] for z in inputs["heights_mm"]
         )
-        about = words(rule, origin)
-        numbers[f"lower_{rule}"] = Ours([zero + 1e3 * found.along for found in low], about)
+        numbers[f"lower_{rule}"] = [zero + 1e3 * found.along for found in low]
         further = [1e3 * (a.along[-1] - b.along[-1]) for a, b in zip(high, low, strict=True)]
-        numbers[f"further_{rule}"] = Ours(further, about)
+        numbers[f"further_{rule}"] = further
         series = [
             Series(f"ours, z_s = {z:g} mm", signals, zero + 1e3 * found[list(hs).index(DRAWN_H)].along)
             for z, found in zip(inputs["heights_mm"], (high, low), strict=True)
@@ -216,17 +193,18 @@ def y_branches(inputs: dict[str, Any]) -> Answers:
 
 def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
     """Each measured branch beside the one static curve, placed where the outward branch begins."""
-    z, numbers, drawn = inputs["z_mm"], {}, []
+    z = inputs["z_mm"]
+    numbers: dict[str, Any] = {}
+    drawn = []
     for side in ("positive", "negative"):
         signals = inputs[f"{side}_signals"]
         out, back = inputs[f"{side}_outward_mm"], inputs[f"{side}_back_mm"]
         found = {rule: curve(inputs["map"], signals[1:], axis, z_s=z, rule=rule) for rule in BOTH}
         for rule, static in found.items():
             places = out[0] + 1e3 * np.append(0.0, static.along)
-            about = words(rule, f"h = {DRAWN_H:g} mm", f"signal 0 reads {out[0]:g} mm, as the branch begins")
-            numbers[f"{side}_outward_{rule}"] = Ours(places, about)
+            numbers[f"{side}_outward_{rule}"] = places
             if rule == "held":
-                numbers[f"{side}_back_{rule}"] = Ours(places, about)
+                numbers[f"{side}_back_{rule}"] = places
             drawn.append(Series(f"ours, {rule} level", signals, places))
         drawn.append(Series("measured, outward", signals, out, "measured", points=True))
         drawn.append(Series("measured, on the way back", signals, back, "measured", points=True))
@@ -235,4 +213,4 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
         "at the same signal the magnet lies nearer to the origin, and beyond it at signal 0."
     )
     figure = Curves(title, f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn), remark=remark)
-    return Answers(numbers, (figure,))
+    return Answers(numbers, (figure,), {"drawn_h_mm": DRAWN_H})

@@ -20,7 +20,7 @@ from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.store.whole_files import write_whole
 from fieldmap.thesis.available_maps import FOLDER, map_path
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
-from fieldmap.thesis.printed import data_file, read_part
+from fieldmap.thesis.printed import data_files, read_part
 
 _WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
 
@@ -49,7 +49,7 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
 def fingerprint(part: str, maps: Path = FOLDER) -> str:
     """What decides the numbers of a part, as 64 hexadecimal digits; "" where its map is missing."""
     printed = read_part(part)
-    settings = [data_file(part).read_text(encoding="utf-8"), *_devices()]
+    settings = [*(path.read_text(encoding="utf-8") for path in data_files(part)), *_devices()]
     if printed.map:
         path = maps / f"{printed.map}.h5"
         if not path.is_file():

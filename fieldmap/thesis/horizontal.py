@@ -12,14 +12,9 @@ from fieldmap.control import PID, TransferFunction, simulate_loop, steady_gain, 
 from fieldmap.control.identification import Orders, modified_least_squares_runs
 from fieldmap.curves import Curves
 from fieldmap.thesis.coupled_runs import Readings, X, answer_of, ours, over_time, run_of
-from fieldmap.thesis.rows import Answers, Ours
-from fieldmap.thesis.vertical import RECORDS, RUNS, mean_of_records
+from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.vertical import RUNS, over_records
 from fieldmap.typing import Array
-
-_MODELS = (
-    "positions at rest by the printed models: signal of 1 mm times the gain at q = 1",
-    "gains at rest of (6-6), (6-7) are 43.8 and 6.9 mm: small differences of rounded coefficients, so rounding decides",
-)
 
 
 def arithmetic(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -41,8 +36,8 @@ def arithmetic(inputs: dict[str, Any]) -> dict[str, Any]:
         "second_integral_time": inputs["third_system_Ti_s"] / second,
         "x_signal": signals["x"],
         "y_signal": signals["y"],
-        "x_position": Ours(positions["x"], _MODELS),
-        "y_position": Ours(positions["y"], _MODELS),
+        "x_position": positions["x"],
+        "y_position": positions["y"],
     }
 
 
@@ -61,9 +56,9 @@ _FREE = {"kind": "constant"}
 _TRIES = 4
 
 
-def recovery(inputs: dict[str, Any]) -> dict[str, Any]:
+def recovery(inputs: dict[str, Any]) -> Answers:
     """(6-6) to (6-9) from records of their own step responses to the signals of 6.4."""
-    answers = {}
+    found_orders = {}
     for axis in "xy":
         for name, poles in (("second", 2), ("first", 1)):
             printed = np.asarray(inputs[f"{axis}_{name}_order"])
@@ -72,10 +67,8 @@ def recovery(inputs: dict[str, Any]) -> dict[str, Any]:
             noise = np.random.default_rng(7).normal(scale=inputs["deviation_mm"], size=(RUNS, u.size))
             found = modified_least_squares_runs(response + noise, u, Orders(poles=poles, zeros=0))
             both = np.concatenate([found.numerators, found.denominators[:, 1:]], axis=1)
-            answers[f"{axis}_{name}_order"] = mean_of_records(
-                both, (RECORDS, "3 s after a step of the signal of 6.4")
-            )
-    return answers
+            found_orders[f"{axis}_{name}_order"] = both
+    return over_records(found_orders)
 
 
 @dataclass(frozen=True)
@@ -113,7 +106,7 @@ def records(inputs: dict[str, Any]) -> Answers:
         *_ratio(inputs, controls, runs, times),
         *_deeper(inputs, controls[0]),
     )
-    return Answers(numbers, curves, {"model_Ti": "Found by least squares over the 10 s after the step."})
+    return Answers(numbers, curves)
 
 
 def _models(inputs: Mapping[str, Any], axis: str) -> dict[str, TransferFunction]:

@@ -21,8 +21,8 @@ from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, ROOMS, UPPER
-from fieldmap.thesis.equilibrium_shift import COMMON, RULES, Rule, curve
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.equilibrium_shift import Rule, curve
+from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
@@ -210,16 +210,10 @@ def _branch_rows(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
             drawn.append(Series(f"ours, {coercive:g} A/m, {words}", signals, zero + places))
     static = static_places(inputs, axis)
     drawn.append(Series("ours, no hysteresis, shipped mesh", signals, zero + static))
-    about = (
-        COMMON[0].replace("one state for each set of currents, no hysteresis", "rate-independent hysteresis"),
-        f"coercive field: a row each for {', '.join(f'{c:g}' for c in inputs['coercive_A_per_m'])} A/m; not measured",
-        f"iron demagnetised before the run; mesh sizes over {REFINEMENT:g}; h = {inputs['h_mm']:g} mm",
-        RULES["held"],
-    )
     figure = Curves(
         f"{table} with iron that remembers", f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn)
     )
-    return Answers({"width": Ours(np.array(widths), about)}, (figure,))
+    return Answers({"width": np.array(widths)}, (figure,), {"refinement": REFINEMENT})
 
 
 def static_places(inputs: dict[str, Any], axis: Axis) -> Array:

@@ -7,7 +7,6 @@ import scipy.constants
 
 from fieldmap.control import lumped_magnet_from_lift_currents
 from fieldmap.device import read_device
-from fieldmap.thesis.rows import Ours
 
 
 def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -22,24 +21,14 @@ def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
         "sphere_mass": inputs["sphere_density"] * sphere,
         "sphere_moment": _moment(inputs["sphere_remanence_T"], sphere),
         "magnet_moment": _moment(inputs["magnet_remanence_T"], cylinder),
-        "payload_mass": Ours(
-            1e3 * payload.mass, ("a weighing of theirs; ours is what drive_unit.toml holds",)
-        ),
-        "payload_moment": Ours(
-            payload.moment, ("what drive_unit.toml gives from diameter, height, remanence",)
-        ),
+        "payload_mass": 1e3 * payload.mass,
+        "payload_moment": payload.moment,
     }
 
 
 def _moment(remanence: float, volume: float) -> float:
     """(2-12), A m^2."""
     return remanence * volume / scipy.constants.mu_0
-
-
-_MATCHED = (
-    "L0 and a are those of the measured lift current (7-18), whose straight line is the model's own law; the thesis "
-    "gives no values"
-)
 
 
 def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -52,13 +41,10 @@ def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:
     dz, di = 1e-5 * z, 1e-5 * current
     by_z = (magnet.acceleration(z + dz, 0, current) - magnet.acceleration(z - dz, 0, current)) / (2 * dz)
     by_i = (magnet.acceleration(z, 0, current + di) - magnet.acceleration(z, 0, current - di)) / (2 * di)
-    product = Ours(
-        float(np.linalg.det(plant.A)), (_MATCHED, f"depth {inputs['depth_mm']:g} mm by the sensor")
-    )
     return {
-        "stiffness_term": Ours(plant.A[1, 0] / by_z, (_MATCHED,)),
-        "current_term": Ours(plant.B[1, 0] / by_i, (_MATCHED,)),
+        "stiffness_term": plant.A[1, 0] / by_z,
+        "current_term": plant.B[1, 0] / by_i,
         "sign_of_gain": float(np.sign(plant.B[1, 0])),
         "sign_of_damping": float(np.sign(inputs["identified_denominator"][1])),
-        "product_of_poles": product,
+        "product_of_poles": float(np.linalg.det(plant.A)),
     }

@@ -13,28 +13,12 @@ from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
-from fieldmap.thesis.rows import Ours
+from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
 _REFINEMENT = 0.4
 _DEVICE = "drive_unit"
-_UNKNOWN = (
-    "the magnet's centre lies h below the point that the sensor reads; h is not known: 15 mm unless h is listed",
-    "the magnet is a point dipole that stays vertical, on the axis of the unit, coils in proportion to (6-3), n = 1.25",
-    "the field follows the currents without delay: no eddy currents, no amplifier, no damping",
-)
-_LINEAR = (
-    f"{_DEVICE}, linear iron (initial slope of the B-H table), mesh sizes of the device file over 0.4",
-)
-_SATURATING = (
-    f"{_DEVICE}, iron saturating by its B-H table, mesh sizes of the device file over 0.4: coarse; over 0.7 its "
-    "products move by 1 %, its positions grow by 10 % at 1.558 A and by 25 % at 3.63 A",
-)
-_DAMPING = "from K/m of the map and the pole s of the first order model: c/m = -(s + K/(m s))"
-_RATIO = (
-    "force over stiffness does not depend on the moment, so that a lift unlike the weight does not enter it"
-)
 
 
 class _StatesOnDemand:
@@ -123,21 +107,21 @@ def _saturating_plant(
     return plant_from_map(field, payload, at, currents, signals, signal_steps=[0.02, x_step, y_step])
 
 
-def vertical(inputs: dict[str, Any]) -> dict[str, Any]:
+def vertical(inputs: dict[str, Any]) -> Answers:
     """Product of the poles, sign of the gain and slope of the equilibrium voltage, beside (7-7) and (7-19)."""
     sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
     by_offset = [_linear_plant(sensor, each, n) for each in inputs["offsets_mm"]]
     linear = _linear_plant(sensor, h, n)
     saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *_small_steps(inputs))
-    gain, notes = inputs["amplifier_A_per_V"], _notes(saturating)
-    listed = (f"h = {', '.join(f'{each:g}' for each in inputs['offsets_mm'])} mm",)
-    return {
-        "product": Ours([p.pole_products[2] for p in by_offset], (*_UNKNOWN, *_LINEAR, *listed)),
-        "product_saturating": Ours(saturating.pole_products[2], notes),
-        "sign_of_gain": Ours([_sign_of_depth(linear), _sign_of_depth(saturating)], _UNKNOWN),
-        "slope": Ours(_volts_per_mm(linear, gain), (*_UNKNOWN, *_LINEAR)),
-        "slope_saturating": Ours(_volts_per_mm(saturating, gain), notes),
+    gain = inputs["amplifier_A_per_V"]
+    numbers = {
+        "product": [p.pole_products[2] for p in by_offset],
+        "product_saturating": saturating.pole_products[2],
+        "sign_of_gain": [_sign_of_depth(linear), _sign_of_depth(saturating)],
+        "slope": _volts_per_mm(linear, gain),
+        "slope_saturating": _volts_per_mm(saturating, gain),
     }
+    return Answers(numbers, facts=_facts(saturating=saturating))
 
 
 def _small_steps(inputs: dict[str, Any]) -> tuple[float, float]:
@@ -145,13 +129,10 @@ def _small_steps(inputs: dict[str, Any]) -> tuple[float, float]:
     return inputs["x_signal"], inputs["y_signal"]
 
 
-def _notes(plant: MapPlant) -> tuple[str, ...]:
-    lift = 1.0 + plant.imbalance[2]
-    return (
-        *_UNKNOWN,
-        *_SATURATING,
-        f"{plant.currents[0]:.3f} A in each coil, which lifts {lift:.2f} weights",
-    )
+def _facts(**plants: MapPlant) -> dict[str, Any]:
+    """Each plant, and how many weights its currents lift."""
+    lifts = {f"{name}_lift": 1.0 + plant.imbalance[2] for name, plant in plants.items()}
+    return {"refinement": _REFINEMENT, **plants, **lifts}
 
 
 def _sign_of_depth(plant: MapPlant) -> float:
@@ -165,23 +146,23 @@ def _volts_per_mm(plant: MapPlant, amplifier: float) -> float:
     return 1e-3 * per_metre / amplifier
 
 
-def horizontal(inputs: dict[str, Any]) -> dict[str, Any]:
+def horizontal(inputs: dict[str, Any]) -> Answers:
     """Products of the horizontal poles, positions at rest, and the damping that makes the identified slow poles."""
     sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
     steps = _small_steps(inputs)
     linear = _linear_plant(sensor, h, n)
     saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *steps)
     measured = _saturating_plant(sensor, h, n, inputs["measured_current_A"], *steps)
-    of_linear = (*_UNKNOWN, *_LINEAR)
-    return {
-        "product": Ours(linear.pole_products[:2], of_linear),
-        "product_saturating": Ours(saturating.pole_products[:2], _notes(saturating)),
-        "damping": Ours(_damping(linear, inputs), (*of_linear, _DAMPING)),
-        "damping_saturating": Ours(_damping(saturating, inputs), (*_notes(saturating), _DAMPING)),
-        "position": Ours(_positions(linear, inputs), of_linear),
-        "position_saturating": Ours(_positions(saturating, inputs), _notes(saturating)),
-        "position_1_558_A": Ours(_positions(measured, inputs), (*_notes(measured), _RATIO)),
+    numbers = {
+        "product": linear.pole_products[:2],
+        "product_saturating": saturating.pole_products[:2],
+        "damping": _damping(linear, inputs),
+        "damping_saturating": _damping(saturating, inputs),
+        "position": _positions(linear, inputs),
+        "position_saturating": _positions(saturating, inputs),
+        "position_1_558_A": _positions(measured, inputs),
     }
+    return Answers(numbers, facts=_facts(saturating=saturating, measured=measured))
 
 
 def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:

@@ -33,8 +33,6 @@ MIDDLE = 0.05
 DEPTHS = (0.10, 0.11, 0.12, 0.13, 0.14, 0.15)
 """The vertical operating window of 4.2, m."""
 _X0, _CURRENT = -0.17, 1e6
-_FITTED = f"fitted over |x| <= {1e3 * HALF_WIDTH:g} mm to the left electromagnet's force, the right one's core in place"
-_IRON = "at 10^6 A the linear iron carries above 200 T: real iron would be saturated a hundred times over"
 
 
 @dataclass(frozen=True)
@@ -120,20 +118,14 @@ def constants(inputs: dict[str, Any]) -> Answers:
     )
     x, z = grid(depth)
     theirs = _rms(printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0])
-    words = (
-        *unit().report.assumptions,
-        _IRON,
-        _FITTED,
-        f"depth {inputs['depth_mm']:g} mm, where only two of L0, a, b are determined: a is held at Table 4-2's",
-        f"root mean square error on that line: {fit.rms:.3f} N with our constants, {theirs:.3f} N with Table 4-2's",
-    )
-    formula = fit.formula
+    formula, reported = fit.formula, unit().report.assumptions
     numbers = {
-        "L0": Ours(formula.inductance, words),
-        "b": Ours(formula.b, words),
-        "c": Ours(formula.c, words),
+        "L0": Ours(formula.inductance, reported),
+        "b": Ours(formula.b, reported),
+        "c": Ours(formula.c, reported),
     }
-    return Answers(numbers, _formula_curves(printed, formula, depth[0]))
+    facts = {"half_width_mm": 1e3 * HALF_WIDTH, "rms_N": fit.rms, "printed_rms_N": theirs}
+    return Answers(numbers, _formula_curves(printed, formula, depth[0]), facts)
 
 
 def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: float) -> tuple[Curves, ...]:
@@ -162,18 +154,18 @@ def superposition(inputs: dict[str, Any]) -> Answers:
     points = stationary_points(unit(), _CURRENT * np.array(currents), -depth, -HALF_WIDTH, HALF_WIDTH)
     if len(points) != 1:
         raise LookupError(f"{len(points)} points without horizontal force where one is expected")
-    words = (
-        *unit().report.assumptions,
-        _IRON,
-        _saturating_in_words(depth, currents),
-        *growth_in_words((depth,), inputs["a_m"], currents),
-    )
-    ours = Ours(1e3 * points[0].x, words)
+    reported = unit().report.assumptions
     numbers = {
-        "equilibrium": ours,
-        "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), words),
+        "equilibrium": Ours(1e3 * points[0].x, reported),
+        "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), reported),
     }
-    return Answers(numbers, (*_single_vertical_curves(), _vertical_curves()))
+    facts: dict[str, Any] = {"saturating_share": _saturating_share(depth, currents)}
+    # Of one electromagnet, of two at 1:1, and of two as here.
+    pairs = ((1.0, 0.0), (1.0, 1.0), currents)
+    along, down = horizontal_fit((depth,), inputs["a_m"]).formula, vertical_fit().formula
+    facts["horizontal"] = [superposition_error(along, pair, (depth,)) for pair in pairs]
+    facts["vertical"] = [superposition_error(down, pair, DEPTHS) for pair in pairs]
+    return Answers(numbers, (*_single_vertical_curves(), _vertical_curves()), facts)
 
 
 def _single_vertical_curves() -> tuple[Curves, ...]:
@@ -213,18 +205,13 @@ def _vertical_curves() -> Curves:
     return Curves(title, "depth below the pole piece (mm)", "$F_z$ (N)", lines)
 
 
-def _saturating_in_words(depth: float, currents: tuple[float, float]) -> str:
-    """What becomes of the lift where the iron follows the B-H curve of Appendix A-3."""
+def _saturating_share(depth: float, currents: tuple[float, float]) -> float:
+    """Lift at x = 0 with the B-H curve of Appendix A-3, over that with linear iron."""
     steel = read_device("drive_unit_a3").materials["steel"]
     device = replace(unit().device, materials={"iron": steel})
     point, amperes = [[0.0, -depth]], _CURRENT * np.array(currents)
-    share = (
-        solve_planar_state(device, amperes).gradient(point)[0, 1, 1]
-        / unit().gradient(point, amperes)[0, 1, 1]
-    )
-    return (
-        f"with the B-H curve of Appendix A-3 the lift at x = 0 would be {share:.2f} times that of linear iron"
-    )
+    saturating = solve_planar_state(device, amperes).gradient(point)[0, 1, 1]
+    return float(saturating / unit().gradient(point, amperes)[0, 1, 1])
 
 
 def _zero(depth: float, a: float, currents: tuple[float, float]) -> float:
@@ -235,21 +222,3 @@ def _zero(depth: float, a: float, currents: tuple[float, float]) -> float:
         return float(added(formula, currents, np.array([x]), np.array([depth]))[0])
 
     return float(brentq(total, -0.12, 0.12))
-
-
-def growth_in_words(
-    depths: tuple[float, ...], a: float | None, unequal: tuple[float, float]
-) -> tuple[str, ...]:
-    """Errors of one and of two electromagnets, one line each."""
-    lines = []
-    for name, fit, where in (
-        ("horizontal (4-7)", horizontal_fit(depths, a), depths),
-        ("vertical (4-6)", vertical_fit(), DEPTHS),
-    ):
-        for pair, words in (((1.0, 0.0), "one magnet"), ((1.0, 1.0), "two, 1:1"), (unequal, "two, 3:1")):
-            error = superposition_error(fit.formula, pair, where)
-            lines.append(
-                f"{name} fitted, {words}: error {error.rms:.3f} N rms, {100 * error.whole:.0f} % of the force, "
-                f"{100 * error.middle:.0f} % of it on |x| <= 50 mm"
-            )
-    return tuple(lines)

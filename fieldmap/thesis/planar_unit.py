@@ -23,15 +23,8 @@ from fieldmap.typing import Array
 
 WINDOW = 0.165
 """Half the width in which zeros are looked for, m: the pole piece's is 0.17 m."""
-_DRAWN = (
-    "pole piece and cores one piece, cores flush with its ends, five wires a side: inferred from the text"
-)
 _NO_FORCE = 1e-3
 """Of the lift: triangles are not symmetric to rounding, and the smallest real shift has 5e-2."""
-_FOLLOWED = (
-    "the equilibrium that is reached from x = 0 by moving as the force pushes; at 1:1, where no force acts there, "
-    "x = 0 itself: stable in the box with mu_r 4000, unstable in open space and with the B-H curve"
-)
 
 
 @cache
@@ -65,15 +58,11 @@ def _force_at_the_middle(solved: PlanarSolution | PlanarState, amperes: Array, z
     return float(slope.imag / slope.real)
 
 
-def _assumptions(solved: PlanarSolution, *more: str) -> tuple[str, ...]:
-    return (*solved.report.assumptions, _DRAWN, *more)
-
-
 def _both(compute: Any) -> tuple[Ours, Ours]:
     """The same with the box and in open space."""
     answers = []
     for solved in (unit(True), unit(False)):
-        answers.append(Ours(compute(solved), _assumptions(solved, _FOLLOWED)))
+        answers.append(Ours(compute(solved), solved.report.assumptions))
     return answers[0], answers[1]
 
 
@@ -90,11 +79,10 @@ def current_ratio(inputs: dict[str, Any]) -> Answers:
     box, free = _both(positions)
     states = [saturating(ratio, nominal) for ratio in inputs["exact_ratios"]]
     moved = [1e3 * reached_from_the_middle(state, state.currents, z) for state in states]
-    words = (*states[0].report.assumptions, _DRAWN, _FOLLOWED)
     numbers = {
         "equilibrium": box,
         "equilibrium_in_open_space": free,
-        "equilibrium_with_curve": Ours(moved, words),
+        "equilibrium_with_curve": Ours(moved, states[0].report.assumptions),
     }
     return Answers(numbers, _ratio_curves(inputs, z, nominal))
 
@@ -151,7 +139,7 @@ def gradients(inputs: dict[str, Any]) -> Answers:
     answers: dict[str, Any] = {}
     for solved, suffix in ((unit(True), ""), (unit(False), "_in_open_space")):
         for name, value in zip(names, values(solved), strict=True):
-            answers[name + suffix] = Ours(float(value), _assumptions(solved))
+            answers[name + suffix] = Ours(float(value), solved.report.assumptions)
     return Answers(answers, _curves_below_the_middle(nominal))
 
 
@@ -190,18 +178,14 @@ def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
     solved = unit(True)
     amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
     above, below = (_points(solved, amperes, inputs[key]) for key in ("near_depth_mm", "far_depth_mm"))
-    words = _assumptions(
-        solved, f"depths {inputs['near_depth_mm']:g} and {inputs['far_depth_mm']:g} mm are ours"
-    )
-    return {
-        "near": Ours(len(above), words),
-        "near_unstable": Ours(sum(not point.stable for point in above), words),
-        "far": Ours(len(below), words),
-        "depth_of_the_change": Ours(
-            1e3 * fold_depth(solved, amperes, 1e-3 * inputs["near_depth_mm"], 1e-3 * inputs["far_depth_mm"]),
-            _assumptions(solved),
-        ),
+    limits = 1e-3 * inputs["near_depth_mm"], 1e-3 * inputs["far_depth_mm"]
+    numbers = {
+        "near": len(above),
+        "near_unstable": sum(not point.stable for point in above),
+        "far": len(below),
+        "depth_of_the_change": 1e3 * fold_depth(solved, amperes, *limits),
     }
+    return {name: Ours(value, solved.report.assumptions) for name, value in numbers.items()}
 
 
 def _points(solved: PlanarSolution, amperes: Array, depth_mm: float) -> tuple[StationaryPoint, ...]:

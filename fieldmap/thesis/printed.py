@@ -1,10 +1,18 @@
-"""What the thesis prints: the data files of thesis/ as frozen data."""
+"""What the thesis prints, as frozen data: the row files of printed_numbers/, with the numbers that several rows share.
+
+A row file (S14.toml) declares a system and its parts: what is printed, its unit and place, the inputs, the function
+that computes ours, what it assumes and why it differs. numbers.toml has each number that more than one part reads,
+once; texts.toml the sentences that several parts say. README.md beside them describes the keys.
+"""
 
 import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
+from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -12,6 +20,7 @@ import numpy as np
 from fieldmap.shipped import shipped_folder
 
 KINDS = ("sharp", "model", "measured")
+NUMBERS, TEXTS = "numbers", "texts"
 
 
 @dataclass(frozen=True)
@@ -40,52 +49,139 @@ class PrintedNumber:
 
 @dataclass(frozen=True)
 class PrintedPart:
-    """One data file: title, inputs by name, and names of the printed quantities -> their numbers in C order.
+    """A part of a row: title, inputs by name, and names of the printed quantities -> their numbers in C order.
 
-    explanations: name of a printed quantity, or "" for the part -> why ours differs. map: the recipe whose map it
-    needs, or "". seconds: of processor time that the part takes, about. figures: of the thesis, by number, that
-    the part draws.
+    ours: "module.function" of this package that computes them. explanations and assumptions: name of a printed
+    quantity, or "" for the part -> why ours differs, and what it rests on; templates, filled by `filled`. map: the
+    recipe whose map it needs, or "". seconds: of processor time that the part takes, about. figures: of the thesis, by
+    number, that the part draws.
     """
 
     title: str
     inputs: dict[str, Any]
     numbers: dict[str, tuple[PrintedNumber, ...]] = field(default_factory=dict)
     explanations: dict[str, str] = field(default_factory=dict)
+    assumptions: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    ours: str = ""
     map: str = ""
     seconds: float = 1.0
     figures: tuple[str, ...] = ()
 
 
-def data_file(part: str) -> Path:
-    """Where the data of a part lie."""
-    return shipped_folder("thesis") / f"{part}.toml"
+@dataclass(frozen=True)
+class PrintedRow:
+    """A row: the system of the thesis, and its parts by full name in their order; without_numbers: why it has none."""
+
+    system: str
+    parts: Mapping[str, PrintedPart]
+    without_numbers: str = ""
+
+
+def row_of(part: str) -> str:
+    """The row of a part.
+
+    >>> row_of("S16_controller")
+    'S16'
+    """
+    return part.partition("_")[0]
+
+
+def data_files(part: str) -> tuple[Path, ...]:
+    """The files that hold the data of a part."""
+    folder = shipped_folder("thesis")
+    return tuple(folder / f"{name}.toml" for name in (row_of(part), NUMBERS, TEXTS))
+
+
+@cache
+def read_rows() -> dict[str, PrintedRow]:
+    """Every row in the order of the numbers, from the files whose names are S and a number."""
+    names = [path.stem for path in shipped_folder("thesis").glob("S*.toml")]
+    return {name: _row(name) for name in sorted(names, key=lambda name: int(name[1:]))}
 
 
 def read_part(part: str) -> PrintedPart:
-    """The data of a part, from thesis/PART.toml."""
-    content = tomllib.loads(data_file(part).read_text(encoding="utf-8"))
-    inputs = {name: _number_or_array(entry["value"]) for name, entry in content.get("inputs", {}).items()}
+    """The data of a part."""
+    return read_rows()[row_of(part)].parts[part]
+
+
+def _row(name: str) -> PrintedRow:
+    content = _content(name)
+    parts = {
+        f"{name}_{one['name']}" if "name" in one else name: _part(one) for one in content.get("part", ())
+    }
+    return PrintedRow(content["system"], parts, content.get("without_numbers", ""))
+
+
+def _part(content: dict[str, Any]) -> PrintedPart:
+    inputs = {name: _input(entry) for name, entry in content.get("inputs", {}).items()}
     numbers = {entry["name"]: tuple(_entries(entry)) for entry in content["printed"]}
-    entries = [{"name": ""} | content, *content["printed"]]
-    explanations = {entry["name"]: entry["explanation"] for entry in entries if "explanation" in entry}
+    entries = [content | {"name": ""}, *content["printed"]]
     return PrintedPart(
         content["title"],
         inputs,
         numbers,
-        explanations,
+        {entry["name"]: entry["explanation"].strip() for entry in entries if "explanation" in entry},
+        {entry["name"]: tuple(entry["assumptions"]) for entry in entries if "assumptions" in entry},
+        content["ours"],
         content.get("map", ""),
         content.get("seconds", 1.0),
         tuple(content.get("figures", ())),
     )
 
 
-def _number_or_array(value: Any) -> Any:
-    return np.array(value) if isinstance(value, list) else value
+def _content(name: str) -> dict[str, Any]:
+    return tomllib.loads((shipped_folder("thesis") / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@cache
+def _shared() -> dict[str, Any]:
+    return _content(NUMBERS)
+
+
+@cache
+def _texts() -> dict[str, str]:
+    return {name: text.strip() for name, text in _content(TEXTS).items()}
+
+
+def _value_and_place(entry: Mapping[str, Any]) -> tuple[Any, str]:
+    """What an entry states itself, or takes from numbers.toml by `from` and the keys that choose of it."""
+    if "from" not in entry:
+        return entry["value"], entry["place"]
+    value, place = _shared_number(entry["from"])
+    if "less" in entry:
+        other, _ = _shared_number(entry["less"])
+        value = [str(Decimal(a) - Decimal(b)) for a, b in zip(value, other, strict=True)]
+    if "column" in entry:
+        value = [row[entry["column"]] for row in value]
+    if "entry" in entry:
+        value = value[entry["entry"]]
+    if "entries" in entry:
+        value = [value[k] for k in entry["entries"]]
+    if "rows" in entry:
+        value = [value] * entry["rows"]
+    return value, entry.get("place", place)
+
+
+def _shared_number(path: str) -> tuple[Any, str]:
+    section, _, name = path.partition(".")
+    found = _shared()[section][name]
+    if isinstance(found, dict):
+        return found["value"], found["place"]
+    return found, _shared()[section]["place"]
+
+
+def _input(entry: Mapping[str, Any]) -> Any:
+    """A number, or an array."""
+    value, _ = _value_and_place(entry)
+    if isinstance(value, list):
+        return np.array([float(v) if isinstance(v, str) else v for v in value])
+    return float(value) if isinstance(value, str) else value
 
 
 def _entries(entry: dict[str, Any]) -> list[PrintedNumber]:
-    """The numbers of one [[printed]] table."""
-    texts = np.array(entry["value"], dtype=object)
+    """The numbers of one [[part.printed]] table."""
+    value, place = _value_and_place(entry)
+    texts = np.array(value, dtype=object)
     misprints = {tuple(m.get("index", ())): m["why"] for m in entry.get("misprints", ())}
     return [
         PrintedNumber(
@@ -93,13 +189,51 @@ def _entries(entry: dict[str, Any]) -> list[PrintedNumber]:
             quantity=entry["quantity"],
             unit=entry["unit"],
             text=str(texts[index]),
-            place=entry["place"],
+            place=place,
             kind=entry["kind"],
             half_unit=entry.get("half_unit", half_unit(str(texts[index]))),
             misprint=misprints.get(index, ""),
         )
         for index in np.ndindex(texts.shape)
     ]
+
+
+def half_unit(text: str) -> float:
+    """Half a unit of the last printed digit.
+
+    >>> half_unit("0.00706"), half_unit("1.942e-6"), half_unit("1850")
+    (5e-06, 5e-10, 0.5)
+    """
+    exponent = Decimal(text).as_tuple().exponent
+    return float(Decimal(5).scaleb(int(exponent) - 1))
+
+
+class _Filler(Formatter):
+    """`str.format` whose names may also be sentences of texts.toml, and which lists arrays entry by entry."""
+
+    def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        if key not in kwargs and key in _texts():
+            return self.vformat(_texts()[str(key)], args, kwargs)
+        return super().get_value(key, args, kwargs)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
+            return ", ".join(self.format_field(one, format_spec) for one in value)
+        # A blank before the unit, as everywhere in these texts.
+        return (
+            format(value, format_spec).replace("%", " %")
+            if format_spec.endswith("%")
+            else format(value, format_spec)
+        )
+
+
+def filled(template: str, values: Mapping[str, Any]) -> str:
+    """A text with `{name:spec}` replaced by values, or by the sentence of that name in texts.toml.
+
+    >>> filled("for h = {offsets_mm:g} mm, {share:.0%}", {"offsets_mm": [10.0, 15.0], "share": 0.5})
+    'for h = 10, 15 mm, 50 %'
+    """
+    return _Filler().vformat(template, (), values)
 
 
 def figure_numbers(title: str) -> tuple[str, ...]:
@@ -119,13 +253,3 @@ def _each_figure(part: str) -> list[str]:
         return [first]
     chapter, begin = first.split("-")
     return [f"{chapter}-{number}" for number in range(int(begin), int(last.split("-")[1]) + 1)]
-
-
-def half_unit(text: str) -> float:
-    """Half a unit of the last printed digit.
-
-    >>> half_unit("0.00706"), half_unit("1.942e-6"), half_unit("1850")
-    (5e-06, 5e-10, 0.5)
-    """
-    exponent = Decimal(text).as_tuple().exponent
-    return float(Decimal(5).scaleb(int(exponent) - 1))

@@ -20,15 +20,8 @@ from fieldmap.control import (
     zero_order_hold,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical import identified_plant, rms_at_rest
-
-_FULL_DIGITS = "from (5-17) in full digits; from the rounded (7-7) two entries differ in their last digit"
-_MODEL = "the model is (5-17) itself, feedback of the filtered states x[n|n], no limits of the output"
-_RIG = "(7-21): predicted states, feedback divided by 0.69, equilibrium output of the model at the measured position"
-_NOISE = (
-    "sensor noise white and Gaussian with the deviation at rest of Table 3-8; seed 7; nothing else disturbs"
-)
 
 
 def models(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -47,7 +40,7 @@ def models(inputs: dict[str, Any]) -> dict[str, Any]:
         "B_d": B_d,
         "riccati_sign": _riccati_sign(wide, inputs["Q"], inputs["R"]),
         "k": lqrd(wide.A, wide.B, inputs["Q"], inputs["R"], Ts),
-        **{name: Ours(matrix, (_FULL_DIGITS,)) for name, matrix in estimator._asdict().items()},
+        **estimator._asdict(),
         "model_equilibrium": 1.0 / steady_gain(plant, Ts),
     }
 
@@ -83,14 +76,14 @@ def closed_loop(inputs: dict[str, Any]) -> Answers:
     runs = {name: simulate_loop(sampled, one, np.ones(2000)) for name, one in loops.items()}
     of_design, of_reference, of_rig = (step_metrics(run.time, run.y[0]) for run in runs.values())
     numbers = {
-        "design_overshoot": Ours(100 * of_design.overshoot, (_MODEL,)),
-        "overshoot_of_7_20": Ours(100 * of_reference.overshoot, (_MODEL,)),
-        "design_rise_time": Ours(of_design.rise_time, (_MODEL,)),
-        "peak_time": Ours(of_rig.peak_time, (_RIG,)),
-        "rise_time": Ours(of_rig.rise_time, (_RIG,)),
-        "settling_time": Ours(of_rig.settling_time, (_RIG,)),
-        "overshoot": Ours(100 * of_rig.overshoot, (_RIG,)),
-        "rms_at_rest": Ours(rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]), (_RIG, _NOISE)),
+        "design_overshoot": 100 * of_design.overshoot,
+        "overshoot_of_7_20": 100 * of_reference.overshoot,
+        "design_rise_time": of_design.rise_time,
+        "peak_time": of_rig.peak_time,
+        "rise_time": of_rig.rise_time,
+        "settling_time": of_rig.settling_time,
+        "overshoot": 100 * of_rig.overshoot,
+        "rms_at_rest": rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]),
     }
     return Answers(numbers, (_step_figure(runs),))
 

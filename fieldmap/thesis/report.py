@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -15,8 +16,7 @@ from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
 from fieldmap.store.whole_files import write_whole
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
-from fieldmap.thesis.rows import ROWS, WITHOUT_PRINTED_NUMBERS, row_names
-from fieldmap.thesis.words import deviation_in_words, minutes, powers, resting_on
+from fieldmap.thesis.printed import read_rows
 
 Draw = Callable[[Curves, Path], Any]
 COLUMNS = (
@@ -115,9 +115,9 @@ def write_report(folder: Path, results: Iterable[PartResult], draw: Draw) -> Pat
     known = {
         "rows": rows,
         "planned": {
-            row: f"{system}: {WITHOUT_PRINTED_NUMBERS[row]}" if row in WITHOUT_PRINTED_NUMBERS else system
-            for row, system in ROWS.items()
-            if row not in row_names()
+            name: ": ".join(filter(None, (row.system, row.without_numbers)))
+            for name, row in read_rows().items()
+            if not row.parts
         },
         "problems": [part for part, _ in drawn if part.problem],
         "agree": agree,
@@ -142,7 +142,10 @@ def _figures(result: PartResult, folder: Path, draw: Draw) -> tuple[str, ...]:
 
 def _rows(drawn: Sequence[tuple[PartResult, tuple[str, ...]]]) -> list[Row]:
     names = dict.fromkeys(part.row for part, _ in drawn)
-    return [Row(name, ROWS[name], tuple(pair for pair in drawn if pair[0].row == name)) for name in names]
+    return [
+        Row(name, read_rows()[name].system, tuple(pair for pair in drawn if pair[0].row == name))
+        for name in names
+    ]
 
 
 def _csv(rows: Iterable[Row]) -> str:
@@ -158,6 +161,41 @@ def _csv(rows: Iterable[Row]) -> str:
     return text.getvalue()
 
 
+def minutes(seconds: float) -> str:
+    """A time for people.
+
+    >>> minutes(0.04), minutes(75.0)
+    ('under 0.1 s', '1 min 15 s')
+    """
+    if seconds < 0.1:
+        return "under 0.1 s"
+    if seconds < 60.0:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    return f"{whole // 60} min {whole % 60} s"
+
+
+def resting_on(numbers: Iterable[Comparison]) -> list[tuple[str, str]]:
+    """Each assumption once, and the names of what rests on it: "" where that is everything."""
+    users: dict[str, dict[str, None]] = {}
+    every: dict[str, None] = {}
+    for number in numbers:
+        name = number.name.partition("[")[0]
+        every[name] = None
+        for text in number.assumptions:
+            users.setdefault(text, {})[name] = None
+    return [(text, "" if len(names) == len(every) else ", ".join(names)) for text, names in users.items()]
+
+
+def powers(unit: str) -> str:
+    """A unit with its exponents raised.
+
+    >>> powers("A m2"), powers("1/s2"), powers("m3")
+    ('A m²', '1/s²', 'm³')
+    """
+    return re.sub(r"(?<=[A-Za-z])[23]\b", lambda found: "²³"[int(found[0]) - 2], unit)
+
+
 def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("fieldmap.thesis"),
@@ -168,7 +206,6 @@ def _environment() -> Environment:
     )
     environment.filters |= {
         "number": lambda value: f"{value:.6g}",
-        "deviation": deviation_in_words,
         "minutes": minutes,
         "resting": resting_on,
         "powers": powers,

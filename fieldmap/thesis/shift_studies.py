@@ -16,7 +16,7 @@ from fieldmap.levitation import (
     stationary_points,
 )
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
-from fieldmap.thesis.equilibrium_shift import AXES, COMMON, DRAWN_H, RULES, curve, fields_for, shift, words
+from fieldmap.thesis.equilibrium_shift import AXES, DRAWN_H, curve, fields_for, shift
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
@@ -33,11 +33,10 @@ def fits(inputs: dict[str, Any]) -> Answers:
         ours = Polynomial.fit(signals, places, 4).convert()
         again = Polynomial.fit(signals, measured, 4).convert()
         printed = Polynomial(inputs[f"{axis}_polynomial"][::-1])
-        about = words("held", f"h = {DRAWN_H:g} mm, degree 4, the signals of the table")
-        numbers[f"{axis}_polynomial"] = Ours(ours.coef[::-1], about)
-        numbers[f"{axis}_table_again"] = Ours(again.coef[::-1], ("fitted to the table as printed",))
+        numbers[f"{axis}_polynomial"] = ours.coef[::-1]
+        numbers[f"{axis}_table_again"] = again.coef[::-1]
         numbers[f"{axis}_at_step"] = float(printed(inputs[f"{axis}_step_signal"]))
-        numbers[f"{axis}_step_signal"] = Ours(_root(ours - measured[0], 1.0), about)
+        numbers[f"{axis}_step_signal"] = _root(ours - measured[0], 1.0)
         fine = np.linspace(0.0, signals[-1], 81)
         series = (
             Series(f"measured, {axis}", signals, measured, "measured", points=True),
@@ -48,7 +47,7 @@ def fits(inputs: dict[str, Any]) -> Answers:
         drawn.append(
             Curves(f"{number} and the same fit to ours", "control signal (1)", "position (mm)", series)
         )
-    return Answers(numbers, tuple(drawn))
+    return Answers(numbers, tuple(drawn), {"drawn_h_mm": DRAWN_H})
 
 
 def _root(polynomial: Polynomial, value: float) -> float:
@@ -64,12 +63,7 @@ def limits(inputs: dict[str, Any]) -> Answers:
     for n, name in ((1.25, "n125"), (1.5, "n150")):
         signals = inputs[f"{name}_signals"]
         found = [curve(inputs["map"], signals, n=n, h=h) for h in inputs["offsets_mm"]]
-        numbers[f"{name}_last_signal"] = Ours(
-            [_crossing(signals, of_h.largest, limit) for of_h in found],
-            words(
-                "held", f"for h = {', '.join(f'{h:g}' for h in inputs['offsets_mm'])} mm; limit {limit:g} A"
-            ),
-        )
+        numbers[f"{name}_last_signal"] = [_crossing(signals, of_h.largest, limit) for of_h in found]
         series.append(Series(f"n = {n:g}", signals, found[1].largest))
     end = max(float(inputs[f"{name}_signals"][-1]) for name in ("n125", "n150"))
     series.append(Series("limit of the amplifier", np.array([0.0, end]), np.full(2, limit), "published"))
@@ -84,10 +78,14 @@ def _crossing(signals: Array, largest: Array, limit: float) -> float:
     return float(signals[k - 1] + share * (signals[k] - signals[k - 1]))
 
 
+FINER = 1.3
+"""Mesh sizes of the device file are divided by this."""
+
+
 @cache
 def finer_unit() -> UnitStates:
-    """The unit with mesh sizes over 1.3."""
-    return UnitStates(refinement=1.3)
+    """The unit on a finer mesh."""
+    return UnitStates(refinement=FINER)
 
 
 def convergence(inputs: dict[str, Any]) -> Answers:
@@ -97,13 +95,8 @@ def convergence(inputs: dict[str, Any]) -> Answers:
     of = [shift((source,), signals, h=DRAWN_H, z_s=z_s, rule="constant") for source in sources]
     places = np.array([1e3 * (found.along + found.origin[0]) for found in of])
     mesh, by_map = np.abs(places[0] - places[1]).max(), np.abs(places[0] - places[2]).max()
-    text = (
-        f"Mesh sizes divided by 1.3 move the equilibria by {mesh:.3f} mm at most; the map `division` and solved "
-        f"states differ by {by_map:.3f} mm at most."
-    )
-    note = "rows: solved at the shipped mesh; with mesh sizes over 1.3; map `division`; counted from the unit's axis"
-    numbers = {"constant": Ours(places, (*COMMON[:2], RULES["constant"], note, f"h = {DRAWN_H:g} mm"))}
-    return Answers(numbers, explanations={"constant": text})
+    facts = {"refinement": FINER, "mesh_mm": mesh, "map_mm": by_map, "drawn_h_mm": DRAWN_H}
+    return Answers({"constant": places}, facts=facts)
 
 
 MODELS: tuple[tuple[MagnetModel, float], ...] = (
@@ -123,27 +116,29 @@ def magnet_models(inputs: dict[str, Any]) -> Answers:
         shift(fields, signals, h=DRAWN_H, z_s=z_s, moment=moment, lever=lever) for moment, lever in MODELS
     ]
     names = [f"{moment}, lever {1e3 * lever:g} mm" if lever else moment for moment, lever in MODELS]
-    about = words("held", f"h = {DRAWN_H:g} mm; rows: {'; '.join(names)}", *model_assumptions("rigid", 5e-3))
-    numbers = {"x": Ours([zero + 1e3 * of.along for of in found], about)}
+    numbers = {"x": Ours([zero + 1e3 * of.along for of in found], model_assumptions("rigid", 5e-3))}
     series = [Series(name, signals, zero + 1e3 * of.along) for name, of in zip(names, found, strict=True)]
     points = Series("measured", signals, inputs["measured_mm"], "measured", points=True)
     figure = Curves("Models of the magnet", "x control signal (1)", "x (mm)", (points, *series))
-    return Answers(numbers, (figure,), {"": _stiffness_words(inputs["map"], z_s)})
+    facts = {"models": "; ".join(names), "drawn_h_mm": DRAWN_H, **_stiffness(inputs["map"], z_s)}
+    return Answers(numbers, (figure,), facts)
 
 
-def _stiffness_words(field_map: Any, z_s: float) -> str:
+def _stiffness(field_map: Any, z_s: float) -> dict[str, Any]:
     """Every stationary point of the map's box at the origin's currents, its stiffness, and Earnshaw's sum."""
     currents = np.full(6, thesis_lift_current(z_s))
     height = magnet_height(z_s, 1e-3 * DRAWN_H)
     found = stationary_points(field_map, currents, payload(), height)
     point = found.points[0]
     eigen = np.linalg.eigvalsh(0.5 * (point.stiffness + point.stiffness.T))
-    return (
-        f"At equal currents of {currents[0]:.3f} A the box of the map holds {len(found.points)} stationary point, "
-        f"{point.kind} sideways (the horizontal force turns {found.boundary_index} time round the box's edge, so that "
-        f"none is missing). Its stiffness has the eigenvalues {', '.join(f'{k:.2f}' for k in eigen)} N/m; their sum is "
-        f"{abs(point.trace):.0e} of the norm, 0 by Earnshaw's theorem: unstable upward, which the controller holds."
-    )
+    return {
+        "current_A": currents[0],
+        "points": len(found.points),
+        "kind": point.kind,
+        "turns": found.boundary_index,
+        "eigenvalues": eigen,
+        "trace": abs(point.trace),
+    }
 
 
 def own_current(inputs: dict[str, Any]) -> Answers:
@@ -153,12 +148,13 @@ def own_current(inputs: dict[str, Any]) -> Answers:
     at_measured = curve(inputs["map"], signals, rule="constant")
     share = lift_share(unit_rays(), inputs["z_mm"], DRAWN_H, level)
     ratio = at_measured.along / found.along
-    text = (
-        f"At {level:g} A in each coil, where the unscaled model carries {share:.2f} weights, the magnet moves "
-        f"{', '.join(f'{r:.1f}' for r in ratio)} times less than at {thesis_lift_current(10.0):.3f} A."
-    )
-    about = (*COMMON, f"{level:g} A in each coil at signal 0, constant", f"h = {DRAWN_H:g} mm")
-    return Answers({"x": Ours(inputs["zero_mm"] + 1e3 * found.along, about)}, explanations={"x": text})
+    facts = {
+        "share": share,
+        "ratio": ratio,
+        "measured_level_A": thesis_lift_current(10.0),
+        "drawn_h_mm": DRAWN_H,
+    }
+    return Answers({"x": inputs["zero_mm"] + 1e3 * found.along}, facts=facts)
 
 
 @cache
@@ -176,29 +172,17 @@ def noise(inputs: dict[str, Any]) -> Answers:
     deviation = float(np.mean(inputs["deviation_A"]))
     rms = {held: 1e3 * np.sqrt(np.diag(found.noise(deviation, held))) for held in (False, True)}
     seen = float(inputs["seen_rms_mm"])
-    about = (
-        *COMMON[:2],
-        f"h = {DRAWN_H:g} mm, equal currents of (7-18) at z_s = 10 mm, 0.035 A steps of each coil solved as states",
-        f"independent deviations of {deviation:.4f} A in six coils, mean of Table 3-10 at 1.4 V",
-        "quasi-static: every change lasts long enough for the magnet to follow; mass and eddy currents filter the rest",
-    )
     explained = seen / float(np.sqrt(np.mean(rms[True] ** 2))) * deviation
     per_coil = ", ".join(
         f"{name}: ({1e3 * x:+.2f}, {1e3 * y:+.2f})"
         for name, (x, y) in zip(unit_states().coil_names, found.at_held_height.T, strict=True)
     )
-    text = (
-        f"The equilibrium moves with each coil's current by (dx, dy) in mm/A: {per_coil}. Slow deviations of Table "
-        f"3-10 would move the magnet by {rms[True][0]:.2f} and {rms[True][1]:.2f} mm (root mean square), far more than "
-        f"the {seen:g} mm that were seen. Either the real deviation is below {1e3 * explained:.1f} mA, as 3.10 "
-        "suspects of its rough estimate, or the fluctuation is too quick for the magnet to follow."
-    )
-    weight = payload().mass * GRAVITY
-    note = (
-        f"all currents scaled so that the lift stays ({1e3 * weight:.1f} mN times the share at this current)"
-    )
-    numbers = {
-        "rms_height_held": Ours(rms[False], about),
-        "rms_lift_held": Ours(rms[True], (*about, note)),
+    facts = {
+        "drawn_h_mm": DRAWN_H,
+        "mean_deviation_A": deviation,
+        "per_coil": per_coil,
+        "rms_mm": rms[True],
+        "explained_mA": 1e3 * explained,
+        "weight_mN": 1e3 * payload().mass * GRAVITY,
     }
-    return Answers(numbers, explanations={"": text})
+    return Answers({"rms_height_held": rms[False], "rms_lift_held": rms[True]}, facts=facts)

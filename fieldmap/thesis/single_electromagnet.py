@@ -17,11 +17,6 @@ from fieldmap.typing import Array
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"
 CURRENTS = {EXACT: (1.0,), SIMPLIFIED: (100.0,) * 5}
 _REFINEMENT = 1.5
-_ASSUMED = (
-    "open space: Appendix A-1 sets the edge of the workspace as magnetic insulation and does not say where it is",
-    "40 mm is the diameter of the core, 90 mm its length; the winding is 18 mm thick and as long as the core",
-    f"mesh sizes of the device file over {_REFINEMENT:g}",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +76,14 @@ def levitation(inputs: dict[str, Any]) -> Answers:
     depth = 1e-3 * np.linspace(inputs["near_mm"], inputs["far_mm"], 80)
     exact, simplified = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
     difference = np.abs(simplified.flux_density / exact.flux_density - 1).max()
-    words = (*solved(EXACT).report.assumptions, *_ASSUMED)
+    reported = solved(EXACT).report.assumptions
     numbers = {
-        "depth_exact": Ours(1e3 * levitation_depth(EXACT), words),
-        "depth_simplified": Ours(
-            1e3 * levitation_depth(SIMPLIFIED),
-            (*words, "each round wire a square one of equal second moment"),
-        ),
-        "difference_of_the_windings": Ours(100 * float(difference), words),
+        "depth_exact": Ours(1e3 * levitation_depth(EXACT), reported),
+        "depth_simplified": Ours(1e3 * levitation_depth(SIMPLIFIED), reported),
+        "difference_of_the_windings": Ours(100 * float(difference), reported),
     }
-    return Answers(numbers, (_field_curves(), _gradient_curves(), _force_curves()))
+    curves = (_field_curves(), _gradient_curves(), _force_curves(inputs["printed_depth_mm"]))
+    return Answers(numbers, curves, {"refinement": _REFINEMENT})
 
 
 def _field_curves() -> Curves:
@@ -115,13 +108,19 @@ def _gradient_curves() -> Curves:
     )
 
 
-def _force_curves() -> Curves:
+def _force_curves(printed_mm: float) -> Curves:
     depth, at = np.linspace(0.03, 0.06, 120), levitation_depth(EXACT)
     weight = 1e3 * _payload(EXACT).mass * GRAVITY
     series = (
         Series("magnetic force", 1e3 * depth, 1e3 * axis_curves(EXACT, depth).force),
         Series("weight", 1e3 * depth[[0, -1]], np.full(2, weight)),
         Series(f"balance at {1e3 * at:.1f} mm", np.array([1e3 * at]), np.array([weight]), points=True),
-        Series("the thesis's 44 mm", np.array([44.0]), np.array([weight]), "published", points=True),
+        Series(
+            f"the thesis's {printed_mm:g} mm",
+            np.array([printed_mm]),
+            np.array([weight]),
+            "published",
+            points=True,
+        ),
     )
     return Curves("Fig. 2-6: force on the 1 mm sphere", "depth below the core (mm)", "force (mN)", series)

@@ -10,7 +10,7 @@ from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.thesis.force_formulas import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.rows import Answers
 from fieldmap.typing import Array
 
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
@@ -21,13 +21,6 @@ _A = 2.2e-2
 """What a is held at where constants of all six magnets are fitted, m; it does not change the curve at one depth."""
 _START = (0.2, 0.01, 0.05)
 _BESIDE = (10e-3, 20e-3, 30e-3, -10e-3)
-_ASSUMED = (
-    f"iron of {_DEVICE} linear, mu_r = {_MU_R:g}, 1350 turns, mesh sizes of the device file over {_REFINEMENT:g}; "
-    "the thesis's B-H curve would saturate, so that its forces would not superpose",
-    "electromagnet 1 at x < 0 beside the yoke's leg, 4 opposite, from the pole of the printed formula; vertical dipole",
-    "a mesh twice as fine makes forces 2 % larger, b 2 % and L0 7 % smaller",
-    "one depth: only two of L0, a, b are determined, a is held at Table 4-3's; F_x is taken without offset x0",
-)
 
 
 @dataclass(frozen=True)
@@ -42,6 +35,11 @@ class AddedError:
     rms: float
     share: float
     middle: float
+
+    @property
+    def rms_mN(self) -> float:  # noqa: N802 - the unit
+        """rms in mN."""
+        return 1e3 * self.rms
 
 
 @cache
@@ -129,25 +127,27 @@ def constants(inputs: dict[str, Any]) -> Answers:
         for coil, a in zip((ONE, FOUR), inputs["a_m"], strict=True)
     ]
     plane = plane_fit(ONE, depth, half_width, float(inputs["a_m"][0]), 1e-3 * inputs["y_mm"])
-    words = (
-        *_ASSUMED,
-        f"{inputs['current_A']:g} A in one coil, |x| <= {inputs['half_width_mm']:g} mm",
-        f"root mean square errors on y = 0: {1e3 * fits[0].rms:.2f} and {1e3 * fits[1].rms:.2f} mN; with the term in "
-        f"|y|, |y| <= 30 mm: {1e3 * plane.rms:.2f} mN; d = 100 m says that the term is of no use",
-        *errors_in_words(depth, half_width),
-    )
     numbers = {
-        "L0": Ours([fit.formula.inductance for fit in fits], words),
-        "b": Ours([fit.formula.b for fit in fits], words),
-        "c": Ours([fit.formula.c for fit in fits], words),
-        "d": Ours(plane.formula.d, words),
+        "L0": [fit.formula.inductance for fit in fits],
+        "b": [fit.formula.b for fit in fits],
+        "c": [fit.formula.c for fit in fits],
+        "d": plane.formula.d,
     }
     curves = (
         _one_by_one(depth, half_width, fits),
         _beside_the_axis(depth, half_width, plane),
         *_added(depth, half_width),
     )
-    return Answers(numbers, curves)
+    facts = {
+        "device": _DEVICE,
+        "mu_r": _MU_R,
+        "refinement": _REFINEMENT,
+        "rms_mN": [1e3 * fit.rms for fit in fits],
+        "plane_rms_mN": 1e3 * plane.rms,
+        "formula": added_errors(depth, half_width),
+        "quadratic": added_errors(depth, half_width, quadratic=True),
+    }
+    return Answers(numbers, curves, facts)
 
 
 def _one_by_one(depth: float, half_width: float, fits: list[Fit[HorizontalForce]]) -> Curves:
@@ -196,13 +196,3 @@ def _added(depth: float, half_width: float) -> list[Curves]:
         whole = f"{title}, 1 A each, {1e3 * depth:g} mm deep"
         curves.append(Curves(whole, "x (mm)", "$F_x$ (mN)", tuple(series)))
     return curves
-
-
-def errors_in_words(depth: float, half_width: float) -> tuple[str, ...]:
-    """One line for each number of magnets and formula."""
-    return tuple(
-        f"{formula}, {error.magnets} at 1 A: error {1e3 * error.rms:.2f} mN rms, {100 * error.share:.0f} % of the "
-        f"force, {100 * error.middle:.0f} % of it on |x| <= 10 mm"
-        for formula, quadratic in (("(4-9)", False), ("quadratic (4-10)", True))
-        for error in added_errors(depth, half_width, quadratic)
-    )

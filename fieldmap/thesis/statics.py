@@ -14,8 +14,8 @@ from fieldmap.errors import OutsideMapError
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
 from fieldmap.sources.inductance import bare_inductance
-from fieldmap.thesis.drive_unit import PANELS, WORDS, lift_share, payload, unit_rays, unit_states
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
+from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
@@ -29,11 +29,6 @@ VARIANTS = {
 }
 REFINEMENT = 0.5
 """Of the linear variants: their lift is within 2 % of the shipped mesh's."""
-_LIFT_WORDS = (
-    "iron: drive_unit with its B-H table, no hysteresis; 840 turns; fixed vertical point dipole of 0.813 A m^2",
-    WORDS,
-)
-_NOT_ABOVE = "the field is as computed: nothing is scaled"
 
 
 @cache
@@ -45,19 +40,14 @@ def linear_unit(name: str) -> LinearSolution:
 def coils(inputs: dict[str, Any]) -> Answers:
     """Table 3-1's inductances, and the field of each coil alone and of all, linear and saturating, of every variant."""
     unit = linear_unit("drive_unit")
-    about = (
-        f"drive_unit, linear iron of initial slope, mesh sizes over {REFINEMENT:g}; the other coils open",
-        "the thesis does not say whether its coils were measured alone, on a core, or in the unit",
-    )
     numbers = {
-        "on_its_core": Ours(
-            1e3 * _on_its_core(), ("each winding on its own core alone, linear iron of initial slope",)
-        ),
-        "in_the_unit": Ours(1e3 * np.diag(unit.inductance()), about),
-        "without_iron": Ours(1e3 * np.diag(bare_inductance(unit.coils)), ("windings of 840 turns, no iron",)),
+        "on_its_core": 1e3 * _on_its_core(),
+        "in_the_unit": 1e3 * np.diag(unit.inductance()),
+        "without_iron": 1e3 * np.diag(bare_inductance(unit.coils)),
     }
     z = np.linspace(-0.130, -0.085, 46)
-    return Answers(numbers, (_each_coil(unit, z), _all_coils(z), _variants(z)), {"": _saturation_words()})
+    facts = {"refinement": REFINEMENT, **_saturation()}
+    return Answers(numbers, (_each_coil(unit, z), _all_coils(z), _variants(z)), facts)
 
 
 @cache
@@ -115,8 +105,8 @@ def _variants(z: Array) -> Curves:
     return Curves(title, "depth below the disk (mm)", "lift over weight (1/A)", tuple(series))
 
 
-def _saturation_words() -> str:
-    """What one coil alone loses, in words."""
+def _saturation() -> dict[str, float]:
+    """Lift of the saturating unit over that of linear iron, at 1 A in all coils and in coil 5 alone."""
     alone = np.zeros(6)
     alone[4] = 1.0
     together = np.full(6, 1.0)
@@ -124,11 +114,7 @@ def _saturation_words() -> str:
     linear = linear_unit("drive_unit")
     of_all = unit_states().gradient(point, together)[0, 2, 2] / linear.gradient(point, together)[0, 2, 2]
     of_one = unit_states().gradient(point, alone)[0, 2, 2] / linear.gradient(point, alone)[0, 2, 2]
-    return (
-        f"At 1 A in each coil the saturating unit lifts {of_all:.2f} times what linear iron of initial slope does "
-        f"(steel below its knee is more permeable); at 1 A in coil 5 alone {of_one:.2f} times. Fields of single coils "
-        "must not be superposed in this unit."
-    )
+    return {"share_of_all": of_all, "share_of_one": of_one}
 
 
 @cache
@@ -148,26 +134,25 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
     currents = np.array([lift_current(z, h) for z in zs])
     shares = np.array([[lift_share(unit_rays(), z, each, thesis_lift_current(z)) for z in zs] for each in hs])
     spread = [np.ptp(row) / row.mean() for row in shares]
-    about = (*_LIFT_WORDS, _NOT_ABOVE)
-    at_h = (*about, f"for h = {', '.join(f'{each:g}' for each in hs)} mm")
     numbers = {
-        "current": Ours(currents, (*about, f"h = {h:g} mm")),
-        "total": Ours(6.0 * lift_current(middle, h), (*about, f"h = {h:g} mm")),
-        "current_over_h": Ours([lift_current(middle, each) for each in hs], at_h),
-        "current_linear": Ours(
-            [_linear_current(z, h) for z in zs], (f"linear iron, mesh over {REFINEMENT:g}",)
-        ),
-        "relative_slope": Ours([_relative_slope(middle, each) for each in hs[:-1]], at_h),
-        "lift_over_weight": Ours(shares, (*about, f"rows: h = {', '.join(f'{each:g}' for each in hs)} mm")),
+        "current": currents,
+        "total": 6.0 * lift_current(middle, h),
+        "current_over_h": [lift_current(middle, each) for each in hs],
+        "current_linear": [_linear_current(z, h) for z in zs],
+        "relative_slope": [_relative_slope(middle, each) for each in hs[:-1]],
+        "lift_over_weight": shares,
     }
     best = int(np.argmin(spread))
-    text = (
-        f"At the measured currents the unscaled model lifts {shares.min():.2f} to {shares.max():.2f} of the weight. "
-        f"That share hardly depends on the depth: with h = {hs[best]:g} mm it stays within {100 * spread[best]:.1f} % "
-        f"from z_s = {zs[0]:g} to {zs[-1]:g} mm. So one factor of {1 / shares[best].mean():.2f} on the force, and "
-        "nothing else, turns the model into the line (7-18); what is missing is the level, not the law."
-    )
-    return Answers(numbers, _lift_figures(inputs, currents, shares), {"": text})
+    facts = {
+        "refinement": REFINEMENT,
+        "least_share": shares.min(),
+        "largest_share": shares.max(),
+        "best_h_mm": hs[best],
+        "spread": spread[best],
+        "deepest_mm": zs[-1],
+        "factor": 1.0 / shares[best].mean(),
+    }
+    return Answers(numbers, _lift_figures(inputs, currents, shares), facts)
 
 
 def _linear_current(z_s: float, h: float) -> float:
@@ -225,8 +210,4 @@ def directions(inputs: dict[str, Any]) -> dict[str, Any]:
     moved = sensitivity_at_origin().at_held_height
     clear = np.abs(moved) > inputs["least_share"] * np.abs(moved).max(axis=1, keepdims=True)
     x, y = np.where(clear, np.sign(moved), 0.0)
-    about = (
-        "signs of the derivatives of the equilibrium by each coil's current; saturating unit at 1.558 A, z_s = 10 mm, "
-        f"h = 15 mm; less than {inputs['least_share']:g} of the largest is taken as 0",
-    )
-    return {"directions": Ours(np.array([x, 0.0 - x, y, 0.0 - y]), about)}
+    return {"directions": np.array([x, 0.0 - x, y, 0.0 - y])}

@@ -15,6 +15,11 @@ class Followed(NamedTuple):
     lag_deg: float
     rest_mm: float
 
+    @property
+    def growth(self) -> float:
+        """Of the radius: share - 1."""
+        return self.share - 1.0
+
 
 def circles(inputs: dict[str, Any]) -> Answers:
     """RMS of the height on each circle, at rest, and what becomes of radius and phase."""
@@ -37,11 +42,8 @@ def circles(inputs: dict[str, Any]) -> Answers:
         "growth": ours(rms[1] / rms[0], *every[:2]),
         "speed": [float(r * w) for r, w in zip(radii[:2], rates[:2], strict=True)],
     }
-    followed = {
-        name: follows(run, float(rate), settled)
-        for (name, run), rate in zip(runs.items(), rates, strict=True)
-    }
-    return Answers(numbers, _figures(runs, settled), {"": _words(followed)})
+    followed = [follows(run, float(rate), settled) for run, rate in zip(every, rates, strict=True)]
+    return Answers(numbers, _figures(runs, settled), {"followed": followed})
 
 
 def follows(run: Readings, rate: float, begin: float) -> Followed:
@@ -54,19 +56,6 @@ def follows(run: Readings, rate: float, begin: float) -> Followed:
     ratio = found[0] / np.linalg.lstsq(basis, wanted, rcond=None)[0][0]
     rest = np.sqrt(np.mean(np.abs(path - found[0] * turning) ** 2))
     return Followed(float(abs(ratio)), float(-np.rad2deg(np.angle(ratio))), float(rest))
-
-
-def _words(followed: dict[str, Followed]) -> str:
-    parts = [
-        f"{name}: radius {100 * (one.share - 1):+.1f} %, {one.lag_deg:.1f} deg behind, {one.rest_mm:.3f} mm RMS off "
-        "that circle"
-        for name, one in followed.items()
-    ]
-    return (
-        f"Radius and lag of ours, against the reference: {'; '.join(parts)}. The thesis shows a path somewhat "
-        "smaller than the reference and a lag, without numbers, much more haphazard on the fast circle of 3 mm, "
-        "smoother on the slow half-circle."
-    )
 
 
 def _figures(runs: dict[str, Readings], settled: float) -> tuple[Any, ...]:

@@ -23,12 +23,7 @@ from fieldmap.control.identification import (
     root_locus,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.rows import Answers, Ours
-
-_PLANT = "the identified plant (5-17), linear and without limits of the output"
-_NOISE = (
-    "sensor noise white and Gaussian with the deviation at rest of Table 3-8; seed 7; nothing else disturbs"
-)
+from fieldmap.thesis.rows import Answers
 
 
 def identified_plant(inputs: dict[str, Any]) -> TransferFunction:
@@ -66,15 +61,14 @@ def step_response(inputs: dict[str, Any]) -> Answers:
     run = simulate_loop(plant, pid, np.full(2000, inputs["step_mm"]))
     metrics = step_metrics(run.time, run.y[0], final=inputs["step_mm"])
     reached = run.time[np.argmax(run.y[0] >= inputs["step_mm"])]
-    numbers = {
+    answers = {
         "peak_time": metrics.peak_time,
         "rise_time": metrics.rise_time,
         "time_to_reference": float(reached),
         "settling_time": metrics.settling_time,
         "overshoot": 100 * metrics.overshoot,
+        "rms_at_rest": rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]),
     }
-    answers: dict[str, Any] = {name: Ours(value, (_PLANT,)) for name, value in numbers.items()}
-    answers["rms_at_rest"] = Ours(rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]), (_PLANT, _NOISE))
     return Answers(answers, (_step_figure(run, inputs["step_mm"]),))
 
 
@@ -99,18 +93,9 @@ def rms_at_rest(plant: tuple, controller: Any, deviation: float) -> float:
 RUNS = 100
 _DRAWN_GAINS, _ALL_GAINS = np.linspace(0.01, 1.0, 2000), np.geomspace(1e-3, 40.0, 2000)
 _GAINS = f"$K_c$ from {_DRAWN_GAINS[0]:g} to {_DRAWN_GAINS[-1]:g} V/mm, times of the controller in seconds."
-RECORDS = (
-    f"mean of {RUNS} simulated records (seed 7): linear plant, no limits, white sensor noise of Table 3-8"
-)
-_SECONDS = "the identified plant (5-17); T_i and T_d in seconds, as the thesis writes them"
-_MINUTES = (
-    "a reading of ours: the PID function takes T_i and T_d in minutes and differentiates the measurement",
-    "plant g / (s^2 + d s - c) with g, c, d fitted to the poles at K_c = 0.334, 0.2 and 0.15; K_c = 0.5 and all other "
-    "numbers of this part are predictions",
-)
 
 
-def recovery(inputs: dict[str, Any]) -> dict[str, Any]:
+def recovery(inputs: dict[str, Any]) -> Answers:
     """(5-17) from PRBS records of its closed loop, by the modified least squares on control signal and position."""
     plant, Ts = identified_plant(inputs), inputs["Ts_s"]
     reference = pseudo_random_binary(
@@ -122,12 +107,7 @@ def recovery(inputs: dict[str, Any]) -> dict[str, Any]:
     noise = np.random.default_rng(7).normal(scale=inputs["sensor_deviation_mm"], size=(RUNS, reference.size))
     run = simulate_loop(plant, pid, reference, runs=RUNS, position_noise=noise)
     found = modified_least_squares_runs(run.y + noise, run.u, Orders(poles=2, zeros=1))
-    notes = (RECORDS, "direct: from the control signal and the position, plant structure known")
-    return {
-        "poles": mean_of_records(found.poles.real, notes),
-        "zero": mean_of_records(found.zeros.real, notes),
-        "gain": mean_of_records(found.gains[:, None], notes),
-    }
+    return over_records({"poles": found.poles.real, "zero": found.zeros.real, "gain": found.gains[:, None]})
 
 
 def locus(inputs: dict[str, Any]) -> Answers:
@@ -137,7 +117,7 @@ def locus(inputs: dict[str, Any]) -> Answers:
     negative = transfer_function(-unit.numerator, unit.denominator)
     gains = np.asarray(inputs["gains"])
     poles = root_locus(plant, negative, gains).poles
-    numbers = _pairs_and_third(poles, gains, inputs, (_SECONDS,))
+    numbers = _pairs_and_third(poles, gains, inputs)
     first = from_roots(inputs["plant_gain"], inputs["preliminary_zeros"], inputs["preliminary_poles"])
     models = {"preliminary model, Table 5-3": first, "final model, Table 5-4": plant}
     near, whole = (
@@ -171,7 +151,7 @@ def _locus_near_one(
         for one in model.T
         if one.real.max() > 0.85
     )
-    pair = numbers["pair_real"].value, numbers["pair_imaginary"].value
+    pair = numbers["pair_real"], numbers["pair_imaginary"]
     ours = Series("final model at the gains of Table 5-2", *pair, points=True)
     measured = np.array(inputs["measured_real"]), np.array(inputs["measured_imaginary"])
     theirs = Series("identified, Table 5-2", *measured, "measured", points=True)
@@ -184,9 +164,9 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
     fitted = _fitted_plant(inputs)
     gains, Ts = np.asarray(inputs["gains"]), inputs["Ts_s"]
     poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
-    answers = _pairs_and_third(poles, gains, inputs, _MINUTES)
+    answers = _pairs_and_third(poles, gains, inputs)
     integral = 0.5 * Ts / (60.0 * inputs["Ti_s"])
-    answers["zero"] = Ours([(1.0 - integral) / (1.0 + integral)] * 3, _MINUTES[:1])
+    answers["zero"] = [(1.0 - integral) / (1.0 + integral)] * 3
     pid = PID(
         inputs["step_gain"],
         60.0 * inputs["Ti_s"],
@@ -197,19 +177,21 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
     )
     run = simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000))
     metrics = step_metrics(run.time, run.y[0])
-    answers["peak_time"] = Ours(metrics.peak_time, _MINUTES)
-    answers["overshoot"] = Ours(100.0 * metrics.overshoot, _MINUTES)
-    answers["settling_time"] = Ours(metrics.settling_time, _MINUTES)
-    answers["stiffness_over_gain"] = Ours(fitted[1] / fitted[0], _MINUTES)
+    answers["peak_time"] = metrics.peak_time
+    answers["overshoot"] = 100.0 * metrics.overshoot
+    answers["settling_time"] = metrics.settling_time
+    answers["stiffness_over_gain"] = fitted[1] / fitted[0]
     weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]
-    answers["gain_over_weight"] = Ours(fitted[0] / weight, _MINUTES)
+    answers["gain_over_weight"] = fitted[0] / weight
     return answers
 
 
-def mean_of_records(values: np.ndarray, notes: tuple[str, ...]) -> Ours:
-    """Mean over records, and how far they scatter."""
-    spread = ", ".join(f"{s:.2g}" for s in values.std(axis=0, ddof=1))
-    return Ours(values.mean(axis=0), (*notes, f"standard deviation from record to record: {spread}"))
+def over_records(found: dict[str, np.ndarray]) -> Answers:
+    """Mean over records of values (records, k) by name; the facts NAME_spread are the standard deviations."""
+    facts: dict[str, Any] = {f"{name}_spread": values.std(axis=0, ddof=1) for name, values in found.items()}
+    return Answers(
+        {name: values.mean(axis=0) for name, values in found.items()}, facts={"records": RUNS, **facts}
+    )
 
 
 def _newtonian(plant: np.ndarray, Ts: float) -> TransferFunction:
@@ -244,15 +226,13 @@ def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
     return scale * minimise(misses, [1.6, 1.5, 0.0]).x
 
 
-def _pairs_and_third(
-    poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any], notes: tuple[str, ...]
-) -> dict[str, Any]:
+def _pairs_and_third(poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any]) -> dict[str, Any]:
     """The complex pair at every gain, and the real pole nearest to q = 1 at those where the table has one."""
     pair = np.array([p[np.argmax(p.imag)] for p in poles])
     real = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
     third = [real[int(np.argmin(np.abs(gains - gain)))] for gain in inputs["third_gains"]]
     return {
-        "pair_real": Ours(pair.real, notes),
-        "pair_imaginary": Ours(pair.imag, notes),
-        "third": Ours(third, notes),
+        "pair_real": pair.real,
+        "pair_imaginary": pair.imag,
+        "third": third,
     }

@@ -113,7 +113,7 @@ def _steps(inputs: dict[str, Any], controllers: list[Gains]) -> list[Curves]:
         models = _models(inputs, run, gains, *names)
         title = f"Fig. 5-{number}: step of 1 mm, {ordinal} controller"
         curves.append(over_time(title, DEPTH, {_MACHINE: run}, begin=0.9, end=2.5, models=models))
-    after, overshoot = inputs["rig_peak"]
+    after, overshoot = inputs["rig_peak_time_s"], 0.01 * inputs["rig_overshoot_percent"]
     curves[0] = with_measured(curves[0], "peak of the rig, Table 7-1", [1.0 + after], [11.0 + overshoot])
     return curves
 
@@ -185,7 +185,7 @@ def records(inputs: dict[str, Any]) -> Answers:
         _poles(inputs, pairs),
         *responses(inputs, steps),
     )
-    return Answers(numbers, curves, {"pair_imaginary": _of_less_gain(inputs)})
+    return Answers(numbers, curves, {"pair_of_less_gain": _pair_of_less_gain(inputs)})
 
 
 def _identified(steps: Mapping[float, Readings]) -> EstimatedRuns:
@@ -194,12 +194,11 @@ def _identified(steps: Mapping[float, Readings]) -> EstimatedRuns:
     return modified_least_squares_runs(seen, wanted, _REDUCED)
 
 
-def _of_less_gain(inputs: dict[str, Any]) -> str:
-    """What the calibration at one depth leaves open would do to the poles."""
+def _pair_of_less_gain(inputs: dict[str, Any]) -> list[float]:
+    """Imaginary parts of the pairs with a smaller gain: what the calibration at one depth leaves open."""
     share, Ti, Td = inputs["less_gain"], inputs["Ti"], inputs["Td"]
     steps = {float(Kc): step_of(inputs, (float(share * Kc), Ti, Td), 8.0, 1.0) for Kc in inputs["gains"]}
-    parts = [f"{_slowest_pair(poles).imag:.3f}" for poles in _identified(steps).poles]
-    return f"A gain of {share:g} times ours, which would bring the overshoot of Table 7-1, gives {', '.join(parts)}."
+    return [_slowest_pair(poles).imag for poles in _identified(steps).poles]
 
 
 def _slowest_pair(poles: NDArray[np.complex128]) -> complex:

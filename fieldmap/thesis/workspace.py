@@ -14,17 +14,14 @@ from fieldmap.levitation import stationary_points
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.thesis.available_maps import map_path
 from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
-from fieldmap.thesis.equilibrium_shift import DRAWN_H, RULES, Axis, Shift, shift
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.equilibrium_shift import DRAWN_H, Axis, Shift, shift
+from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
+from fieldmap.typing import Array
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
 """y < 0 mirrors y > 0."""
-EXTRAPOLATED = (
-    "map `division` asked beyond the currents it was made for (u 1.0 to 2.2 A, x 0.4, y 0.3), where its error is not "
-    "certified; against solved states up to 3.6 A and x = 0.4 it was off by 1.4 % of the gradient and 0.2 mm"
-)
 
 
 @cache
@@ -38,25 +35,22 @@ def ranges(inputs: dict[str, Any]) -> Answers:
     limit, hs = inputs["current_limit_A"], inputs["offsets_mm"]
     numbers: dict[str, Any] = {}
     curves: list[Curves] = []
-    about = (
-        *RULES["held"].split("; ")[:1],
-        EXTRAPOLATED,
-        f"limit {limit:g} A in any coil, y signal at most {inputs['largest_y_signal']:g} as the thesis found; the end "
-        "of the sensors' beam, which bounded its y, is not modelled",
-        f"for h = {', '.join(f'{h:g}' for h in hs)} mm",
-    )
     for z_s, name in zip(inputs["depths_mm"], ("upper", "lower"), strict=True):
         sides = {
             (axis, way): [_side(axis, way, z_s, h, limit, inputs["largest_y_signal"]) for h in hs]
             for axis, way in SIDES
         }
         ranges = [a + b for a, b in zip(sides["x", 1.0], sides["x", -1.0], strict=True)]
-        numbers[f"x_range_{name}"] = Ours(ranges, about)
-        numbers[f"y_range_{name}"] = Ours([2.0 * side for side in sides["y", 1.0]], about)
+        numbers[f"x_range_{name}"] = ranges
+        numbers[f"y_range_{name}"] = [2.0 * side for side in sides["y", 1.0]]
         curves.append(_figure(z_s))
-    numbers["vertical_range"] = Ours([_deepest(h, limit, True) for h in hs], about)
-    numbers["vertical_range_unscaled"] = Ours([_deepest(h, limit, False) for h in hs], about)
-    return Answers(numbers, tuple(curves), {"": _words(inputs)})
+    numbers["vertical_range"] = [_deepest(h, limit, True) for h in hs]
+    numbers["vertical_range_unscaled"] = [_deepest(h, limit, False) for h in hs]
+    facts = {
+        "stability": "stable sideways" if _all_stable(inputs["depths_mm"]) else "not stable sideways",
+        "off_mm": _checked_at_half(),
+    }
+    return Answers(numbers, tuple(curves), facts)
 
 
 @cache
@@ -105,16 +99,9 @@ def _deepest(h: float, limit: float, scaled: bool) -> float:
     return end if excess(end) > 0.0 else float(brentq(excess, 0.0, end, xtol=1e-4))
 
 
-def _words(inputs: dict[str, Any]) -> str:
-    stable = all(
-        _followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in inputs["depths_mm"]
-    )
-    off = _checked_at_half()
-    return (
-        f"Every place on the way is {'stable sideways' if stable else 'not stable sideways'}: in the model it is the "
-        "amplifier's current that ends the range, as the thesis says. At y = 0.5 and u = 2.2 A the extrapolated map "
-        f"puts the magnet {off:.2f} mm from where a state solved there does. The model moves too far along y, see S14."
-    )
+def _all_stable(depths: Array) -> bool:
+    """Whether every place on the way is stable sideways."""
+    return all(_followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in depths)
 
 
 def _checked_at_half() -> float:

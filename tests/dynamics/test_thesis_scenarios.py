@@ -9,10 +9,10 @@ import pytest
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
 from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.lookup import open_map
-from fieldmap.thesis import PARTS, coupled_loop, coupled_regulator, coupled_sideways, trajectories
+from fieldmap.thesis import trajectories
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.printed import figure_numbers, read_part
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.rows import Answers, function_of
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
 
@@ -29,10 +29,7 @@ def answers(six, legible):
     def compute(part, **inputs):
         printed = read_part(part)
         given = printed.inputs | {"map": six} | inputs
-        module, name = PARTS[part].rpartition(".")[2].split(":")
-        modules = (trajectories, coupled_loop, coupled_regulator, coupled_sideways)
-        room = next(one for one in modules if one.__name__.endswith(module))
-        found = getattr(room, name)(given)
+        found = function_of(part)(given)
         assert isinstance(found, Answers)
         assert {number for figure in found.curves for number in figure_numbers(figure.title)} == set(
             printed.figures
@@ -40,7 +37,7 @@ def answers(six, legible):
         legible(found.curves)
         numbers = {key: np.asarray(getattr(value, "value", value)) for key, value in found.numbers.items()}
         assert all(np.isfinite(curve.y).all() for figure in found.curves for curve in figure.series)
-        return SimpleNamespace(**numbers, words=" ".join(found.explanations.values()), numbers=numbers)
+        return SimpleNamespace(**numbers, facts=found.facts, numbers=numbers)
 
     return compute
 
@@ -87,7 +84,8 @@ def test_without_saturation_there_are_no_spikes(answers):
     row = answers("S18_spikes")
     assert 3 * SENSOR_MM < row.spike < 5 * SENSOR_MM
     assert row.with_compensator == pytest.approx(row.spike, abs=SENSOR_MM)
-    assert "gain of 0.025 (gone)" in row.words
+    assert row.facts["spikes_then"][1] == "gone"
+    assert row.facts["small_spikes_mm"][1] < 1.5 * row.facts["still_mm"]
 
 
 def test_sway_and_block(answers):
@@ -139,7 +137,7 @@ def test_range_is_what_is_asked_for_where_nothing_bounds_it(answers):
     row = answers("S18_range", depths_mm=np.array([11.5]))
     np.testing.assert_allclose(row.range_upper, [15, -15, 15, -15], atol=0.05)
     assert row.vertical_range == pytest.approx(35.0, abs=1.0)
-    assert "fell out" in row.words
+    assert "fell out" in row.facts["end"]
 
 
 def test_the_regulator_scenario_has_the_printed_gains(six):
@@ -168,9 +166,10 @@ def test_table_7_4_the_regulator_needs_the_block(answers):
     row = answers("S18_heights", further_gaps_mm=np.array([2.0, 20.0]))
     assert (np.diff(row.rms) > 0).all()
     assert SENSOR_MM < row.rms[0] < row.rms[-1] < 0.03
-    air = row.words.partition("With the damping")[0]
-    assert "2 mm: hit the pole; 20 mm: " in air
-    assert "held" not in air
+    near, far = row.facts["farther"]
+    assert "hit the pole" in near
+    assert "held" not in near
+    assert "held" not in far
 
 
 def test_circles_lag_as_their_slow_loop_says_and_keep_the_height_without_saturation(answers, six):
@@ -179,13 +178,12 @@ def test_circles_lag_as_their_slow_loop_says_and_keep_the_height_without_saturat
     assert row.vertical_rms == pytest.approx(np.full(3, row.rms_at_rest), rel=0.1)
     np.testing.assert_allclose(row.speed, [0.08, 0.48], rtol=1e-12)
     # So slow, the plant is its statics: T = k C / (1 + k C), C = Kc (1 + 1 / (Ti s)).
-    for mm, rate in ((0.5, 0.16), (3.0, 0.0502)):
+    for k, rate in ((0, 0.16), (2, 0.0502)):
         loop = shift_per_signal(six, 11.0)[0] * 0.025 * (1 + 1 / (0.36j * rate))
         expected = -np.rad2deg(np.angle(loop / (1 + loop)))
-        text = row.words.partition(f"{mm:g} mm, {rate:g} rad/s: radius ")[2]
-        share, lag = text.split(" %, ")[0], text.split(" %, ")[1].split(" deg")[0]
-        assert float(lag) == pytest.approx(expected, abs=0.25 + 0.15 * expected)
-        assert float(share) == pytest.approx(100 * (abs(loop / (1 + loop)) - 1), abs=0.4)
+        followed = row.facts["followed"][k]
+        assert followed.lag_deg == pytest.approx(expected, abs=0.25 + 0.15 * expected)
+        assert followed.share == pytest.approx(abs(loop / (1 + loop)), abs=0.004)
 
 
 def test_how_a_circle_is_followed():

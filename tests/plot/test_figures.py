@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from fieldmap.plot.figures import draw_curves, save_curves
-from fieldmap.thesis import PARTS, Curves, Series
+from fieldmap.thesis import Curves, Series, part_names
 from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.printed import read_part
 
@@ -89,7 +89,7 @@ def test_a_figure_becomes_a_picture(tmp_path):
 computed = cache(compute_part)
 
 
-WITHOUT_A_MAP = [part for part in PARTS if read_part(part).figures and not read_part(part).map]
+WITHOUT_A_MAP = [part for part in part_names() if read_part(part).figures and not read_part(part).map]
 
 
 @pytest.mark.parametrize("part", [*WITHOUT_A_MAP, "S16_closed_loop", "S20_closed_loop"])

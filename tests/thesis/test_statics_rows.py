@@ -78,8 +78,9 @@ def test_rays_hold_their_states_and_interpolate_between(coarse):
     between, solved = coarse.gradient(points, np.full(6, 1.8)), coarse.states.at(np.full(6, 1.8))
     off = np.abs(between - solved.gradient(points, [1.0])).max() / np.abs(between).max()
     assert off < 2e-3
-    with pytest.raises(OutsideMapError, match="mean current"):
+    with pytest.raises(OutsideMapError) as error:
         coarse.field(points, np.full(6, 0.5))
+    assert error.value.problems[0].received == "0.5 A"
 
 
 def test_solved_states_are_kept_in_a_file(tmp_path, monkeypatch):
@@ -117,7 +118,7 @@ def test_a_table_and_its_figure(on_coarse_mesh, legible):
     answers = equilibrium_shift.x_branches(inputs)
     legible(answers.curves)
     assert set(answers.numbers) == set(read_part("S14_x_branches").numbers)
-    outward, back = (answers.numbers[f"positive_{way}_held"].value for way in ("outward", "back"))
+    outward, back = (answers.numbers[f"positive_{way}_held"] for way in ("outward", "back"))
     np.testing.assert_array_equal(outward, back)
     assert outward[0] == inputs["positive_outward_mm"][0]
     # What a single-valued law cannot do: on the way back the measured place lies nearer to the origin.
