@@ -17,9 +17,9 @@ import numpy as np
 
 import fieldmap as fm
 from fieldmap.device.model import Device, WorkspaceBox
-from fieldmap.iron.elements.permeability import body_properties
 from fieldmap.iron.error.estimate import estimate_error, workspace_surface
 from fieldmap.iron.error.refinement import Level
+from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.operators.assembled import assemble

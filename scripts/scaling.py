@@ -18,10 +18,9 @@ import numpy as np
 import fieldmap as fm
 from fieldmap.device.model import Device, LinearMaterial
 from fieldmap.iron import IronMesh, generate_mesh
-from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.magnetisation import Magnetisation
-from fieldmap.iron.elements.permeability import body_properties
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.materials import body_properties
 from fieldmap.iron.operators.assembled import STORAGES, assemble
 from fieldmap.iron.operators.compressed import CompressedMutualPotential
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient

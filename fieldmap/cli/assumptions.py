@@ -35,12 +35,12 @@ def payload_assumptions(payload: Payload | None) -> tuple[str, ...]:
     return (f"point dipole, {depth} below the point that the sensor reads",)
 
 
-def overdriven_words(solution: Any, device: Device, currents: Any) -> tuple[str, ...]:
+def beyond_saturation_warnings(solution: Any, device: Device, currents: Any) -> tuple[str, ...]:
     """A warning for every material of linear iron of which a body carries more than it can polarise."""
-    from fieldmap.iron import overdriven_bodies
+    from fieldmap.iron import bodies_beyond_saturation
 
     warnings: dict[str, str] = {}
-    for found in sorted(overdriven_bodies(solution, device, currents), key=lambda body: -body.largest):
+    for found in sorted(bodies_beyond_saturation(solution, device, currents), key=lambda body: -body.largest):
         first = (
             f"warning: linear iron does not saturate: up to {found.largest:.3g} T, while '{found.material}' polarises "
             f"{found.most:.3g} T at most; above that are"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.cli.assumptions import overdriven_words
+from fieldmap.cli.assumptions import beyond_saturation_warnings
 from fieldmap.cli.iron import IronChoice, States, require_iron, solve_device
 from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError, Problem
@@ -134,7 +134,7 @@ def find_source(name: str, choice: IronChoice) -> Source:
         return solution, assumptions if currents is None else (*assumptions, *warnings(solution, currents))
 
     def warnings(solution: Any, currents: Array) -> tuple[str, ...]:
-        return overdriven_words(solution, device, currents)
+        return beyond_saturation_warnings(solution, device, currents)
 
     return Source(device.name, device.name, "device, linear iron", *about, solved, warnings=warnings)
 

@@ -75,7 +75,7 @@ def solve(
 
 
 def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: Any) -> dict[str, Any]:
-    from fieldmap.cli.assumptions import overdriven_words
+    from fieldmap.cli.assumptions import beyond_saturation_warnings
     from fieldmap.cli.iron import States, solve_device
     from fieldmap.cli.quantities import force_rows, section_rows
     from fieldmap.cli.references import compare
@@ -100,7 +100,7 @@ def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: 
         "references": compare(machine, field, choice, currents),
         "warnings": ()
         if choice.nonlinear or currents is None
-        else overdriven_words(solution, machine, currents),
+        else beyond_saturation_warnings(solution, machine, currents),
     }
 
 

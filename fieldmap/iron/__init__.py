@@ -1,7 +1,8 @@
 """Soft iron in the field of coils: mesh, volume integral equation, solution."""
 
+from fieldmap.deprecated import renamed
 from fieldmap.device.model import Section
-from fieldmap.iron.beyond_saturation import OverdrivenBody, overdriven_bodies
+from fieldmap.iron.beyond_saturation import BodyBeyondSaturation, bodies_beyond_saturation
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
@@ -13,6 +14,7 @@ from fieldmap.iron.solvers.nonlinear import NonlinearSolver, solve
 from fieldmap.iron.solvers.to_tolerance import solve_to_tolerance
 
 __all__ = [
+    "BodyBeyondSaturation",
     "HysteresisSolver",
     "HystereticState",
     "IronMemory",
@@ -21,17 +23,21 @@ __all__ = [
     "LinearState",
     "NonlinearSolution",
     "NonlinearSolver",
-    "OverdrivenBody",
     "Pinning",
     "Section",
     "SectionFlux",
     "SolvedState",
     "SolverReport",
+    "bodies_beyond_saturation",
     "check_geometry",
     "generate_mesh",
     "geometry_notes",
-    "overdriven_bodies",
     "solve",
     "solve_linear",
     "solve_to_tolerance",
 ]
+
+__getattr__ = renamed(
+    __name__,
+    {"OverdrivenBody": "BodyBeyondSaturation", "overdriven_bodies": "bodies_beyond_saturation"},
+)

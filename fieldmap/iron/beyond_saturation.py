@@ -18,7 +18,7 @@ MOST_OF_ANY_IRON = 2.45
 
 
 @dataclass(frozen=True)
-class OverdrivenBody:
+class BodyBeyondSaturation:
     """A body of linear iron in which |B| exceeds the largest polarisation its material can have.
 
     most: that polarisation, T; largest: |B| of the element with most, T; share: of the body's volume above `most`.
@@ -43,9 +43,9 @@ def largest_polarisation(material: Material) -> float:
     return most if np.isfinite(most) else MOST_OF_ANY_IRON
 
 
-def overdriven_bodies(
+def bodies_beyond_saturation(
     solution: LinearSolution, device: Device, currents: ArrayLike
-) -> tuple[OverdrivenBody, ...]:
+) -> tuple[BodyBeyondSaturation, ...]:
     """Bodies of a linear solution with |B| above what they can polarise, in over a hundredth of their volume.
 
     device: the one that was solved. currents (n_coils,), A. In soft iron, whose mu0 H is small beside B, |B| stands for
@@ -54,7 +54,7 @@ def overdriven_bodies(
     >>> import fieldmap as fm
     >>> device = fm.read_device("loop_and_sphere")
     >>> unit = fm.solve_linear(device)
-    >>> overdriven_bodies(unit, device, [1.0]), len(overdriven_bodies(unit, device, [1e6]))
+    >>> bodies_beyond_saturation(unit, device, [1.0]), len(bodies_beyond_saturation(unit, device, [1e6]))
     ((), 1)
     """
     if solution.mesh is None or solution.state is None:
@@ -72,5 +72,5 @@ def overdriven_bodies(
         most = largest_polarisation(material)
         share = float(volume[mine & (size > most)].sum() / volume[mine].sum())
         if share > WORTH_SAYING:
-            found.append(OverdrivenBody(body.name, material.name, most, float(size[mine].max()), share))
+            found.append(BodyBeyondSaturation(body.name, material.name, most, float(size[mine].max()), share))
     return tuple(found)

@@ -7,9 +7,8 @@ import numpy as np
 import fieldmap as fm
 from fieldmap.device.model import Body, Cylinder, Device, LinearMaterial, Part, Sphere
 from fieldmap.iron import generate_mesh
-from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.operators.assembled import AssembledIron, assemble

@@ -5,9 +5,8 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Device, LinearMaterial, Part
-from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.flux_elements import FluxElements
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.mesh.topology import build_faces

@@ -23,8 +23,7 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble

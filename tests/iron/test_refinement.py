@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
-from fieldmap.iron.elements.permeability import body_properties
 from fieldmap.iron.error.indicators import (
     FaceShares,
     WorkspaceDipoles,
@@ -15,6 +14,7 @@ from fieldmap.iron.error.indicators import (
     smooth_neighbours,
 )
 from fieldmap.iron.error.refinement import next_sizes
+from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.mesh.topology import build_faces

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Cylinder, Device, LinearMaterial, Part
-from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble

@@ -16,8 +16,7 @@ from fieldmap.device.model import (
     Part,
     Sphere,
 )
-from fieldmap.iron.elements.bh_law import law_tables, law_values
-from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables, law_values
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble

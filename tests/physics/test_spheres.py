@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Device, LinearMaterial, Part, Placement, Sphere
-from fieldmap.iron.elements.bh_law import law_tables
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.operators.assembled import assemble

@@ -12,9 +12,8 @@ from fieldmap.errors import GeometryError, InputError, NotConverged
 from fieldmap.iron.elements.bh_law import law_tables, law_values
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.planar import read_planar_device, solve_planar, solve_planar_state, stationary_points
-from fieldmap.planar.iron_energy import iron_triangles
+from fieldmap.planar.iron_energy import field_strength, iron_triangles
 from fieldmap.planar.outline import make_outline
-from fieldmap.planar.reluctivity import field_strength
 from fieldmap.planar.triangulation import triangulate
 
 FROEHLICH = Froehlich("iron", 500.0, 2.0)

@@ -36,6 +36,15 @@ class LawTables:
         return flux_densities(h, law, *self.arrays)
 
 
+@dataclass(frozen=True, eq=False)
+class Magnetisation:
+    """Index of the law of every element (e,), tables of the laws, remanence (c, e, 3) per source, T."""
+
+    law: NDArray[np.int64]
+    tables: LawTables
+    remanence: Array
+
+
 def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawTables:
     """Tables of the laws of materials, in their order. `mu_r` replaces the law of soft iron by a constant.
 
@@ -49,6 +58,14 @@ def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawT
         np.ascontiguousarray(np.concatenate([c for _, c, _ in pieces])),
         np.array([limits for _, _, limits in pieces]).T,
     )
+
+
+def straight_laws(mu_r: Array) -> LawTables:
+    """One straight law b = mu_r h for each body (b,)."""
+    count = len(mu_r)
+    coefficients = np.zeros((count, 4))
+    coefficients[:, 2] = mu_r
+    return LawTables(np.arange(count + 1), np.zeros(count), coefficients, np.full((2, count), np.inf))
 
 
 def _law(material: Material, mu_r: float | None) -> tuple[Array, Array, tuple[float, float]]:

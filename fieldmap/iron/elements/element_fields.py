@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.iron.elements.bh_law import LawTables, law_values
-from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_values
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.typing import Array, Index

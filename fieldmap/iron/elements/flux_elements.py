@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import linear_flux as kernel

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.element_fields import linear_field
 from fieldmap.iron.elements.flux_elements import FluxElements
 from fieldmap.iron.elements.krylov import block_gmres
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import ElementField

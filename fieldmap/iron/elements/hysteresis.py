@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.element_fields import LinearField
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import ElementField

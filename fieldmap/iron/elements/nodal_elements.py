@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from fieldmap.iron.elements.magnetisation import Magnetisation
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import quadratic_potential as kernel

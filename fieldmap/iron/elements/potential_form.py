@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
-from fieldmap.iron.elements.bh_law import LawTables
+from fieldmap.iron.elements.bh_law import LawTables, Magnetisation
 from fieldmap.iron.elements.element_fields import PotentialField
 from fieldmap.iron.elements.krylov import block_gmres, require_convergence
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.elements.state import ElementField, IronState
 from fieldmap.iron.operators.assembled import AssembledIron

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.iron.elements.magnetisation import Magnetisation
-from fieldmap.iron.elements.permeability import BodyProperties, straight_laws
+from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.materials import BodyProperties
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.typing import Array, Index

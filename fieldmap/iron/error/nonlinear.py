@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from fieldmap.device.model import Coil, Device
 from fieldmap.errors import NotConverged
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.magnetisation import Magnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fieldmap.device.model import Device
-from fieldmap.iron.elements.permeability import BodyProperties
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.indicators import (
@@ -24,6 +23,7 @@ from fieldmap.iron.error.indicators import (
     face_indicators,
     heights,
 )
+from fieldmap.iron.materials import BodyProperties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.topology import Faces

@@ -14,10 +14,10 @@ from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.materials import require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
-from fieldmap.iron.soft_bodies import require_soft_bodies
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array

@@ -6,12 +6,12 @@ import numpy as np
 
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
+from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.magnetisation import Magnetisation
-from fieldmap.iron.elements.permeability import BodyProperties, body_properties, straight_laws
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.materials import BodyProperties, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy

@@ -19,12 +19,12 @@ from fieldmap.iron.error.nonlinear import Complement, state_error
 from fieldmap.iron.error.residual import ResidualEstimate
 from fieldmap.iron.galerkin import GalerkinModel, project
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.materials import material_assumptions, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.linkage import iron_differential_inductance, linkage_and_coenergy
 from fieldmap.iron.report import SolverReport, report_of
-from fieldmap.iron.soft_bodies import material_assumptions, require_soft_bodies
 from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
 from fieldmap.iron.stages import Progress, Stages

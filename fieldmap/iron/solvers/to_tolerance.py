@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.iron.elements.permeability import body_properties
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.iron.error.refinement import Level
 from fieldmap.iron.geometry.checks import check_geometry
+from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble, fits_into_memory
 from fieldmap.iron.solution import LinearSolution

@@ -1,4 +1,5 @@
-"""Reluctivity and remanence of every element, from the materials of the bodies."""
+"""What the solvers take of a device's materials: the constant permeability of linear iron, or the laws of iron that
+saturates; and what is assumed with each."""
 
 from dataclasses import dataclass
 
@@ -7,11 +8,11 @@ import numpy as np
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.typing import Array
 
 # An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
 BARRIER_MU_R = 1e-4
+_LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +61,39 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
     return slope, f"{who}: {material.description}"
 
 
-def straight_laws(mu_r: Array) -> LawTables:
-    """One straight law b = mu_r h for each body (b,)."""
-    count = len(mu_r)
-    coefficients = np.zeros((count, 4))
-    coefficients[:, 2] = mu_r
-    return LawTables(np.arange(count + 1), np.zeros(count), coefficients, np.full((2, count), np.inf))
+def require_soft_bodies(device: Device) -> None:
+    """Raise InputError, for all bodies at once, unless every one has a B(H) law with mu_r >= 1, and there is one."""
+    if not device.bodies:
+        raise InputError(
+            Problem(
+                f"device '{device.name}'",
+                "there must be iron for a nonlinear solve",
+                "no bodies",
+                _LINEAR_INSTEAD,
+            )
+        )
+    problems = []
+    for body in device.bodies:
+        material = device.materials[body.material]
+        given = ""
+        if material.role == "flux barrier":
+            given = material.description
+        elif not material.saturates and material.initial_mu_r < 1:
+            given = f"mu_r = {material.initial_mu_r:g}"
+        if given:
+            where = f"device '{device.name}', body '{body.name}'"
+            problems.append(
+                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, _LINEAR_INSTEAD)
+            )
+    if problems:
+        raise InputError(*problems)
+
+
+def material_assumptions(device: Device) -> tuple[str, ...]:
+    """What the laws of the device's iron and magnets assume, one sentence each."""
+    notes = []
+    for name in dict.fromkeys(body.material for body in device.bodies):
+        material = device.materials[name]
+        limit = "; no hysteresis" if material.saturates else ""
+        notes.append(f"{material.role} '{name}': {material.description}{limit}")
+    return tuple(notes)

@@ -8,7 +8,7 @@ from scipy.constants import mu_0
 
 from fieldmap import read_device, solve_linear
 from fieldmap.device.model import Arctangent, BHTable, LinearMaterial, Marrocco
-from fieldmap.iron.beyond_saturation import MOST_OF_ANY_IRON, largest_polarisation, overdriven_bodies
+from fieldmap.iron.beyond_saturation import MOST_OF_ANY_IRON, bodies_beyond_saturation, largest_polarisation
 
 DEVICES = Path(__file__).parents[1] / "devices"
 SPHERE = (DEVICES / "sphere_in_wide_loop.toml").read_text()
@@ -22,16 +22,16 @@ def sphere(tmp_path_factory):
     return device, solve_linear(device)
 
 
-def test_a_sphere_is_overdriven_where_three_times_the_applied_field_reaches_its_saturation(sphere):
+def test_a_sphere_is_beyond_saturation_where_three_times_the_applied_field_reaches_its_saturation(sphere):
     device, solution = sphere
     # B inside = 3 mu_r / (mu_r + 2) times the applied field, which is mu0 N i / 2a in the middle of the loop.
     per_ampere = 3 * 1000 / 1002 * mu_0 * 1000 / 0.2
     critical = 1.5 / per_ampere
-    assert overdriven_bodies(solution, device, [0.97 * critical]) == ()
-    (found,) = overdriven_bodies(solution, device, [1.03 * critical])
+    assert bodies_beyond_saturation(solution, device, [0.97 * critical]) == ()
+    (found,) = bodies_beyond_saturation(solution, device, [1.03 * critical])
     assert (found.body, found.material, found.most) == ("sphere", "iron", 1.5)
     assert found.share > 0.9
-    (ten_times,) = overdriven_bodies(solution, device, [-10 * critical])
+    (ten_times,) = bodies_beyond_saturation(solution, device, [-10 * critical])
     assert ten_times.share == 1.0
     assert ten_times.largest == pytest.approx(15.0, rel=0.05)
 
