@@ -25,7 +25,7 @@ from fieldmap.dynamics.allocation import (
 )
 from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop, simulate_many
 from fieldmap.dynamics.drives import CoilDrive, drive_of_device
-from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, superposed, tabled
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, sampled_field, superposed, tabled
 from fieldmap.dynamics.linearisation import (
     LinearMachine,
     close_loop,
@@ -106,6 +106,7 @@ __all__ = [
     "read_scenario",
     "regulator_block",
     "run_metrics",
+    "sampled_field",
     "sampled_machine",
     "simulate",
     "simulate_closed_loop",

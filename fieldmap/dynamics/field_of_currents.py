@@ -9,10 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import Field, require_bounds
 from fieldmap.kernels.motion.currents import SUPERPOSED, TABLED, Superposition
-from fieldmap.lookup import FieldMap, saturates, table_of_currents, tangent_block, unit_block
+from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_table import no_table
+from fieldmap.store import Grid, MapData, Provenance
 from fieldmap.typing import Array
+
+SPACING = 5e-3
+"""Distance of the nodes at which a field that is no map is sampled, m."""
+FEWEST_CELLS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +29,42 @@ class FieldOfCurrents:
     block: Array
     numbers: Superposition
     assumptions: tuple[str, ...]
+
+
+def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
+    """A field as a map in memory, which compiled loops can evaluate; a map is returned as it is.
+
+    The coils' fields and gradients are taken once at the nodes of a grid over the field's box, `spacing`, m, apart or a
+    little less, and interpolated as those of a map file. Raises InputError for a field without a box, and for one that
+    is not the sum of its coils' fields, as of saturating iron: make a saturating map of it.
+    """
+    if isinstance(field, FieldMap):
+        return field
+    check_positive("sampled_field", spacing=spacing)
+    if not field.proportional:
+        must_hold = "must be the sum of its coils' fields, or a map"
+        remedy = "make a map of the device with its saturating iron (fieldmap map) and give that"
+        raise InputError(
+            Problem("field", must_hold, f"{type(field).__name__}, which does not superpose", remedy)
+        )
+    lower, upper = require_bounds(field)
+    # As the grid of a map file; a part in 1e9 is rounding.
+    cells = np.maximum(np.ceil((upper - lower) / spacing * (1.0 - 1e-9)), FEWEST_CELLS)
+    nx, ny, nz = (int(count) + 1 for count in cells)
+    grid = Grid(lower, (upper - lower) / cells, (nx, ny, nz))
+    points, unit = grid.points(), np.eye(len(field.coil_names))
+    flux = [field.field(points, one).reshape(*grid.shape, 3) for one in unit]
+    slope = [field.gradient(points, one).reshape(*grid.shape, 3, 3) for one in unit]
+    about = f"sampled every {', '.join(f'{1e3 * step:.3g}' for step in grid.spacing)} mm and interpolated"
+    data = MapData(
+        grid,
+        tuple(field.coil_names),
+        np.ones(len(unit)),
+        Provenance(assumptions=(*field.assumptions, about)),
+        flux_density=np.array(flux),
+        gradient=np.array(slope),
+    )
+    return interpolate(data, outside_currents="evaluate")
 
 
 def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:

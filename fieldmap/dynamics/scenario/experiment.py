@@ -25,6 +25,7 @@ from fieldmap.dynamics.scenario.reading import Scenario, read_scenario
 from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
 from fieldmap.dynamics.scenario.start import magnet_at, operating_point_at, starting_currents, with_depth
 from fieldmap.errors import NoEquilibrium
+from fieldmap.field import Field
 from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
 from fieldmap.lookup import FieldMap, division_domain, saturates
 from fieldmap.typing import Array
@@ -71,12 +72,13 @@ class Experiment:
         )
 
 
-def prepare(scenario: Scenario, field_map: FieldMap | None = None) -> Experiment:
+def prepare(scenario: Scenario, field_map: Field | None = None, device: Device | None = None) -> Experiment:
     """Open the map, find the operating point at the start, make the controllers.
 
-    field_map: in the place of the scenario's map. Raises ScenarioError, MapFileError, NoEquilibrium.
+    field_map: in the place of the scenario's map, a map or any field, which is sampled: `sampled_field`. device: in the
+    place of the scenario's or the map's. Raises ScenarioError, MapFileError, InputError, NoEquilibrium.
     """
-    device, opened = device_and_map(scenario, field_map)
+    device, opened = device_and_map(scenario, field_map, device)
     body = body_of(scenario, device, opened)
     scenario = with_depth(scenario, device, opened, body)
     machine, operating_point = _machine_at_operating_point(scenario, device, opened, body)
@@ -179,21 +181,23 @@ def simulate(
     path_or_name: str | Path,
     changes: Mapping[str, Any] | None = None,
     *,
-    field_map: FieldMap | None = None,
+    field_map: Field | None = None,
+    device: Device | None = None,
     seed: int | None = None,
 ) -> ScenarioRun:
     """Run a scenario: its file, or the name of a shipped one.
 
-    changes: values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}. field_map: an opened map in
-    the place of the scenario's. seed: in the place of its own. Raises ScenarioError with every error of the file,
-    MapFileError, NoEquilibrium where the machine has no equilibrium at the start. A run that fails does not raise:
-    `event` says what happened.
+    changes: values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}. field_map: in the place of
+    the scenario's map, an opened map or any field that is the sum of its coils' fields, such as a solution; the latter
+    is sampled, see `sampled_field`. device: in the place of the scenario's or the map's. seed: in the place of its own.
+    Raises ScenarioError with every error of the file, MapFileError, NoEquilibrium where the machine has no equilibrium
+    at the start. A run that fails does not raise: `event` says what happened.
 
     >>> run = simulate("vertical_step")                                               # doctest: +SKIP
     >>> run.metrics.axes[2].step.overshoot                                            # doctest: +SKIP
     0.387
     """
-    experiment = prepare(read_scenario(path_or_name, changes), field_map)
+    experiment = prepare(read_scenario(path_or_name, changes), field_map, device)
     run, scenario = experiment.run(seed), experiment.scenario
     known = {field.name: getattr(run, field.name) for field in fields(LevitationRun)}
     return ScenarioRun(**known, scenario=scenario, metrics=run_metrics(scenario, run))

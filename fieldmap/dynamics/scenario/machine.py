@@ -8,12 +8,13 @@ import numpy as np
 from fieldmap.device import Device, read_device, recorded_device
 from fieldmap.dynamics.allocation import ControlAllocation
 from fieldmap.dynamics.drives import drive_of_device
-from fieldmap.dynamics.field_of_currents import FieldOfCurrents
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents, sampled_field
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
 from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.field import Field
 from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
 from fieldmap.lookup import FieldMap, finite_magnet, open_map
 from fieldmap.shipped import shipped_file
@@ -21,12 +22,18 @@ from fieldmap.shipped import shipped_file
 MILLI = 1e-3
 
 
-def device_and_map(scenario: Scenario, field_map: FieldMap | None) -> tuple[Device, FieldMap]:
-    """The device, the map's own unless one is named, and the opened map. Raises ScenarioError, MapFileError."""
+def device_and_map(
+    scenario: Scenario, field: Field | None, device: Device | None = None
+) -> tuple[Device, FieldMap]:
+    """The device, the map's own unless one is given or named, and the opened map, or one of the given field. Raises
+    ScenarioError, MapFileError, InputError."""
     named = scenario.contents.device
-    device = None if named is None else read_device(_beside(scenario, named))
+    if device is None and named is not None:
+        device = read_device(_beside(scenario, named))
     opened = (
-        field_map if field_map is not None else open_map(_map_path(scenario), outside_currents="evaluate")
+        sampled_field(field)
+        if field is not None
+        else open_map(_map_path(scenario), outside_currents="evaluate")
     )
     if device is None:
         text = opened.info.provenance.device_text

@@ -1,0 +1,149 @@
+"""Scenarios on fields that are no maps: a solved device runs as its map does."""
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.dynamics import prepare, read_scenario, sampled_field, simulate
+from fieldmap.errors import InputError
+from fieldmap.field import BaseField, as_field
+
+DEVICE = """
+format = 1
+name = "loop_and_coarse_sphere"
+title = "An iron sphere on the axis of a coil"
+[material.iron]
+kind = "linear"
+mu_r = 1000.0
+[[body]]
+name = "sphere"
+material = "iron"
+shape = "sphere"
+radius_mm = 10.0
+mesh_size_mm = 6.0
+[[coil]]
+name = "loop"
+kind = "circular"
+inner_radius_mm = 29.5
+outer_radius_mm = 30.5
+height_mm = 1.0
+turns = 400
+resistance_ohm = 4.0
+inductance_mH = 5
+position_mm = [0.0, 0.0, 25.0]
+[workspace]
+shape = "box"
+lower_mm = [-9.5, -9.3, -24.0]
+upper_mm = [6.5, 6.7, -12.0]
+[payload]
+mass_g = 6
+[payload.magnet]
+shape = "cylinder"
+diameter_mm = 10
+height_mm = 10
+remanence_T = 1.3
+[driver]
+gain_A_per_V = 0.5
+current_limit_A = 5
+supply_voltage_V = 40
+"""
+RECIPE = """
+format = 1
+title = "The same as a map"
+device = "device.toml"
+spacing_mm = 3.0
+[iron]
+model = "linear"
+"""
+SCENARIO = """
+format = 1
+title = "A step of the depth"
+map = "map.h5"
+duration_s = 0.05
+[body]
+turning = "upright"
+[sensors]
+zero_depth_mm = 0
+[control.z]
+kind = "pid"
+Kc = 0.5
+Td_s = 0.02
+[control.x]
+kind = "constant"
+[control.y]
+kind = "constant"
+[start]
+depth_mm = 18
+[[reference]]
+kind = "step"
+axis = "depth"
+at_s = 0.01
+by_mm = 0.2
+"""
+
+
+def test_a_solved_device_runs_as_its_map_of_the_same_spacing(tmp_path):
+    for name, text in (("device", DEVICE), ("recipe", RECIPE), ("scenario", SCENARIO)):
+        (tmp_path / f"{name}.toml").write_text(text)
+    device = fm.read_device(tmp_path / "device.toml")
+    solution = fm.solve_linear(device)
+    fm.generate(tmp_path / "recipe.toml", tmp_path / "map.h5")
+    on_map = simulate(tmp_path / "scenario.toml")
+    on_solution = simulate(tmp_path / "scenario.toml", field_map=sampled_field(solution, 3e-3), device=device)
+    assert on_map.event is None
+    assert np.ptp(on_map.sensed[:, 2]) > 1e-5
+    np.testing.assert_allclose(on_solution.rows, on_map.rows, rtol=1e-9, atol=1e-12)
+    # Without a map in between: sampled every 5 mm unless asked otherwise.
+    direct = simulate(tmp_path / "scenario.toml", field_map=solution, device=device)
+    np.testing.assert_allclose(direct.sensed, on_map.sensed, atol=5e-5)
+
+
+class Above(BaseField):
+    """A dipole of 8 A m^2/A above the origin, whose field may saturate."""
+
+    coil_names = ("coil",)
+
+    def __init__(self, proportional):
+        self._proportional = proportional
+
+    @property
+    def proportional(self):
+        return self._proportional
+
+    def field(self, points, currents):
+        r = np.atleast_2d(points) - [0.0, 0.0, 0.05]
+        d, m = np.linalg.norm(r, axis=1)[:, None], np.array([0.0, 0.0, 8.0 * np.ravel(currents)[0]])
+        return 1e-7 * (3 * (r @ m)[:, None] * r / d**5 - m / d**3)
+
+    def gradient(self, points, currents):
+        h = 1e-5 * np.eye(3)
+        x = np.atleast_2d(points)
+        slopes = [(self.field(x + s, currents) - self.field(x - s, currents)) / 2e-5 for s in h]
+        return np.stack(slopes, axis=-1)
+
+
+BOX = (np.array([-0.02, -0.02, -0.03]), np.array([0.02, 0.02, 0.01]))
+
+
+def test_a_field_of_ones_own_is_sampled_over_its_box():
+    own = as_field(Above(True), BOX)
+    sampled = sampled_field(own, 4e-3)
+    assert sampled.coil_names == ("coil",)
+    np.testing.assert_allclose(sampled.lower, BOX[0])
+    np.testing.assert_allclose(sampled.upper, BOX[1], rtol=1e-12)
+    points = np.random.default_rng(3).uniform(*BOX, (20, 3))
+    np.testing.assert_allclose(sampled.field(points, [1.5]), own.field(points, [1.5]), rtol=2e-3)
+    assert sampled_field(sampled) is sampled
+
+
+@pytest.mark.parametrize(("field", "where"), [(as_field(Above(False), BOX), "field"), (Above(True), "Above")])
+def test_what_cannot_be_sampled(field, where):
+    with pytest.raises(InputError) as error:
+        sampled_field(field)
+    assert error.value.problems[0].where == where
+
+
+def test_a_saturating_field_is_refused_with_the_way_out():
+    with pytest.raises(InputError) as error:
+        prepare(read_scenario("hold"), as_field(Above(False), BOX))
+    assert "fieldmap map" in error.value.problems[0].remedy
