@@ -18,13 +18,12 @@ import numpy as np
 import fieldmap as fm
 from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.iron.error.estimate import estimate_error, workspace_surface
-from fieldmap.iron.error.refinement import Level
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.solvers.to_tolerance import START
-from fieldmap.iron.stages import Stages
+from fieldmap.iron.report import Stages
+from fieldmap.iron.solvers.to_tolerance import START, Level
 
 HEAD = "| mesh | faces | tetrahedra | error of B | of the gradient | shares of faces | gap | cpu s |"
 

@@ -127,10 +127,10 @@ def main() -> None:
     for coercive in options.coercive:
         pinning = Pinning(coercive, options.cells)
         if options.loops:
-            show_loops(base.pinned(pinning), table, protocol)
+            show_loops(base.with_pinning(pinning), table, protocol)
             continue
         for history in options.history:
-            runs.append(run(base.pinned(pinning), history, table, protocol, options.parts))
+            runs.append(run(base.with_pinning(pinning), history, table, protocol, options.parts))
             runs[-1]["device"] = options.device
             print(
                 f"{pinning.assumption}; {history}: {HISTORIES[history]}; {runs[-1]['seconds']:.0f} s",

@@ -10,7 +10,6 @@ from fieldmap.typing import Array
 
 # The fraction at which a nonlinear solver has assembled; later states begin there.
 _ASSEMBLED = 0.6
-FORMS = ("auto", "potential", "flux")
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,8 @@ def checked_choice(
     if not 0.0 < refinement < float("inf"):
         remedy = "try 1.5 for a finer mesh, 0.7 for a coarser one"
         problems.append(Problem("--refinement", "must be a positive number", f"{refinement}", remedy))
-    if form not in FORMS:
-        problems.append(Problem("--form", f"must be one of {', '.join(FORMS)}", form, "leave it out"))
+    if form != "auto":
+        problems += _form_problems(form)
     if nonlinear and mu_r is not None:
         remedy = "leave one of them out: nonlinear iron follows its B-H table, --mu-r makes it linear"
         problems.append(Problem("--nonlinear", "must not come with --mu-r", f"--mu-r {mu_r:g}", remedy))
@@ -59,6 +58,14 @@ def checked_choice(
     if problems:
         raise InputError(*problems)
     return IronChoice(mu_r, nonlinear, refinement, form, tolerance)
+
+
+def _form_problems(form: str) -> list[Problem]:
+    from fieldmap.iron.solvers.linear import FORMS
+
+    if form in FORMS:
+        return []
+    return [Problem("--form", f"must be one of {', '.join(FORMS)}", form, "leave it out")]
 
 
 def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> list[Problem]:

@@ -12,9 +12,9 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.planar.boundary_operator import BoundaryOperator, boundary_operator
 from fieldmap.planar.conductors import coil_derivatives, coil_vector_potential, complex_points
-from fieldmap.planar.geometry_checks import check_planar_geometry
+from fieldmap.planar.geometry import check_planar_geometry
+from fieldmap.planar.mesh import Outline, make_outline
 from fieldmap.planar.model import PlanarCoil, PlanarDevice
-from fieldmap.planar.outline import Outline, make_outline
 from fieldmap.planar.solution import PlanarReport, PlanarSolution, Region
 from fieldmap.typing import Array
 

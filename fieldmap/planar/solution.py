@@ -1,5 +1,6 @@
-"""A solved planar device: field and derivatives at any point, for any currents."""
+"""Solved planar devices: the field at fixed currents, and the solution that is linear in them."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,11 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_signal
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import Currents, coil_currents
 from fieldmap.kernels.iron.plane import segment_derivatives
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_derivatives, complex_points, rectangle, wires
+from fieldmap.planar.geometry import inside
 from fieldmap.planar.model import PlanarDevice, RoundWire
-from fieldmap.planar.plane_geometry import inside
 from fieldmap.typing import Array
 
 Complex = NDArray[np.complex128]
@@ -33,6 +35,34 @@ class PlanarReport:
 
 
 @dataclass(frozen=True, eq=False)
+class PlanarFieldAtCurrents(ABC):
+    """Field of a planar device at fixed currents (n_coils,), A; points (n, 2) of (x, z) in m."""
+
+    device: PlanarDevice
+    currents: Array
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return self.device.coil_names
+
+    @abstractmethod
+    def derivatives(self, points: ArrayLike) -> Complex:
+        """f = B_x - i B_z and its first two derivatives (3, n) by x + i z: d2Bz/dx2 = -Im f''.
+
+        InputError for points in a conductor or outside the walls.
+        """
+
+    def field(self, points: ArrayLike) -> Array:
+        """Flux density (n, 2) of (B_x, B_z) in T, where `derivatives` has a value."""
+        return as_field(self.derivatives(points)[0])
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j in T/m: symmetric, without trace."""
+        return as_gradient(self.derivatives(points)[1])
+
+
+@dataclass(frozen=True, eq=False)
 class Region:
     """A domain, its boundary operator and its boundary values per ampere of each coil (nodes, coils)."""
 
@@ -43,7 +73,10 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class PlanarSolution:
-    """Linear in the currents. `regions` are the bodies in their order, `air` is the rest."""
+    """Linear in the currents. `regions` are the bodies in their order, `air` is the rest.
+
+    Currents: (n_coils,) in A, one number for all coils, or a mapping by name.
+    """
 
     device: PlanarDevice
     regions: tuple[Region, ...]
@@ -55,33 +88,43 @@ class PlanarSolution:
         """Names in current order."""
         return self.device.coil_names
 
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """Flux density (n, 2) of (B_x, B_z) in T at points (n, 2) of (x, z) in m; currents (n_coils,) in A.
+    def at(self, currents: Currents) -> "LinearPlanarState":
+        """The field at these currents. Raises InputError for currents that do not fit the coils."""
+        return LinearPlanarState(self.device, planar_currents(self.device, currents), self)
+
+    def field(self, points: ArrayLike, currents: Currents) -> Array:
+        """Flux density (n, 2) of (B_x, B_z) in T at points (n, 2) of (x, z) in m.
 
         Anywhere but inside a conductor and outside the walls, where InputError is raised.
         """
-        first, _, _ = self.derivatives(points, currents)
-        return as_field(first)
+        return self.at(currents).field(points)
 
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+    def gradient(self, points: ArrayLike, currents: Currents) -> Array:
         """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j in T/m: symmetric, without trace. Arguments as in `field`."""
-        _, second, _ = self.derivatives(points, currents)
-        return as_gradient(second)
+        return self.at(currents).gradient(points)
 
-    def derivatives(self, points: ArrayLike, currents: ArrayLike) -> Complex:
+    def derivatives(self, points: ArrayLike, currents: Currents) -> Complex:
         """f = B_x - i B_z and its first two derivatives (3, n) by x + i z: d2Bz/dx2 = -Im f''."""
-        places = field_places(self.device, points)
-        amperes = checked_currents(self.device, currents)
+        return self.at(currents).derivatives(points)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPlanarState(PlanarFieldAtCurrents):
+    """A planar device with linear iron at fixed currents."""
+
+    solution: PlanarSolution
+
+    def derivatives(self, points: ArrayLike) -> Complex:
+        """f = B_x - i B_z and its first two derivatives (3, n) by x + i z, inside the iron too."""
+        places, amperes, air = field_places(self.device, points), self.currents, self.solution.air
         total = conductor_derivatives(self.device, amperes, places)
         outside = np.ones(len(places), dtype=bool)
-        for region in self.regions:
+        for region in self.solution.regions:
             assert region.polygon is not None
             mine = inside(places, region.polygon)
             outside &= ~mine
             total[:, mine] += harmonic_derivatives(region.operator, region.values @ amperes, places[mine])
-        total[:, outside] += harmonic_derivatives(
-            self.air.operator, self.air.values @ amperes, places[outside]
-        )
+        total[:, outside] += harmonic_derivatives(air.operator, air.values @ amperes, places[outside])
         return -1j * total
 
 
@@ -112,10 +155,9 @@ def field_places(device: PlanarDevice, points: ArrayLike) -> Complex:
     return places
 
 
-def checked_currents(device: PlanarDevice, currents: ArrayLike) -> Array:
-    """Currents (n_coils,) in A; InputError for another number of them."""
-    count = len(device.coils)
-    return check_signal("planar field(currents)", currents, count).reshape(count)
+def planar_currents(device: PlanarDevice, currents: Currents) -> Array:
+    """A copy of the currents (n_coils,) in A; InputError for those that do not fit the coils."""
+    return np.array(coil_currents(currents, device.coil_names))
 
 
 def conductor_derivatives(device: PlanarDevice, amperes: Array, places: Complex) -> Complex:

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from fieldmap.arguments import check_count, check_numbers, check_ordered
-from fieldmap.planar.solution import PlanarSolution
-from fieldmap.planar.state import PlanarState
+from fieldmap.field import Currents
+from fieldmap.planar.saturating import PlanarState
+from fieldmap.planar.solution import PlanarFieldAtCurrents, PlanarSolution
 from fieldmap.typing import Array
 
 _TOLERANCE = 1e-10
@@ -30,7 +30,7 @@ class StationaryPoint:
 
 def stationary_points(
     unit: PlanarSolution | PlanarState,
-    currents: ArrayLike,
+    currents: Currents,
     z: float,
     lower: float,
     upper: float,
@@ -53,18 +53,20 @@ def stationary_points(
     check_ordered("stationary_points", lower, upper)
     check_count("stationary_points", samples=samples)
 
+    state = unit.at(currents)
+
     def slope(x: float) -> float:
-        return float(unit.derivatives([[x, z]], currents)[1].imag[0])
+        return float(state.derivatives([[x, z]])[1].imag[0])
 
     def bend(x: float) -> float:
-        return float(unit.derivatives([[x, z]], currents)[2].imag[0])
+        return float(state.derivatives([[x, z]])[2].imag[0])
 
     places = np.linspace(lower, upper, samples + 1)
-    _, first, second = unit.derivatives(np.column_stack([places, np.full(samples + 1, z)]), currents).imag
+    _, first, second = state.derivatives(np.column_stack([places, np.full(samples + 1, z)])).imag
     brackets = _brackets(places, first, second, slope, bend)
     zeros = [float(brentq(slope, a, b, xtol=_TOLERANCE)) for a, b in brackets]
     zeros += [float(x) for x in places[first == 0.0]]
-    return tuple(_point(unit, currents, x, z) for x in sorted(zeros))
+    return tuple(_point(state, x, z) for x in sorted(zeros))
 
 
 def _brackets(
@@ -88,8 +90,8 @@ def _brackets(
     return found
 
 
-def _point(unit: PlanarSolution | PlanarState, currents: ArrayLike, x: float, z: float) -> StationaryPoint:
-    _, first, second = unit.derivatives([[x, z]], currents)[:, 0]
+def _point(state: PlanarFieldAtCurrents, x: float, z: float) -> StationaryPoint:
+    _, first, second = state.derivatives([[x, z]])[:, 0]
     # dBz/dz = -Re f', d2Bz/dx2 = -Im f''.
     stiffness = float(-np.sign(-first.real) * -second.imag)
     return StationaryPoint(x, stiffness > 0, stiffness)

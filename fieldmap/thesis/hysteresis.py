@@ -243,7 +243,7 @@ def kept_shift(
 
 
 def _shift(pinning: Pinning, protocol: Protocol, way: Array) -> Array:
-    solver = _unit().pinned(pinning)
+    solver = _unit().with_pinning(pinning)
     memory = prepared(solver, "demagnetised", protocol, float(way.max()))
     return walk(solver, memory, way, protocol).shift(protocol.axis)
 

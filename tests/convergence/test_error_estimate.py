@@ -16,11 +16,11 @@ from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import estimate_error, workspace_surface
-from fieldmap.iron.error.refinement import Level
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.operators import assembled
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.stages import Stages
+from fieldmap.iron.report import Stages
+from fieldmap.iron.solvers.to_tolerance import Level
 
 
 def neighbour(name):

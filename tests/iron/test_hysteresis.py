@@ -12,7 +12,7 @@ from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, S
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
+from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.solvers.hysteresis import HysteresisSolver, Pinning
@@ -31,12 +31,12 @@ def ball():
 
 @pytest.fixture(scope="module")
 def form(ball):
-    return PinnedForm(assemble(generate_mesh(ball)))
+    return HysteresisForm(assemble(generate_mesh(ball)))
 
 
 def material(form, pinning):
     count = len(form.elements.volume)
-    return PinnedMagnetisation(
+    return HysteresisMagnetisation(
         np.zeros(count, np.int64),
         law_tables([STEEL]),
         np.zeros((1, count, 3)),
@@ -128,7 +128,7 @@ def test_energy_lost_in_a_cycle(solver):
 def test_without_pinning_it_is_the_solver_without_memory(solver):
     plain = NonlinearSolver(solver.device).solve([30.0])
     point = np.array([[0.0, 0.01, 0.08]])
-    memory = solver.pinned(Pinning(0.0, 2)).demagnetised
+    memory = solver.with_pinning(Pinning(0.0, 2)).demagnetised
     for current in (-40.0, 30.0):
         state = solver.step([current], memory)
         memory = state.memory

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.elements.krylov import block_gmres
+from fieldmap.iron.operators.linear_systems import block_gmres
 
 RNG = np.random.default_rng(5)
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
-from fieldmap.iron.error.indicators import (
+from fieldmap.iron.error.refinement import (
     FaceShares,
     WorkspaceDipoles,
     element_indicators,
     face_indicators,
+    next_sizes,
     smooth_neighbours,
 )
-from fieldmap.iron.error.refinement import next_sizes
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
@@ -21,8 +21,8 @@ from fieldmap.iron.mesh.topology import build_faces
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.mutual import DenseMutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers.linear import form_on, solved_in_form
-from fieldmap.iron.stages import Stages
 
 PLACES = np.array([[0.005, 0.002, -0.02], [-0.01, 0.006, -0.015]])
 

@@ -22,9 +22,8 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError
 from fieldmap.iron.elements.bh_law import law_tables, law_values
-from fieldmap.iron.elements.element_fields import LinearField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.elements.state import IronState, LinearField
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces

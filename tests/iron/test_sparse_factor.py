@@ -8,7 +8,7 @@ from fieldmap.device.model import Body, Device, LinearMaterial, Part, Sphere
 from fieldmap.iron import generate_mesh
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.operators.sparse_factor import SparseFactor, elimination_order
+from fieldmap.iron.operators.linear_systems import SparseFactor, elimination_order
 
 
 def test_factor_solves():

@@ -71,23 +71,42 @@ def test_stiffness_is_that_of_differences():
 
 
 @pytest.mark.parametrize(
-    ("points", "words"),
+    ("points", "received"),
+    [([[0.0, -0.3]], "(0, -300) mm"), ([[0.179, 0.109]], "(179, 109) mm"), ([[np.nan, 0.0]], "nan")],
+)
+def test_points_without_a_field(points, received):
+    unit = solve_planar(DEVICE, 0.05)
+    with pytest.raises(InputError) as caught:
+        unit.field(points, [1.0, 1.0])
+    (problem,) = caught.value.problems
+    assert problem.where == "planar field(points)"
+    assert received in problem.received
+
+
+@pytest.mark.parametrize(
+    ("call", "where"),
     [
-        ([[0.0, -0.3]], "inside the walls"),
-        ([[0.179, 0.109]], "outside the conductors"),
-        ([[np.nan, 0.0]], "finite"),
+        (lambda: solve_planar(DEVICE, size=-1.0), "solve_planar(size)"),
+        (lambda: solve_planar(DEVICE, mu_r=0.0), "solve_planar(mu_r)"),
+        (
+            lambda: stationary_points(solve_planar(DEVICE, 0.05), [1.0, 1.0], -0.1, 0.1, -0.1),
+            "stationary_points(lower, upper)",
+        ),
+        (lambda: solve_planar(DEVICE, 0.05).at([1.0]), "currents"),
     ],
 )
-def test_points_without_a_field(points, words):
+def test_bad_arguments(call, where):
+    with pytest.raises(InputError) as caught:
+        call()
+    assert [problem.where for problem in caught.value.problems] == [where]
+
+
+def test_a_solution_at_currents_has_the_field_of_the_solution():
     unit = solve_planar(DEVICE, 0.05)
-    with pytest.raises(InputError, match=words):
-        unit.field(points, [1.0, 1.0])
-
-
-def test_bad_arguments():
-    with pytest.raises(InputError, match="size"):
-        solve_planar(DEVICE, size=-1.0)
-    with pytest.raises(InputError, match="mu_r"):
-        solve_planar(DEVICE, mu_r=0.0)
-    with pytest.raises(InputError, match="must rise"):
-        stationary_points(solve_planar(DEVICE, 0.05), [1.0, 1.0], -0.1, 0.1, -0.1)
+    points, currents = [[0.0, -0.1], [0.05, -0.07], [0.0, 0.05]], [1000.0, 800.0]
+    state = unit.at({"right": 800.0, "left": 1000.0})
+    assert state.coil_names == unit.coil_names
+    assert np.array_equal(state.currents, currents)
+    for name in ("field", "gradient", "derivatives"):
+        assert np.array_equal(getattr(state, name)(points), getattr(unit, name)(points, currents))
+    assert np.array_equal(unit.at(2.0).currents, [2.0, 2.0])

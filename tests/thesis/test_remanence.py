@@ -18,7 +18,7 @@ def unit():
 
 
 def led(unit, pinning, protocol):
-    solver = unit.pinned(pinning)
+    solver = unit.with_pinning(pinning)
     return walk(solver, prepared(solver, "demagnetised", protocol, 0.2), SIGNALS, protocol)
 
 

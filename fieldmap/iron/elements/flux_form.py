@@ -18,15 +18,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.element_fields import linear_field
 from fieldmap.iron.elements.flux_elements import FluxElements
-from fieldmap.iron.elements.krylov import block_gmres
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
-from fieldmap.iron.elements.state import ElementField
+from fieldmap.iron.elements.state import ElementField, linear_field
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.exterior import Exterior
-from fieldmap.iron.operators.sparse_factor import SparseFactor
+from fieldmap.iron.operators.linear_systems import SparseFactor, block_gmres
 from fieldmap.typing import Array
 
 
@@ -99,6 +97,8 @@ _MAX_STEPS_OF_WEAK_BODIES = 250
 
 class FluxForm(ConvexForm[FluxElements]):
     """One mesh in the flux form."""
+
+    name = "flux"
 
     def __init__(self, iron: AssembledIron) -> None:
         nodal = NodalElements.from_mesh(iron.mesh, iron.topology)

@@ -1,7 +1,7 @@
-"""The potential form for iron that remembers: the same elements, the law with its cells at their points.
+"""The potential form for iron with hysteresis: the same elements, and play cells at their points.
 
-docs/theory/hysteresis.md. Given what the cells remember, B is the gradient by h of a convex function, as without
-hysteresis, so that the functional, Newton's method and its line search are those of the potential form.
+docs/theory/hysteresis.md. At a given history of the cells, B is the gradient by h of a convex function, as without
+hysteresis. The functional, Newton's method and its line search are therefore those of the potential form.
 """
 
 from dataclasses import dataclass, field, replace
@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.element_fields import LinearField
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
-from fieldmap.iron.elements.state import ElementField
+from fieldmap.iron.elements.state import ElementField, LinearField
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.kernels.iron import hysteresis as law_kernel
 from fieldmap.kernels.iron.hysteresis import tested_matrices, tested_vectors
@@ -24,11 +23,11 @@ _UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class PinnedMagnetisation(Magnetisation):
-    """A `Magnetisation` of one source whose iron remembers.
+class HysteresisMagnetisation(Magnetisation):
+    """A `Magnetisation` of one source with hysteresis.
 
-    pinning (l, k): pinning fields of the k cells in each law, T; weights (k,), their sum 1; reversible (e, 4, k, 3):
-    what the cells at the points of every element remember, T.
+    pinning (l, k): pinning fields of the k play cells in each law, T; weights (k,), their sum 1; reversible
+    (e, 4, k, 3): reversible field of the cells at the points of every element, T.
     """
 
     pinning: Array
@@ -40,14 +39,14 @@ class PinnedMagnetisation(Magnetisation):
         polarisation, tangent = law_kernel.respond(*self._arguments(h))
         return polarisation.reshape(h.shape) + self.remanence[0][:, None], tangent.reshape(*h.shape[:2], 6)
 
-    def after(self, h: Array) -> "PinnedMagnetisation":
-        """The same iron once h (e, 4, 3) has been."""
+    def after(self, h: Array) -> "HysteresisMagnetisation":
+        """The same iron after the field h (e, 4, 3)."""
         moved = law_kernel.advance(*self._arguments(h))
         return replace(self, reversible=moved.reshape(self.reversible.shape))
 
-    def dissipated(self, after: "PinnedMagnetisation", volume: Array) -> float:
-        """Loss, T^2 m^3 (over mu0: J), on the way to what came next, for volumes (e,): pinning field times the distance
-        by which the polarisation of every cell went."""
+    def dissipated(self, after: "HysteresisMagnetisation", volume: Array) -> float:
+        """Loss, T^2 m^3 (over mu0: J), on the path to a later state, for volumes (e,): pinning field times the distance
+        by which the polarisation of every cell moved."""
         way = np.linalg.norm(self._cells(after.reversible) - self._cells(self.reversible), axis=-1)
         return float(np.einsum("e,eqk,ek,k->", 0.25 * volume, way, self.pinning[self.law], self.weights))
 
@@ -61,29 +60,29 @@ class PinnedMagnetisation(Magnetisation):
 
     def _arguments(self, h: Array) -> tuple[Any, ...]:
         points = np.ascontiguousarray(h.reshape(-1, 3))
-        remembered = self.reversible.reshape(len(points), -1, 3)
-        return points, remembered, self.pinning, self.weights, np.repeat(self.law, 4), *self.tables.arrays
+        reversible = self.reversible.reshape(len(points), -1, 3)
+        return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), *self.tables.arrays
 
 
 @dataclass(frozen=True, eq=False)
-class PinnedElements(NodalElements):
-    """Second-order nodal elements of iron that remembers; of other iron where the material says so.
+class HysteresisElements(NodalElements):
+    """Second-order nodal elements of iron with hysteresis; of other iron where the material has none.
 
-    Residual, tangent and line search ask for the law at the same potential one after the other: the last is kept.
+    Residual, tangent and line search ask for the law at the same potential one after the other: the last is cached.
     """
 
     _last: list[tuple[Any, ...]] = field(default_factory=list, init=False, repr=False)
 
     def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, 10) of int (b(h) - t) . grad N with h = t - grad phi, for phi (n,)."""
-        if not isinstance(material, PinnedMagnetisation):
+        if not isinstance(material, HysteresisMagnetisation):
             return super().residual(potential, field, source, material)
         _, slope, polarisation, _ = self.evaluated(potential, field, source, material)
         return tested_vectors(polarisation - slope, self.gradients, self.volume)
 
     def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
-        if not isinstance(material, PinnedMagnetisation):
+        if not isinstance(material, HysteresisMagnetisation):
             return super().tangent(potential, field, source, material)
         tangent = self.evaluated(potential, field, source, material)[3]
         return tested_matrices(tangent + _UNIT, self.gradients, self.volume)
@@ -92,13 +91,13 @@ class PinnedElements(NodalElements):
         self, potential: Array, field: CoilField, source: int, material: Magnetisation
     ) -> tuple[Array, Array]:
         """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
-        if not isinstance(material, PinnedMagnetisation):
+        if not isinstance(material, HysteresisMagnetisation):
             return super().mean_fields(potential, field, source, material)
         h, _, polarisation, _ = self.evaluated(potential, field, source, material)
         return (h + polarisation).mean(axis=1), np.linalg.norm(h, axis=2).max(axis=1)
 
     def evaluated(
-        self, potential: Array, field: CoilField, source: int, material: PinnedMagnetisation
+        self, potential: Array, field: CoilField, source: int, material: HysteresisMagnetisation
     ) -> tuple[Array, Array, Array, Array]:
         """mu0 H, grad phi, polarisation (e, 4, 3) and its derivative (e, 4, 6) at the points, for phi (n,)."""
         if self._last:
@@ -117,13 +116,15 @@ class PinnedElements(NodalElements):
         return field.constant[source][:, None] + both[..., 1] - slope, slope
 
 
-class PinnedForm(ConvexForm[PinnedElements]):
-    """One mesh in the potential form, for iron that remembers."""
+class HysteresisForm(ConvexForm[HysteresisElements]):
+    """One mesh in the potential form, for iron with hysteresis."""
+
+    name = "potential"
 
     def __init__(self, iron: AssembledIron) -> None:
-        super().__init__(iron, PinnedElements.from_mesh(iron.mesh, iron.topology))
+        super().__init__(iron, HysteresisElements.from_mesh(iron.mesh, iron.topology))
 
     def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
-        assert isinstance(material, PinnedMagnetisation)
+        assert isinstance(material, HysteresisMagnetisation)
         h, _, polarisation, _ = self.elements.evaluated(potential[:, 0], field, 0, material)
         return LinearField((h + polarisation)[None], polarisation[None])

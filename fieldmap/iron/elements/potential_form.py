@@ -11,20 +11,18 @@ the other sign in closed magnetic circuits.
 """
 
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 
 from fieldmap.iron.elements.bh_law import LawTables, Magnetisation
-from fieldmap.iron.elements.element_fields import PotentialField
-from fieldmap.iron.elements.krylov import block_gmres, require_convergence
 from fieldmap.iron.elements.nodal_elements import NodalElements
-from fieldmap.iron.elements.state import ElementField, IronState
+from fieldmap.iron.elements.state import ElementField, IronState, PotentialField
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.exterior import Exterior
-from fieldmap.iron.operators.sparse_factor import SparseFactor
+from fieldmap.iron.operators.linear_systems import SparseFactor, block_gmres, require_convergence
 from fieldmap.typing import Array
 
 _MAX_LINEAR_STEPS = 80
@@ -81,7 +79,9 @@ E = TypeVar("E", bound=Elements)
 
 
 class ConvexForm(Generic[E]):
-    """One mesh, with either family of elements: Krylov and Newton on R."""
+    """One mesh, with either family of elements: Krylov and Newton on R. name: of the form, for reports."""
+
+    name: ClassVar[str]
 
     def __init__(self, iron: AssembledIron, elements: E) -> None:
         self.iron = iron
@@ -245,6 +245,8 @@ class ConvexForm(Generic[E]):
 
 class PotentialForm(ConvexForm[NodalElements]):
     """One mesh in the potential form."""
+
+    name = "potential"
 
     def __init__(self, iron: AssembledIron) -> None:
         super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))

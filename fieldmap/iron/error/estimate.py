@@ -5,7 +5,7 @@ resolve lies between the two on one mesh, and similar meshes that agree with eac
 norm the mean of the two is half their distance from the truth (Prager and Synge, Quart. Appl. Math. 5 (1947) 241);
 half the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
 constant on each, shows between two meshes, of which the estimate is for the coarser; where the shares of all faces in
-the error are known (`fieldmap.iron.error.indicators`), their sum is an estimate for the finer one. The smaller of
+the error are known (`fieldmap.iron.error.refinement`), their sum is an estimate for the finer one. The smaller of
 these two counts. The estimate is the larger of that and the gap.
 """
 
@@ -14,8 +14,14 @@ from typing import Protocol
 
 import numpy as np
 
-from fieldmap.device.model import Device
-from fieldmap.errors import InputError, Problem
+from fieldmap.device.model import Coil, Device
+from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.iron.elements.bh_law import Magnetisation
+from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
 # The mean of two complementary solutions is off by half their distance.
@@ -155,3 +161,55 @@ def _difference(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[f
         difference = np.linalg.norm(a - b, axis=axes).max(axis=1)
         values.append(float(np.max(difference / np.where(size > 0, size, np.inf), initial=0.0)))
     return values[0], values[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _StateFields:
+    """Fields of one state outside the iron, as `fieldmap.iron.error.estimate` asks for them."""
+
+    coils: tuple[Coil, ...]
+    currents: Array
+    iron: IronState
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """There is one: all currents together."""
+        return ("these currents",)
+
+    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+        """Field (1, n, 3) and gradient (1, n, 3, 3) at points (n, 3)."""
+        b, g = self.iron.faces.field_and_gradient(points, self.iron.density)
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            coil_b, coil_g = unit_flux_density_and_gradient(coil, points)
+            b[0] += current * coil_b
+            g[0] += current * coil_g
+        return b, g
+
+
+class Complement:
+    """The flux form of a mesh, for states that the potential form has solved on it."""
+
+    def __init__(self, iron: AssembledIron) -> None:
+        self._form = FluxForm(iron)
+
+    def solve(
+        self, material: Magnetisation, field: CoilField, potential: Array, tolerance: float
+    ) -> IronState:
+        """The state of the same sources, by Newton from the nodal potential (k, 1). Raises NotConverged."""
+        elements = self._form.elements
+        values = elements.nodal.coil_field_at_points(field)
+        try:
+            start = elements.from_nodal(potential)
+            return self._form.solve(material, values, tolerance, start).iron
+        except NotConverged:
+            return self._form.solve(material, values, tolerance).iron
+
+
+def state_error(
+    device: Device, currents: Array, iron: IronState, coarser: IronState, complement: IronState
+) -> ErrorEstimate:
+    """Estimate for `iron` in the workspace, from the same currents on a coarser mesh and in the flux form."""
+    fine, coarse, other = (
+        _StateFields(device.coils, currents, state) for state in (iron, coarser, complement)
+    )
+    return estimate_error(workspace_surface(device), fine, coarse, other)

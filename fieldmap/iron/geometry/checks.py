@@ -17,23 +17,23 @@ from numpy.typing import NDArray
 
 from fieldmap.device.model import Body, Coil, Device, StepFile
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.geometry import checks as say
-from fieldmap.iron.geometry.contacts import LEAST_GAP, NearMiss, Pinch, near_misses, pinches
-from fieldmap.iron.geometry.overlaps import (
+from fieldmap.iron.geometry.contacts import (
     CONTACT_DISTANCE,
+    LEAST_GAP,
     NamedSolid,
+    NearMiss,
     Overlap,
+    Pinch,
     bounds,
+    near_misses,
     overlaps_among,
     overlaps_between,
+    pinches,
 )
 from fieldmap.iron.geometry.shapes import KERNEL_ERRORS
 from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
 from fieldmap.iron.geometry.step_files import declared_step_unit
 from fieldmap.iron.geometry.windings import winding_solid, workspace_solid
-
-"""mm. The kernel takes what is nearer than this for one point (Open CASCADE's Precision::Confusion): surfaces
-this near are in contact, and a common volume thinner than this is contact and no overlap."""
 
 
 def no_volume(label: str, body: NamedSolid) -> Problem:
@@ -169,13 +169,13 @@ def _examine(device: Device) -> _Findings:
     bodies = [*_sound(problems, label, built_bodies)]
     windings = [solid for _, solid in _built(problems, label, "winding", device.coils, winding_solid)]
     overlapping = overlaps_among(bodies)
-    problems += (say.bodies_overlap(label, overlap) for overlap in overlapping)
+    problems += (bodies_overlap(label, overlap) for overlap in overlapping)
     if len(bodies) == len(device.bodies) > 0:
         # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
         problems += _contact_problems(label, bodies, overlapping)
-    problems += (say.winding_cuts_body(label, overlap) for overlap in overlaps_between(windings, bodies))
+    problems += (winding_cuts_body(label, overlap) for overlap in overlaps_between(windings, bodies))
     shared = overlaps_among(windings)
-    problems += (say.windings_overlap(label, overlap) for overlap in shared if not _same_space(overlap))
+    problems += (windings_overlap(label, overlap) for overlap in shared if not _same_space(overlap))
     problems += _workspace_problems(label, device, [*bodies, *windings])
     wound_together = [overlap for overlap in shared if _same_space(overlap)]
     return _Findings(tuple(problems), tuple(_notes(device, bodies, wound_together)))
@@ -201,7 +201,7 @@ def _built(
                 Problem(f"{label}: {p.where}", p.must_hold, p.received, p.remedy) for p in error.problems
             )
         except KERNEL_ERRORS as error:
-            problems.append(say.cannot_build(label, kind, item.name, error))
+            problems.append(cannot_build(label, kind, item.name, error))
     return solids
 
 
@@ -219,9 +219,9 @@ def _body_fault(label: str, body: Body, solid: NamedSolid) -> Problem | None:
     pieces = solid.solid.solids
     size = float(np.linalg.norm(np.subtract(*bounds(solid.solid)))) if len(pieces) else 0.0
     if solid.volume <= CONTACT_DISTANCE * size**2:
-        return say.no_volume(label, solid)
+        return no_volume(label, solid)
     from_file = any(isinstance(part.shape, StepFile) for part in body.parts)
-    return say.open_surface(label, solid) if from_file and not _halves_add_up(solid) else None
+    return open_surface(label, solid) if from_file and not _halves_add_up(solid) else None
 
 
 def _halves_add_up(body: NamedSolid) -> bool:
@@ -260,10 +260,10 @@ def _contact_problems(
     glued = glue_solids(body.solid for body in bodies)
     told = {frozenset((overlap.first.name, overlap.second.name)) for overlap in overlapping}
     for pinch in pinches(glued):
-        yield say.pinched(label, pinch)
+        yield pinched(label, pinch)
     for miss in near_misses(bodies, glued):
         if {miss.first, miss.second} not in told:
-            yield say.nearly_touching(label, miss)
+            yield nearly_touching(label, miss)
 
 
 def _workspace_problems(label: str, device: Device, solids: list[NamedSolid]) -> Iterator[Problem]:
@@ -272,10 +272,10 @@ def _workspace_problems(label: str, device: Device, solids: list[NamedSolid]) ->
     try:
         workspace = NamedSolid("workspace", "", workspace_solid(device.workspace))
     except KERNEL_ERRORS as error:
-        yield say.cannot_build(label, "workspace", "", error)
+        yield cannot_build(label, "workspace", "", error)
         return
     for overlap in overlaps_between([workspace], solids):
-        yield say.workspace_occupied(label, overlap)
+        yield workspace_occupied(label, overlap)
 
 
 # ---- notes ----

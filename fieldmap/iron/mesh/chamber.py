@@ -1,6 +1,12 @@
-"""The bodies cut by mirror planes: what of them lies in one chamber of the device's symmetry."""
+"""One chamber between mirror planes: the bodies cut by them, and the mesh of the chamber copied to that of the whole.
+
+Points on walls are found once and moved onto them exactly. A point's copies under two operations are one node where
+the operations differ by one that leaves the point alone: nodes are merged by the group's table, not by distances, so
+that the mesh has the symmetry without any tolerance.
+"""
 
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 from netgen import occ
@@ -9,6 +15,8 @@ from fieldmap.device.model import Device
 from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, point
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.symmetry.chamber import Chamber
+from fieldmap.iron.symmetry.group import SymmetryGroup
+from fieldmap.typing import Array, Index
 
 # The pieces of all chambers must add up to the whole, to this fraction of its volume and of its outer surface.
 _DEFECT = 1e-5
@@ -64,3 +72,87 @@ def _chamber_solid(chamber: Chamber, whole: occ.TopoDS_Shape) -> occ.TopoDS_Shap
         cube = occ.gp_Trsf.Transformation(frame).Inverted()(cube)
         space = cube if space is None else space * cube
     return space
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSymmetry:
+    """group: the operations that map the mesh onto itself; node_images (g, n): the node that each node is mapped
+    onto by each operation. Tets are stored chamber by chamber, in the order of the operations."""
+
+    group: SymmetryGroup
+    node_images: Index
+
+
+class ChamberCopies:
+    """Numbers of the copies of a chamber's points (n, 3)."""
+
+    def __init__(self, chamber: Chamber, points: Array) -> None:
+        self._chamber = chamber
+        self._on_wall = np.abs(self._heights(points)) < chamber.group.tolerance
+        self.points = self.onto_walls(points)
+        self._number, self._source = self._numbered(len(points))
+
+    def onto_walls(self, points: Array) -> Array:
+        """The points, those on walls moved onto them exactly."""
+        points = points.copy()
+        for pattern in np.unique(self._on_wall, axis=0):
+            walls = self._chamber.walls[pattern]
+            if len(walls):
+                here = (self._on_wall == pattern).all(axis=1)
+                height = (points[here] - self._chamber.group.centre) @ walls.T
+                points[here] -= np.linalg.solve(walls @ walls.T, height.T).T @ walls
+        return points
+
+    def nodes(self, cells: Index) -> Index:
+        """Copies (g m, k) of cells (m, k) of the chamber's points, operation by operation."""
+        return self._number[:, cells].reshape(-1, cells.shape[1])
+
+    def tets(self, tets: Index) -> Index:
+        """Copies (g m, 4) of tetrahedra, all oriented as the given ones."""
+        copies = self._number[:, tets]
+        for copy, operation in zip(copies, self._chamber.group.operations, strict=True):
+            if operation.handedness < 0:
+                copy[:, [1, 2]] = copy[:, [2, 1]]
+        return copies.reshape(-1, 4)
+
+    def all_points(self) -> Array:
+        """All nodes (N, 3), the chamber's own first."""
+        operation, point = self._source
+        centre = self._chamber.group.centre
+        turned = np.einsum("nij,nj->ni", self._chamber.group.matrices[operation], self.points[point] - centre)
+        turned += centre
+        turned[: len(self.points)] = self.points
+        return turned
+
+    def vectors(self, points: Array) -> Array:
+        """Images (g m, 3) of other points (m, 3), operation by operation."""
+        return np.concatenate([operation(points) for operation in self._chamber.group.operations])
+
+    def bodies(self, body: Index) -> Index:
+        """Body (g m,) of every copy of the chamber's tets of bodies (m,)."""
+        return np.concatenate([np.array(op.bodies)[body] for op in self._chamber.group.operations])
+
+    def symmetry(self) -> MeshSymmetry:
+        """What each operation does to the nodes."""
+        operation, point = self._source
+        return MeshSymmetry(self._chamber.group, self._number[self._chamber.table[:, operation], point])
+
+    def _heights(self, points: Array) -> Array:
+        return (points - self._chamber.group.centre) @ self._chamber.walls.T
+
+    def _numbered(self, count: int) -> tuple[Index, tuple[Index, Index]]:
+        """number[g, v]: node of the copy of point v under operation g; and operation and point of each node."""
+        order = self._chamber.group.order
+        first = np.repeat(np.arange(order)[:, None], count, axis=1)
+        for pattern in np.unique(self._on_wall, axis=0):
+            if pattern.any():
+                here = (self._on_wall == pattern).all(axis=1)
+                alone = self._chamber.wall_group(np.flatnonzero(pattern))
+                # Operations that differ by one that leaves the point alone: the first of them stands for all.
+                first[:, here] = self._chamber.table[:, alone].min(axis=1)[:, None]
+        is_first = first == np.arange(order)[:, None]
+        number = np.zeros((order, count), np.int64)
+        number[is_first] = np.arange(is_first.sum())
+        number = np.take_along_axis(number, first, axis=0)
+        operation, point = np.nonzero(is_first)
+        return number, (operation.astype(np.int64), point.astype(np.int64))

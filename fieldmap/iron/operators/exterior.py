@@ -23,8 +23,8 @@ at once, took a factor of more than three times the memory and eighteen times th
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
+from fieldmap.iron.operators.linear_systems import SparseFactor, elimination_order
 from fieldmap.iron.operators.mutual import MutualPotential
-from fieldmap.iron.operators.sparse_factor import SparseFactor, elimination_order
 from fieldmap.typing import Array
 
 # The weight D times the mean potential of a face on itself. Each step gains three digits or more (measured: 5e-4 and

@@ -14,7 +14,7 @@ Products and solutions hold for any charges, symmetric or not.
 
 import numpy as np
 
-from fieldmap.iron.mesh.copies import MeshSymmetry
+from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.mutual import DenseMutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.symmetry.group import (

@@ -1,4 +1,4 @@
-"""Iron with rate-independent hysteresis, led through a sequence of currents: docs/theory/hysteresis.md."""
+"""Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,11 +7,12 @@ import numpy as np
 from scipy.constants import mu_0
 
 from fieldmap.arguments import check_count, check_not_negative
+from fieldmap.deprecated import warn_renamed
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Currents, coil_currents
 from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.hysteresis import PinnedForm, PinnedMagnetisation
+from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import require_soft_bodies
@@ -29,10 +30,10 @@ _MOST_HALVINGS = 4
 
 @dataclass(frozen=True)
 class Pinning:
-    """How strongly the iron holds its magnetisation: an assumption, as no device file states it.
+    """The distribution of pinning fields in the iron: an assumption, as no device file states it.
 
     coercive_field: A/m, half the width of the major loop at b = 0 where the anhysteretic law is straight; 0 means none.
-    cells: how many pinning fields stand for their distribution, which is uniform from 0 to twice the coercive field (so
+    cells: number of play cells that stand for the distribution, which is uniform from 0 to twice the coercive field (so
     that small loops are parabolas, as Rayleigh found, Phil. Mag. 23 (1887) 225); 1: all at the coercive field.
 
     >>> pinning = Pinning(100.0, cells=5)
@@ -75,10 +76,10 @@ class Pinning:
 
 @dataclass(frozen=True, eq=False)
 class IronMemory:
-    """What the iron of one solver remembers: its material with the fields of the cells, and potential (n,) and currents
-    (c,) as they last were."""
+    """History of the iron of one solver: its material with the fields of the play cells, and the last potential (n,)
+    and currents (c,)."""
 
-    material: PinnedMagnetisation
+    material: HysteresisMagnetisation
     potential: Array
     currents: Array
 
@@ -98,10 +99,10 @@ class HystereticState(PotentialSolution):
 
 
 class HysteresisSolver:
-    """A device meshed and assembled once, whose iron remembers what it has been through.
+    """A device with hysteresis, meshed and assembled once.
 
-    refinement divides the mesh sizes of the device file. All saturating materials are pinned alike; magnets and linear
-    iron are not. Raises GeometryError and InputError like `fieldmap.solve`.
+    refinement divides the mesh sizes of the device file. All saturating materials have the same pinning; magnets and
+    linear iron have none. Raises GeometryError and InputError like `fieldmap.solve`.
 
     Example::
 
@@ -118,17 +119,22 @@ class HysteresisSolver:
         check_geometry(device)
         self._notes = geometry_notes(device)
         self._mesh = generate_mesh(device, refinement, "auto")
-        self._form = PinnedForm(assemble(self._mesh))
+        self._form = HysteresisForm(assemble(self._mesh))
         coils = device.coils
         self._unit = self._form.elements.coil_field(lambda x: unit_flux_densities(coils, x))
 
-    def pinned(self, pinning: Pinning) -> "HysteresisSolver":
+    def with_pinning(self, pinning: Pinning) -> "HysteresisSolver":
         """The same device and mesh with other pinning."""
         other = object.__new__(HysteresisSolver)
         other.device, other.pinning = self.device, pinning
         other._mesh, other._form, other._unit = self._mesh, self._form, self._unit
         other._notes = self._notes
         return other
+
+    def pinned(self, pinning: Pinning) -> "HysteresisSolver":
+        """Old name of `with_pinning`."""
+        warn_renamed("HysteresisSolver.pinned", "HysteresisSolver.with_pinning")
+        return self.with_pinning(pinning)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -137,12 +143,12 @@ class HysteresisSolver:
 
     @cached_property
     def demagnetised(self) -> IronMemory:
-        """The iron without currents and before it has been through anything."""
+        """The iron without currents and without history."""
         materials = [self.device.materials[body.material] for body in self.device.bodies]
         soft = np.array([material.saturates for material in materials])
         remanence = np.array([material.remanence for material in materials])
         law, count = self._mesh.body, self._form.elements.count
-        material = PinnedMagnetisation(
+        material = HysteresisMagnetisation(
             law,
             law_tables(materials),
             remanence[law][None],
@@ -158,10 +164,10 @@ class HysteresisSolver:
         return len(self._form.iron.surface.areas)
 
     def step(self, currents: Currents, memory: IronMemory, tolerance: float = 1e-3) -> HystereticState:
-        """The state at currents (c,) in A, to which they go straight from those of `memory`.
+        """The state at currents (c,) in A, after a straight path from those of `memory`.
 
-        What the iron remembers changes once in a step: currents that turn back must do so between steps. Where Newton's
-        method fails, the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
+        The cells move once in a step: currents that turn back must do so between steps. Where Newton's method fails,
+        the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
         """
         values = np.array(coil_currents(currents, self.device.coil_names))
         if not (np.isfinite(tolerance) and 0 < tolerance < 1):
@@ -192,7 +198,7 @@ class HysteresisSolver:
         h, _, polarisation, _ = elements.evaluated(state.potential[:, 0], field, 0, before)
         after = before.after(h)
         form = self._form
-        report = report_of("potential", form.iron, elements.count, state.iron, {}, self.assumptions)
+        report = report_of(form.name, form.iron, elements.count, state.iron, {}, self.assumptions)
         about = (
             self.device.coils,
             currents,

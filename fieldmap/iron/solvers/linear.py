@@ -1,4 +1,4 @@
-"""The public door: a device with linear iron, solved for one ampere in every coil."""
+"""A device with linear iron, solved for one ampere in every coil."""
 
 from typing import Any
 
@@ -15,13 +15,17 @@ from fieldmap.iron.materials import BodyProperties, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
-from fieldmap.iron.report import SolverReport, report_of
+from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.iron.stages import Progress, Stages
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array
 
-FORMS = ("auto", "potential", "flux")
+_FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
+    "potential": PotentialForm,
+    "flux": FluxForm,
+}
+FORMS = ("auto", *_FORM_CLASSES)
+"""What `solve_linear` takes as its form."""
 # The algebraic error is kept this far below the requested one.
 _RESIDUAL_PER_TOLERANCE = 1e-4
 
@@ -72,7 +76,7 @@ def solve_linear(
 
 def form_on(iron: AssembledIron, form: str) -> ConvexForm[Any]:
     """The potential or the flux form on a mesh."""
-    return PotentialForm(iron) if form == "potential" else FluxForm(iron)
+    return _FORM_CLASSES[form](iron)
 
 
 def solved_in_form(
@@ -81,9 +85,8 @@ def solved_in_form(
     """One form on one mesh."""
     iron = problem.iron
     state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
-    form = "potential" if isinstance(problem, PotentialForm) else "flux"
     assumptions = properties.assumptions + geometry_notes(device)
-    report = report_of(form, iron, problem.elements.count, state, stages.seconds, assumptions)
+    report = report_of(problem.name, iron, problem.elements.count, state, stages.seconds, assumptions)
     has_remanence = bool(properties.remanence.any())
     about = (device.sections, device.bounds)
     return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, *about)

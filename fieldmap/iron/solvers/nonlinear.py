@@ -11,24 +11,21 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.element_fields import PotentialField
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm, PotentialState
-from fieldmap.iron.error.estimate import ErrorEstimate, workspace_surface
-from fieldmap.iron.error.nonlinear import Complement, state_error
-from fieldmap.iron.error.residual import ResidualEstimate
-from fieldmap.iron.galerkin import GalerkinModel, project
+from fieldmap.iron.elements.state import PotentialField
+from fieldmap.iron.elements.state_images import StateImage, state_images
+from fieldmap.iron.error.estimate import Complement, ErrorEstimate, state_error, workspace_surface
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import material_assumptions, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.linkage import iron_differential_inductance, linkage_and_coenergy
-from fieldmap.iron.report import SolverReport, report_of
+from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
-from fieldmap.iron.stages import Progress, Stages
-from fieldmap.iron.state_images import StateImage, state_images
+from fieldmap.iron.solvers.reduced import GalerkinModel, ResidualEstimate, project
 from fieldmap.sources import unit_flux_densities
 from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array
@@ -265,7 +262,7 @@ class NonlinearSolver(BaseField):
         low, high = self._material.tables.range_h[:, self._material.law]
         largest = state.largest_h[0]
         report = report_of(
-            "potential", self._iron, self._form.elements.count, state.iron, seconds, self._assumptions
+            self._form.name, self._iron, self._form.elements.count, state.iron, seconds, self._assumptions
         )
         return replace(
             report,

@@ -1,18 +1,32 @@
-"""The public door to linear iron on a mesh that is refined until the estimated error is small enough."""
+"""Linear iron on a mesh that is refined until the estimated error is small enough."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
 
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged, Problem
+from fieldmap.iron.elements.potential_form import ConvexForm
+from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
-from fieldmap.iron.error.refinement import Level
+from fieldmap.iron.error.refinement import (
+    FaceShares,
+    WorkspaceDipoles,
+    element_indicators,
+    face_indicators,
+    next_sizes,
+)
 from fieldmap.iron.geometry.checks import check_geometry
-from fieldmap.iron.materials import body_properties
+from fieldmap.iron.materials import BodyProperties, body_properties
+from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.operators.assembled import assemble, fits_into_memory
+from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into_memory
+from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.iron.solvers.linear import check_arguments, coils_alone
-from fieldmap.iron.stages import Progress, Stages
+from fieldmap.iron.solvers.linear import check_arguments, chosen_form, coils_alone, form_on, solved_in_form
+from fieldmap.typing import Array
 
 # Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
 START = 0.7
@@ -84,3 +98,78 @@ def _with_error(
 ) -> LinearSolution:
     refinement = tuple((faces, estimate.flux_density) for faces, estimate in history)
     return replace(solution, report=replace(solution.report, error=error, refinement=refinement))
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One mesh, solved: shares in the error, and sizes for the next mesh.
+
+    forms, solutions: the chosen form first, then the complementary one, where it may be used; points (n, 3): of the
+    air, where errors count."""
+
+    properties: BodyProperties
+    points: Array
+    forms: tuple[ConvexForm[Any], ...]
+    solutions: tuple[LinearSolution, ...]
+
+    @classmethod
+    def solved(
+        cls,
+        device: Device,
+        iron: AssembledIron,
+        properties: BodyProperties,
+        points: Array,
+        tolerance: float,
+        stages: Stages,
+    ) -> "Level":
+        """Solve all coils in both forms, or in the flux form alone where there are flux barriers."""
+        names = ("potential", "flux") if chosen_form("auto", properties) == "potential" else ("flux",)
+        forms = tuple(form_on(iron, name) for name in names)
+        solutions = tuple(solved_in_form(device, form, properties, tolerance, stages) for form in forms)
+        return cls(properties, points, forms, solutions)
+
+    @property
+    def solution(self) -> LinearSolution:
+        """In the chosen form."""
+        return self.solutions[0]
+
+    @property
+    def complement(self) -> LinearSolution | None:
+        """In the other."""
+        return self.solutions[1] if len(self.solutions) == 2 else None
+
+    @cached_property
+    def face_shares(self) -> FaceShares:
+        """What the charges on the surface share in the error of B."""
+        iron, state = self.forms[0].iron, self._states[0]
+        triangles = iron.topology.nodes[iron.topology.surface]
+        charge = state.density[: len(self._size)]
+        return face_indicators(iron.surface, triangles, charge, self._dual.density, self._size)
+
+    def next_sizes(self, tolerance: float) -> LocalSizes:
+        """Element sizes for the next mesh."""
+        iron = self.forms[0].iron
+        elements = np.zeros(len(iron.mesh.tets))
+        if self.complement is not None:
+            other = self._dipoles.magnetise(self.forms[1], self.properties)
+            mu_r, volume = self.properties.mu_r[iron.mesh.body], self.forms[0].elements.volume
+            elements = element_indicators(volume, mu_r, self._states, (self._dual, other), self._size)
+        return next_sizes(iron.mesh, iron.topology, iron.surface, self.face_shares, elements, tolerance)
+
+    @cached_property
+    def _dipoles(self) -> WorkspaceDipoles:
+        return WorkspaceDipoles.near_iron(self.points, self.forms[0].iron.surface)
+
+    @cached_property
+    def _dual(self) -> IronState:
+        return self._dipoles.magnetise(self.forms[0], self.properties)
+
+    @cached_property
+    def _size(self) -> Array:
+        """Largest flux density (c,) of every coil."""
+        fields = self.solution.unit_fields(self.points)[0]
+        return np.maximum(np.linalg.norm(fields, axis=2).max(axis=1), 1e-300)
+
+    @property
+    def _states(self) -> tuple[IronState, ...]:
+        return tuple(solution.state for solution in self.solutions if solution.state is not None)

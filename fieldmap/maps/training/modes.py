@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.galerkin import GalerkinModel
+from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.states import Snapshots
 from fieldmap.typing import Array
 

@@ -8,7 +8,7 @@ import numpy as np
 from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.galerkin import GalerkinModel
+from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.cubature import empirical_cubature
 from fieldmap.maps.training.model_error import Errors, Trial

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.iron.elements.nodal_elements import NodalElements
-from fieldmap.iron.mesh.copies import MeshSymmetry
+from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.symmetry import Operation
 from fieldmap.typing import Array, Index
 

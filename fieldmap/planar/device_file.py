@@ -1,13 +1,17 @@
-"""The tables of a planar device file."""
+"""A planar device file: its tables, and the reader that checks it and makes the frozen PlanarDevice in SI units."""
 
-from typing import Annotated, Literal
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from fieldmap.device.coils import CoilName
 from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
-from fieldmap.device.materials import AnyMaterial
+from fieldmap.device.materials import AnyMaterial, Curves
+from fieldmap.device.reader import checked_contents
 from fieldmap.errors import DeviceFileError
+from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import (
     MILLI,
@@ -21,7 +25,8 @@ from fieldmap.inputs.tables import (
     broken,
     read_only,
 )
-from fieldmap.planar import model
+from fieldmap.planar.geometry import check_planar_geometry
+from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire, Wire
 
 Points = Annotated[list[PlanePoint], Field(min_length=1)]
 Sides = Annotated[list[Length], Field(min_length=2, max_length=2)]
@@ -34,10 +39,10 @@ class PlanarBodyKeys(Table):
     material: Name = Field(description="name of a [material.NAME] table")
     corners_mm: SimplePolygon = Field(description="[[x, z], ...] once round the outline")
 
-    def to_model(self) -> model.PlanarBody:
+    def to_model(self) -> PlanarBody:
         """In SI."""
         corners = read_only(counter_clockwise(self.corners_mm), MILLI)
-        return model.PlanarBody(self.name, self.material, corners)
+        return PlanarBody(self.name, self.material, corners)
 
 
 class PlanarCoilKeys(Table):
@@ -65,15 +70,15 @@ class PlanarCoilKeys(Table):
             )
         return value
 
-    def to_model(self) -> model.PlanarCoil:
+    def to_model(self) -> PlanarCoil:
         """In SI."""
-        wire: model.Wire
+        wire: Wire
         if self.wire_diameter_mm is not None:
-            wire = model.RoundWire(0.5 * self.wire_diameter_mm * MILLI)
+            wire = RoundWire(0.5 * self.wire_diameter_mm * MILLI)
         else:
             assert self.wire_size_mm is not None
-            wire = model.RectangularWire(self.wire_size_mm[0] * MILLI, self.wire_size_mm[1] * MILLI)
-        return model.PlanarCoil(
+            wire = RectangularWire(self.wire_size_mm[0] * MILLI, self.wire_size_mm[1] * MILLI)
+        return PlanarCoil(
             self.name, wire, read_only(self.into_page_mm, MILLI), read_only(self.out_of_page_mm, MILLI)
         )
 
@@ -128,3 +133,41 @@ PLANAR_DEVICE = register(
         json_schema="planar.schema.json",
     )
 )
+
+
+def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
+    """Read and check a planar device file.
+
+    path_or_name: path of a TOML file with `space = "plane"`, or the name of a shipped one. Lengths come out in m;
+    x to the right, z up, y into the page. Raises DeviceFileError with one Problem for every error of the file, and
+    GeometryError where iron, conductors and walls do not fit together.
+
+    >>> device = read_planar_device("planar_drive_unit")
+    >>> device.coil_names
+    ('left', 'right')
+    """
+    document = PLANAR_DEVICE.load(PLANAR_DEVICE.find(path_or_name))
+    contents, curves, _ = checked_contents(document, PlanarFile)
+    device = _build(contents, document, curves)
+    check_planar_geometry(device)
+    return device
+
+
+def _build(contents: PlanarFile, document: Document, curves: Curves) -> PlanarDevice:
+    materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
+    return PlanarDevice(
+        name=contents.name,
+        title=contents.title,
+        coils=tuple(coil.to_model() for coil in contents.coil),
+        bodies=tuple(body.to_model() for body in contents.body),
+        materials=MappingProxyType(materials),
+        walls=None if contents.walls is None else _corners(contents.walls),
+        moment=None if contents.payload is None else contents.payload.moment_A_m2,
+        provenance=MappingProxyType(dict(contents.provenance)),
+        source=document.path,
+    )
+
+
+def _corners(walls: WallKeys) -> Any:
+    (x1, z1), (x2, z2) = walls.lower_mm, walls.upper_mm
+    return read_only([[x1, z1], [x2, z1], [x2, z2], [x1, z2]], MILLI)

@@ -1,4 +1,4 @@
-"""The iron on a basis of few potentials: what a reduced model is made of.
+"""The iron on a basis of few potentials: what a reduced model is made of, and how far it is from the full solution.
 
 The amplitudes of the basis solve the projected equation of the potential form (docs/theory/iron.md, (7)): the law
 B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
@@ -120,3 +120,33 @@ def project(form: PotentialForm, material: Magnetisation, unit: CoilField, basis
         weighted.T @ remanence,
         form.charge_density(values),
     )
+
+
+class ResidualEstimate:
+    """Residuals of potentials `basis` @ a (n,), r modes, and the corrections that follow from them.
+
+    The correction is what the residual asks for at the tangent of one state, the air being replaced by its capacity:
+    the first step of the solver's own iteration. Its energy, relative to the state's, ranks states; it is an error up
+    to a factor that depends on how much more permeable the iron is than in that state.
+    """
+
+    def __init__(
+        self,
+        form: PotentialForm,
+        material: Magnetisation,
+        field: CoilField,
+        potential: Array,
+        basis: Array,
+    ) -> None:
+        self._form, self._material = form, material
+        self._factor = form.preconditioner(material, field, potential)
+        self._basis, self._air = basis, form.air(basis)
+
+    def residual(self, field: CoilField, amplitude: Array) -> Array:
+        """R (n,) of the state of coil field `field` and amplitudes (r,)."""
+        inner = self._form.inner_residual(self._basis @ amplitude, field, self._material)
+        return np.asarray(inner - self._air @ amplitude)
+
+    def correction(self, residual: Array) -> Array:
+        """(n, k) for residuals (n, k)."""
+        return self._factor.solve(residual)
