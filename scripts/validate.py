@@ -36,7 +36,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "unit_saturated": (drive_units.unit_saturated, 220),
     "mesh": (convergence.mesh, 40),
     "spacing": (convergence.spacing, 2),
-    "spoiled_maps": (map_files.spoiled_maps, 100),
+    "corrupted_maps": (map_files.corrupted_maps, 100),
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),
     "thesis_statics": (thesis_statics.thesis_statics, 900),
@@ -71,7 +71,7 @@ def show(rows: list[Row], console: Console) -> None:
         table.add_column(heading)
     for heading in ("measured", "bound", "", "faces", "steps", "s (cpu)"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("held against")
+    table.add_column("reference")
     for row in rows:
         numbers = (f"{row.value:.2g}", "-" if row.bound is None else f"{row.bound:g}", row.verdict)
         cost = (f"{row.faces}", f"{row.steps}", f"{row.seconds:.0f} ({row.cpu_seconds:.0f})")

@@ -27,8 +27,8 @@ PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
 LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")
 HEAD = """# Validation
 
-What the numbers of this package have been held against, and how far off they were. This page is written by a program
-from what two others print; it is made anew before a release, not with the site:
+This page compares the numbers of this package with references. A program writes it
+from the output of two others, before each release:
 
 ```console
 $ fieldmap thesis --report report
@@ -44,8 +44,8 @@ THESIS = """## The thesis
 
 Sharp numbers are arithmetic on stated inputs and must agree to the printed digits (misprints of the thesis, each with
 its reason, left out); models are numbers that somebody else's model gave; measured ones say how far the model is from
-the machine. Deviation is ours / thesis - 1, here the median of its size. Every number, with place, explanation and what
-it rests on: `fieldmap thesis ROW`, or the report of the first command above.
+the machine. Deviation is ours / thesis - 1, here the median of its size. Every number, with place, explanation and
+assumptions: `fieldmap thesis ROW`, or the report of the first command above.
 
 | row | what | sharp that agree | model: numbers, median deviation | measured: numbers, median deviation |
 |---|---|---|---|---|
@@ -91,7 +91,7 @@ def rows_of(paths: Iterable[Path]) -> list[dict[str, Any]]:
 
 def validation_table(rows: list[dict[str, Any]], wanted: bool) -> str:
     """The rows that have a bound, or those that have none."""
-    lines = ["| case | quantity | measured | bound | held against |", "|---|---|---|---|---|"]
+    lines = ["| case | quantity | measured | bound | reference |", "|---|---|---|---|---|"]
     for row in rows:
         if (row["bound"] is not None) == wanted:
             bound = "-" if row["bound"] is None else f"{row['bound']:g}"

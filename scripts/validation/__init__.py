@@ -1,1 +1,1 @@
-"""Studies of scripts/validate.py, grouped by what they are held against."""
+"""Studies of scripts/validate.py, grouped by their references."""

@@ -12,7 +12,7 @@ from fieldmap.iron.error.estimate import workspace_surface
 from validation.row import Array, Row, largest_error, timed
 
 MU_R = 4000.0
-# The finest, 66 698 faces, is what the others are held against.
+# The finest, 66 698 faces, is the reference of the others.
 UNIT_REFINEMENTS = (1.0, 1.3, 1.6, 2.3)
 # Bounds of B, gradient and seconds for seven coils: the mesh as shipped, and that for a tenth of a percent.
 UNIT_BOUNDS: dict[float, tuple[float | None, float | None, float | None]] = {

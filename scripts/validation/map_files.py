@@ -1,4 +1,4 @@
-"""Map files under fire: spoiled in thousands of ways, and made by a run that is killed again and again."""
+"""Map files: corrupted in thousands of ways, and made by a run that is killed repeatedly."""
 
 import json
 import random
@@ -16,7 +16,7 @@ import h5py
 from fieldmap.store import checkpoint_path
 from validation.row import Row
 
-SPOILED = 1000
+CORRUPTED = 1000
 SEEDS = 5
 KILLS = 25
 MODEL = "/fieldmap/reduced_model"
@@ -89,22 +89,22 @@ generate(sys.argv[1], sys.argv[2], progress=lambda text, share: print(f"{time.ti
 """
 
 
-def spoiled_maps() -> Iterator[Row]:
+def corrupted_maps() -> Iterator[Row]:
     """Maps with damaged bytes and forged contents: refused, or read as they were."""
-    script = Path(__file__).with_name("spoiled_maps.py")
+    script = Path(__file__).with_name("corrupted_maps.py")
     for seed in range(1, SEEDS + 1):
         begin = time.perf_counter()
-        command = [sys.executable, str(script), str(SPOILED), str(seed)]
+        command = [sys.executable, str(script), str(CORRUPTED), str(seed)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         seconds = time.perf_counter() - begin
         if done.returncode:
             last = done.stderr.splitlines()[-1] if done.stderr else "nothing"
-            yield Row("spoiled maps", "crash", float("nan"), 0, "", note=f"seed {seed}: {last}")
+            yield Row("corrupted maps", "crash", float("nan"), 0, "", note=f"seed {seed}: {last}")
             continue
         found = json.loads(done.stdout)
         bad = [*found["wrong"], *found["traceback"], *found["hung"]]
         yield Row(
-            f"{SPOILED} spoiled maps, seed {seed}",
+            f"{CORRUPTED} corrupted maps, seed {seed}",
             "other data, other errors, no answer",
             len(bad),
             0,

@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Row:
-    """A measured number beside its bound (None: printed for information) and the source of what it is held against.
+    """A measured number beside its bound (None: printed for information) and the source of its reference.
 
     faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: of the solve behind the number, wall
     clock and processor time of all threads. value is NaN for what could not be measured; `note` says why.

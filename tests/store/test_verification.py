@@ -64,7 +64,7 @@ def test_what_is_missing_but_allowed_is_noted(tmp_path):
     assert all(word in notes for word in ("fingerprint", "versions", "recipe", "device", "no error stated"))
 
 
-def spoiled(path, change):
+def problems_after(path, change):
     with h5py.File(path, "r+") as file:
         change(file)
     seal_map(path)
@@ -119,7 +119,7 @@ def exchange(file):
     ],
 )
 def test_each_thing_that_is_wrong_is_named(path, change, words):
-    found = spoiled(path, change)
+    found = problems_after(path, change)
     assert any(words in text for text in found), found
 
 
@@ -130,7 +130,7 @@ def test_all_at_once(path):
         del file["/data/0/meshes/B_lower/z"]
         file["/data/0/meshes/B/y"][0, 0, 0] = np.nan
 
-    found = " | ".join(spoiled(path, change))
+    found = " | ".join(problems_after(path, change))
     for words in ("unitSI", "curl", "B_lower/z inside the file", "B/y: finite numbers"):
         assert words in found
 
@@ -164,6 +164,6 @@ def test_a_header_that_claims_a_giant_grid_costs_nothing(path):
         header = json.loads(file["/fieldmap/header"][()])
         write_text(file, "header", json.dumps(header | {"shape": [10**12, 2, 2]}))
 
-    found = " | ".join(spoiled(path, change))
+    found = " | ".join(problems_after(path, change))
     assert "every part flagged" in found
     assert "B_lower/z: float64 numbers of shape" in found

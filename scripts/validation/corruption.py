@@ -1,4 +1,4 @@
-"""Ways to spoil a map file: bytes that a disk or a copy lost, and contents that somebody made who means harm."""
+"""Ways to corrupt a map file: bytes that a disk or a copy lost, and contents made with intent to harm."""
 
 import json
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def small_map() -> MapData:
         ("1",),
         np.array([1.5]),
         Provenance(
-            "spoiled",
+            "corrupted",
             "rig",
             "spacing_mm = 4\n",
             'name = "rig"\n',

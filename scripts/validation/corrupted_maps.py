@@ -1,6 +1,6 @@
-"""Spoil a small map in every way, read it, and count what came of it: a program of its own, because it may crash.
+"""Corrupt a small map in every way, read it, and count the outcomes: a program of its own, because it may crash.
 
-    python spoiled_maps.py COUNT SEED
+    python corrupted_maps.py COUNT SEED
 
 Prints JSON: how many were refused with the package's own error, how many gave identical data, and the cases that gave
 other data ("wrong"), any other exception ("traceback") or no answer within a minute ("hung"). A crash of the HDF5
@@ -20,7 +20,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from spoiling import BYTES, HOSTILE, PLACES, small_map
+from corruption import BYTES, HOSTILE, PLACES, small_map
 
 from fieldmap.cli import main as command
 from fieldmap.errors import MapFileError
@@ -31,8 +31,8 @@ from fieldmap.store.seal import SEAL_LENGTH
 MEMORY = 8 << 30
 
 
-def spoil(case: int, seed: int, good: bytes, path: Path) -> str:
-    """Write a spoiled copy and say how."""
+def corrupt(case: int, seed: int, good: bytes, path: Path) -> str:
+    """Write a corrupted copy and say how."""
     rng = np.random.default_rng([seed, case])
     way = case % 3
     if way == 2:
@@ -97,7 +97,7 @@ def main() -> None:
         Path(f"{path}.good").write_bytes(good)
         for case in range(count):
             path.unlink(missing_ok=True)
-            name = f"case {case}, {spoil(case, seed, good, path)}"
+            name = f"case {case}, {corrupt(case, seed, good, path)}"
             print(name, file=sys.stderr, flush=True)
             signal.alarm(60)
             try:
