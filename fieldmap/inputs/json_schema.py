@@ -19,7 +19,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class _WithoutTitles(GenerateJsonSchema):
-    """Keys carry descriptions; titles made from their names would only repeat them with the case of their units lost."""
+    """Without titles made from the names of keys: they would repeat the names, with the case of units lost."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
