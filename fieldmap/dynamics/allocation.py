@@ -159,16 +159,16 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     push along x and nowhere else with least power. Along an axis on which the coils do not push by themselves the
     signal does nothing, and the assumptions say so. Raises InputError for arguments that do not fit.
 
-    >>> allocation = least_power_mixing([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], [1.0, 1.0], 2.0)
+    >>> allocation = least_power_allocation([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], [1.0, 1.0], 2.0)
     >>> allocation.matrix.round(9).tolist(), allocation.idle
     ([[1.0, 2.0, 0.0], [1.0, -2.0, 0.0]], ('y',))
     """
     force = _checked(force_per_ampere)
-    check_positive("least_power_mixing", volts=volts)
-    lift = check_signal("least_power_mixing(shares)", shares)
+    check_positive("least_power_allocation", volts=volts)
+    lift = check_signal("least_power_allocation(shares)", shares)
     if lift.shape != force.shape[1:]:
         must = f"must be ({force.shape[1]},)"
-        raise InputError(Problem("least_power_mixing(shares)", must, f"{lift.shape}", "give one per coil"))
+        raise InputError(Problem("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil"))
     columns, idle = [lift], []
     for axis in (0, 1):
         try:

@@ -6,7 +6,16 @@ import pytest
 import scipy.linalg
 
 from fieldmap import control
-from fieldmap.control import PID, LoopInstruments, simulate_loop
+from fieldmap.control import (
+    PID,
+    AxisReading,
+    LoopInstruments,
+    LoopRun,
+    constant_block,
+    pid_block,
+    simulate_loop,
+    stacked,
+)
 from fieldmap.errors import InputError
 
 TS = 2e-3
@@ -78,6 +87,36 @@ def test_a_limited_drive_loses_what_a_free_one_holds():
     lost = simulate_loop(VERTICAL, pid(*SETTINGS[1]), np.ones(1500), instruments=narrow)
     assert held.y[0, -1] == pytest.approx(1.0, abs=1e-3)
     assert not abs(lost.y[0, -1] - 1.0) < 0.5
+
+
+@pytest.mark.parametrize("more", [{}, {"lower": -3.0, "upper": 3.0, "anti_windup": "track"}])
+def test_a_block_controls_as_the_pid_that_it_is_made_of(more):
+    """Blocks are what the loop of a magnet runs; limits, noise and instruments included."""
+    law = pid(*SETTINGS[1], **more)
+    noise = {"position_noise": 0.01 * np.random.default_rng(8).normal(size=(2, 400)), "runs": 2}
+    own = simulate_loop(VERTICAL, law, np.ones(400), **noise)
+    block = simulate_loop(VERTICAL, pid_block(law, AxisReading("x")), np.ones(400), Ts=TS, **noise)
+    np.testing.assert_allclose(block.y, own.y, rtol=0, atol=1e-10 * np.abs(own.y).max())
+    np.testing.assert_allclose(block.u, own.u, rtol=0, atol=1e-9 * np.abs(own.u).max())
+    np.testing.assert_array_equal(block.time, own.time)
+    for run in (own, block):
+        assert isinstance(run, LoopRun)
+        np.testing.assert_array_equal(run.error, run.y - 1.0)
+        np.testing.assert_array_equal(run.outputs, run.u)
+
+
+@pytest.mark.parametrize(
+    ("controller", "Ts", "where"),
+    [
+        (pid_block(PID(1.0, 1.0, 0.0, 2e-3), AxisReading("x")), None, "simulate_loop(Ts)"),
+        (stacked(constant_block(0.0), constant_block(0.0)), 2e-3, "simulate_loop(controller)"),
+        (PID(1.0, 1.0, 0.0, 2e-3), 1e-3, "simulate_loop(Ts)"),
+    ],
+)
+def test_controllers_that_do_not_fit(controller, Ts, where):
+    with pytest.raises(InputError) as error:
+        simulate_loop(VERTICAL, controller, np.ones(5), Ts=Ts)
+    assert error.value.problems[0].where == where
 
 
 def test_disturbance_is_integrated_away():

@@ -82,10 +82,11 @@ def test_forces_beyond_the_limits_are_told_and_places_outside_refused(still):
     outputs, left = outputs_for(still.machine, still.operating_point, centre, [[0.05, 0.0, 0.1]], LOW, HIGH)
     assert left[0] > 0.01
     assert outputs[0, 1] == HIGH[1]
-    with pytest.raises(Infeasible, match="lie in the map"):
+    with pytest.raises(Infeasible) as error:
         outputs_for(
             still.machine, still.operating_point, centre + [0.05, 0.0, 0.0], [[0.0, 0.0, 0.1]], LOW, HIGH
         )
+    assert error.value.problems[0].where == "outputs_for(positions)"
 
 
 def test_the_regulator_is_that_of_lqrd_where_nothing_is_late(still):
@@ -159,10 +160,11 @@ def test_between_designs_outputs_are_between(still):
         control(both.arrays, v, np.zeros(1), both.memory.copy(), np.empty(4), out)
         said.append(out[0])
     np.testing.assert_allclose(said, [1.0, 1.0, 1.5, 3.0, 3.0])
-    with pytest.raises(InputError, match="as many states"):
+    with pytest.raises(InputError) as error:
         ScheduledController(
             (low, lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)), 0.0, 1.0
         )
+    assert error.value.problems[0].where == "ScheduledController(blocks)"
 
 
 CIRCLE = {
@@ -266,23 +268,26 @@ def test_linear_points_know_feedback_linearisation(six):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "where"),
     [
         ({"control.x": {"kind": "constant"}}, "control"),
-        ({"control.coupled.lower": [0.0, 0.5, -0.3]}, "lower must be below upper"),
+        ({"control.coupled.lower": [0.0, 0.5, -0.3]}, "control.coupled"),
         ({"control.coupled.allowed_mm": [0.3, 0.3]}, "allowed_mm"),
-        ({"control.coupled.kind": "lqr"}, 'did you mean "lqg"'),
-        ({"control.coupled.depths_mm": [3.0, 1.0]}, "first of depths_mm"),
+        ({"control.coupled.kind": "lqr"}, "control.coupled"),
+        ({"control.coupled.depths_mm": [3.0, 1.0]}, "control.coupled"),
     ],
 )
-def test_what_cannot_be_is_refused(changes, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_what_cannot_be_is_refused(changes, where):
+    with pytest.raises(ScenarioError) as error:
         read_scenario("coupled_regulator", changes)
+    assert where in error.value.problems[0].where
 
 
 def test_weights_that_do_not_fit_are_named(still):
     short = LqgWeights(*[(1.0,) * 3] * 2, (1.0,), *[(1.0,) * 3] * 3)
-    with pytest.raises(InputError, match="one number for each of 3 outputs"):
+    with pytest.raises(InputError) as error:
         lqg_block(linearise(still.machine, still.operating_point), short, 2e-3)
-    with pytest.raises(InputError, match="GaussianWeights"):
+    assert (error.value.problems[0].where, error.value.problems[0].received) == ("LqgWeights(output)", "1")
+    with pytest.raises(InputError) as error:
         LqgWeights(*[(1.0,) * 3] * 2, (0.0,) * 3, *[(1.0,) * 3] * 3)
+    assert "output[0]" in str(error.value.problems[0])

@@ -38,7 +38,7 @@ class LqgWeights:
         for name, values in vars(self).items():
             given = np.atleast_1d(check_signal(f"LqgWeights({name})", np.atleast_1d(values)))
             check_positive(
-                "GaussianWeights", **{f"{name}[{k}]": float(value) for k, value in enumerate(given)}
+                "LqgWeights", **{f"{name}[{k}]": float(value) for k, value in enumerate(given)}
             )
 
 
