@@ -168,7 +168,9 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     lift = check_signal("least_power_allocation(shares)", shares)
     if lift.shape != force.shape[1:]:
         must = f"must be ({force.shape[1]},)"
-        raise InputError(Problem("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil"))
+        raise InputError(
+            Problem("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil")
+        )
     columns, idle = [lift], []
     for axis in (0, 1):
         try:

@@ -37,9 +37,7 @@ class LqgWeights:
     def __post_init__(self) -> None:
         for name, values in vars(self).items():
             given = np.atleast_1d(check_signal(f"LqgWeights({name})", np.atleast_1d(values)))
-            check_positive(
-                "LqgWeights", **{f"{name}[{k}]": float(value) for k, value in enumerate(given)}
-            )
+            check_positive("LqgWeights", **{f"{name}[{k}]": float(value) for k, value in enumerate(given)})
 
 
 def lqg_block(
