@@ -108,6 +108,19 @@ def test_files_of_the_repository_that_pages_name_exist(page):
     assert [place for place in chosen if not (ROOT / place).exists()] == []
 
 
+@pytest.mark.parametrize("page", [*SITE, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=named)
+def test_names_of_the_package_that_pages_give_exist(page):
+    """In `code`: a module, or what it holds. NAME stands for what the reader chooses."""
+    for name in re.findall(r"`(fieldmap(?:\.\w+)+)`", page.read_text()):
+        if name.endswith((".NAME", ".h")):
+            continue
+        found: object = importlib.import_module("fieldmap")
+        for part in name.split(".")[1:]:
+            if not hasattr(found, part):
+                importlib.import_module(f"{found.__name__}.{part}")
+            found = getattr(found, part)
+
+
 CITED = re.compile(r"docs/((?:theory/)?\w+\.md),?\s+(\(\d+\)(?:(?:,\s+|-|\s+and\s+|\s+to\s+)\(\d+\))*)")
 
 
