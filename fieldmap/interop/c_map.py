@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.interpolants import INTERPOLANTS, kernels_of
 from fieldmap.kernels.map import map_block
 from fieldmap.lookup import FieldMap, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
@@ -45,11 +46,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     >>> write_c_map(open_map("workspace.h5"), "workspace.fmap")                             # doctest: +SKIP
     """
     _, block = field.compiled()
-    if block[map_block.KIND] == map_block.HERMITE:
-        wanted = 'a harmonic form: kind="harmonic" or "global"'
-        raise InputError(
-            Problem("write_c_map, field", wanted, 'kind="hermite"', "open the map in another form")
-        )
+    _check_readable(block)
     names = field.coil_names if isinstance(field, FieldMap) else ("fixed currents",)
     target = Path(path)
     write_whole(target, _bytes(_plain(block), names))
@@ -62,6 +59,18 @@ def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) ->
     header = written.with_name(c_header().name)
     write_whole(header, c_header().read_bytes())
     return written, header
+
+
+def _check_readable(block: NDArray[np.float64]) -> None:
+    kernels = kernels_of(block)
+    if not any(each.kernels is kernels and each.in_c for each in INTERPOLANTS.values()):
+        readable = " or ".join(f'kind="{each.name}"' for each in INTERPOLANTS.values() if each.in_c)
+        received = " or ".join(each.name for each in INTERPOLANTS.values() if each.kernels is kernels)
+        raise InputError(
+            Problem(
+                "write_c_map, field", f"a form that fieldmap.h reads: {readable}", received, "open the map so"
+            )
+        )
 
 
 def _plain(block: NDArray[np.float64]) -> NDArray[np.float64]:

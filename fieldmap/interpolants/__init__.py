@@ -1,22 +1,36 @@
-"""From field and gradient at the nodes of a grid to the coefficients of an interpolant: three forms of one map.
+"""From field and gradient at the nodes of a grid to the coefficients of an interpolant.
 
-Both halves of the house need it: MAKE to certify a map against the solver, USE to look it up.
+A new interpolant is a module with an `INTERPOLANT`, and one line in the list below. The packages that make maps need
+interpolants to certify a map against the solver, those that use maps to look it up.
 """
 
-from fieldmap.interpolants.cell_form import cell_form
-from fieldmap.interpolants.form import OUTSIDE_RULES, Form, contract, set_size
-from fieldmap.interpolants.global_form import global_form
-from fieldmap.interpolants.hermite_form import hermite_form
-from fieldmap.interpolants.jumps import Jump, jump_between_cells
+from fieldmap.interpolants import global_polynomial, harmonic_cells, hermite
+from fieldmap.interpolants.form import OUTSIDE_RULES, Form, Interpolant, Jump, contract, kernels_of, set_size
+from fieldmap.interpolants.global_polynomial import global_form
+from fieldmap.interpolants.harmonic_cells import cell_form, jump_between_cells
+from fieldmap.interpolants.hermite import hermite_form
+
+INTERPOLANTS: dict[str, Interpolant] = {
+    module.INTERPOLANT.name: module.INTERPOLANT
+    for module in (
+        harmonic_cells,
+        hermite,
+        global_polynomial,
+    )
+}
+"""By name, in the order in which they are offered; the first is the default of `open_map`."""
 
 __all__ = [
+    "INTERPOLANTS",
     "OUTSIDE_RULES",
     "Form",
+    "Interpolant",
     "Jump",
     "cell_form",
     "contract",
     "global_form",
     "hermite_form",
     "jump_between_cells",
+    "kernels_of",
     "set_size",
 ]

@@ -1,17 +1,19 @@
-"""A map made ready for evaluation: one block of coefficients per ampere, and its contraction at currents.
+"""A map made ready for evaluation: one block of coefficients per ampere, and what an interpolant must tell of itself.
 
-Two ideas kept apart. Who makes a block does not evaluate it; who evaluates it (fieldmap.kernels.map.lookup, and
-`MapAtCurrents` in front of it) does not ask where it came from. A form superposes the unit blocks of coils; a
-model of saturating iron would hand over a contracted block of its own.
+Who makes a block does not evaluate it; who evaluates it (`fieldmap.lookup.Evaluator`, kernels that numba compiles) does
+not ask where it came from.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from fieldmap.kernels.map import global_harmonics, map_block
-from fieldmap.kernels.map import lookup as kernels
-from fieldmap.store import FieldError, Grid
+from fieldmap.kernels.map import map_block
+from fieldmap.kernels.map.lookup import KERNELS
+from fieldmap.kernels.map.map_block import InterpolantKernels
+from fieldmap.store import FieldError, Grid, MapData, MapInfo
 from fieldmap.typing import Array
 
 OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "clamp": map_block.CLAMP}
@@ -21,7 +23,7 @@ OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "
 class Form:
     """One of the forms of a map.
 
-    kind: "hermite", "harmonic" or "global". unit: block with one set of coefficients per field of the map: of a
+    kind: name of its interpolant. unit: block with one set of coefficients per field of the map: of a
     coil per ampere, of saturating iron at weight 1. potential_unit: the same for the potential, if the block above
     does not hold it. misfit: largest difference between form and map at the nodes, T and T/m, summed over the
     fields, coils at their reference currents; None for a form that passes through the nodes.
@@ -43,10 +45,56 @@ class Form:
         return (len(self.unit) - map_block.HEADER) // (self.n_coils * set_size(self.unit))
 
 
-def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, length: float = 1.0) -> Array:
+@dataclass(frozen=True)
+class Jump:
+    """Largest norm of the step across a face between cells, summed over the coils at their reference currents: T and
+    T/m.
+
+    flux_density, gradient: at sampled points of every face. bound_factor: no step on all of a face is larger than this
+    times the sampled ones.
+    """
+
+    flux_density: float = 0.0
+    gradient: float = 0.0
+    bound_factor: float = 1.0
+
+    @property
+    def flux_density_bound(self) -> float:
+        """No step of B is larger, T."""
+        return float(self.bound_factor * self.flux_density)
+
+    @property
+    def gradient_bound(self) -> float:
+        """No step of the gradient is larger, T/m."""
+        return float(self.bound_factor * self.gradient)
+
+
+@dataclass(frozen=True)
+class Interpolant:
+    """One way to find a field between the nodes of a map.
+
+    name: for `open_map(kind=...)`. summary: one line, for help and messages. form: the coefficients of a map, by what a
+    point outside gives (a key of OUTSIDE_RULES), as a `Form`. kernels: its line of
+    `fieldmap.kernels.map.lookup.KERNELS`, with which it works in compiled loops too; without it `evaluator` is asked.
+    evaluator: makes the `fieldmap.lookup.Evaluator` of a form; the package's own unless given. jump: how far field and
+    gradient step from cell to cell; None where both are continuous. in_c: whether fieldmap.h reads its blocks.
+    """
+
+    name: str
+    summary: str
+    form: Callable[[MapData, str], Form]
+    kernels: InterpolantKernels | None = None
+    evaluator: Callable[[Form], Any] | None = None
+    jump: Callable[[Form, MapInfo], Jump] | None = None
+    in_c: bool = False
+
+
+def header(
+    kernels: InterpolantKernels, grid: Grid, n_coils: int, outside: str, degree: int = 0, length: float = 1.0
+) -> Array:
     """Header of a block over the cells of a grid (fieldmap.kernels.map.map_block says what is where)."""
     block = np.zeros(map_block.HEADER)
-    block[map_block.KIND], block[map_block.RULE] = kind, OUTSIDE_RULES[outside]
+    block[map_block.KIND], block[map_block.RULE] = KERNELS.index(kernels), OUTSIDE_RULES[outside]
     block[map_block.SETS], block[map_block.DEGREE] = n_coils, degree
     block[map_block.LOWER : map_block.LOWER + 3] = grid.lower
     block[map_block.INVERSE : map_block.INVERSE + 3] = 1 / np.array(grid.spacing)
@@ -58,19 +106,51 @@ def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, l
 
 def set_size(block: Array) -> int:
     """How many numbers one set has at one cell or node."""
-    if block[map_block.KIND] == map_block.HERMITE:
-        return kernels.NODE
-    return int(block[map_block.DEGREE] + 1) ** 2
+    return kernels_of(block).set_size(int(block[map_block.DEGREE]))
+
+
+def kernels_of(block: Array) -> InterpolantKernels:
+    """What evaluates a block."""
+    return KERNELS[int(block[map_block.KIND])]
 
 
 def contract(block: Array, currents: Array, size: int) -> Array:
     """The block of one set at currents (n_coils,): what is done once per change of the currents."""
     places = (len(block) - map_block.HEADER) // (size * len(currents))
     count = map_block.HEADER + places * size
-    degree = int(block[map_block.DEGREE])
-    wide = block[map_block.KIND] == map_block.GLOBAL_HARMONIC
-    out = np.empty(count + (global_harmonics.ROWS * degree**2 if wide else 0))
+    degree, kernels = int(block[map_block.DEGREE]), kernels_of(block)
+    out = np.empty(count + kernels.behind(degree))
     map_block.contract(block, size, currents, out[:count])
-    if wide:
-        global_harmonics.expand(out[map_block.HEADER : count], degree, out[count:])
+    if len(out) > count:
+        kernels.complete(out[map_block.HEADER : count], degree, out[count:])
     return out
+
+
+def node_potential(data: MapData) -> Array:
+    """V (n_coils, nx, ny, nz) in T m/A with grad V = B, zero at the middle node.
+
+    Along x through the first node, along y from there, then along z: trapezoid with the correction of its end
+    slopes (Euler and Maclaurin; docs/theory/lookup.md (10)), error O(spacing^4). Different ways round a cell
+    agree to that order because B is curl-free.
+    """
+    steps = [_edge_integrals(data, axis) for axis in range(3)]
+    along_x = _running_sums(steps[0][:, :, :1, :1], 1)
+    along_y = _running_sums(steps[1][:, :, :, :1], 2)
+    potential = along_x + along_y + _running_sums(steps[2], 3)
+    nx, ny, nz = (n // 2 for n in data.grid.shape)
+    return potential - potential[:, nx : nx + 1, ny : ny + 1, nz : nz + 1]
+
+
+def _edge_integrals(data: MapData, axis: int) -> Array:
+    """Integral of B over every edge along an axis."""
+    h = data.grid.spacing[axis]
+    value = np.moveaxis(data.flux_density[..., axis], 1 + axis, 0)
+    slope = np.moveaxis(data.gradient[..., axis, axis], 1 + axis, 0)
+    step = h / 2 * (value[:-1] + value[1:]) + h * h / 12 * (slope[:-1] - slope[1:])
+    return np.moveaxis(step, 0, 1 + axis)
+
+
+def _running_sums(steps: Array, axis: int) -> Array:
+    """Running sums that start at zero."""
+    zero = np.zeros_like(np.take(steps, [0], axis=axis))
+    return np.concatenate([zero, np.cumsum(steps, axis=axis)], axis=axis)

@@ -11,15 +11,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, Bounds, coil_currents, dipole_wrench, require_proportional
-from fieldmap.interpolants import (
-    OUTSIDE_RULES,
-    Form,
-    Jump,
-    cell_form,
-    global_form,
-    hermite_form,
-    jump_between_cells,
-)
+from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
 from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Limits
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
@@ -38,14 +30,12 @@ from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_
 from fieldmap.store import FieldError, MapData, MapInfo, read_map
 from fieldmap.typing import Array
 
-FORMS = {"harmonic": cell_form, "hermite": hermite_form, "global": global_form}
-
 
 def check_choices(kind: str, outside: str, outside_currents: str) -> None:
     """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
     problems = []
     choices = (
-        ("kind", kind, list(FORMS)),
+        ("kind", kind, list(INTERPOLANTS)),
         ("outside", outside, list(OUTSIDE_RULES)),
         ("outside_currents", outside_currents, list(OUTSIDE_CURRENTS)),
     )
@@ -80,7 +70,8 @@ class FieldMap(BaseField):
     point of the box. NaN or infinity in a point, or NaN in a current, gives NaN in its row. Arguments of another shape:
     InputError. `out` takes a contiguous float64 array of the result's shape. Batches of more than 30 000 points run on
     `threads` threads, by default one per processor. Objects can be pickled and used from several threads at once.
-    evaluator: what evaluates the coefficients, `fieldmap.lookup.Evaluator`.
+    evaluator: makes what evaluates the coefficients, a
+    `fieldmap.lookup.Evaluator`; the interpolant's own unless given.
 
     >>> from fieldmap.store import Grid
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -99,14 +90,16 @@ class FieldMap(BaseField):
         outside_currents: str = "raise",
         follow_currents: bool = False,
         tabulate_currents: bool = False,
-        evaluator: Callable[[Form], Evaluator] = CompiledEvaluator,
+        evaluator: Callable[[Form], Evaluator] | None = None,
     ) -> None:
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
-        self._form: Form = FORMS[kind](data, outside)
-        self._evaluator = evaluator(self._form)
+        self._form: Form = INTERPOLANTS[kind].form(data, outside)
+        self._evaluator: Evaluator = (evaluator or INTERPOLANTS[kind].evaluator or CompiledEvaluator)(
+            self._form
+        )
         reduced = data.reduced_model
         rules = (outside_currents, follow_currents)
         self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, *rules)
@@ -205,7 +198,8 @@ class FieldMap(BaseField):
 
     @cached_property
     def _jump(self) -> Jump:
-        return jump_between_cells(self._form, self._info)
+        jump = INTERPOLANTS[self.kind].jump
+        return Jump() if jump is None else jump(self._form, self._info)
 
     @property
     def current_error(self) -> FieldError | None:
@@ -475,6 +469,8 @@ def interpolate(
     outside_currents: str = "raise",
     follow_currents: bool = False,
     tabulate_currents: bool = False,
+    evaluator: Callable[[Form], Evaluator] | None = None,
 ) -> FieldMap:
-    """A map in memory made ready for lookups; arguments as in `open_map`."""
-    return FieldMap(data, outside, kind, threads, outside_currents, follow_currents, tabulate_currents)
+    """A map in memory made ready for lookups; arguments as in `open_map`. evaluator: see `FieldMap`."""
+    rules = outside_currents, follow_currents, tabulate_currents
+    return FieldMap(data, outside, kind, threads, *rules, evaluator)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
-from fieldmap.interpolants import set_size
+from fieldmap.interpolants import INTERPOLANTS, set_size
 from fieldmap.kernels.map import map_block
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
@@ -23,7 +23,15 @@ _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTabl
 
 
 def unit_block(field_map: FieldMap) -> Array:
-    """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1."""
+    """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1.
+
+    Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
+    """
+    if INTERPOLANTS[field_map.kind].kernels is None:
+        must_hold = "an interpolant that compiled loops evaluate (fieldmap.kernels.map.lookup.KERNELS)"
+        raise InputError(
+            Problem("unit_block(field_map)", must_hold, field_map.kind, "open the map with another kind")
+        )
     return field_map._form.unit
 
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from fieldmap.interpolants.node_slopes import difference_weights, nodal_coefficients
+from fieldmap.interpolants.hermite import difference_weights, nodal_coefficients
 from fieldmap.kernels.map import hermite
 
 LOWER = np.array([-0.3, 0.2, 1.0])

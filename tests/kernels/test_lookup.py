@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from fieldmap.interpolants.form import contract, header
-from fieldmap.kernels.map import lookup, map_block
+from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite, lookup, map_block
 from fieldmap.store import Grid
 
 GRID = Grid([-0.3, 0.2, 1.0], [0.11, 0.07, 0.13], (3, 2, 4))
 KINDS = {
-    "hermite": map_block.HERMITE,
-    "harmonic": map_block.CELL_HARMONIC,
-    "global": map_block.GLOBAL_HARMONIC,
+    "hermite": hermite.KERNELS,
+    "harmonic": cell_harmonics.KERNELS,
+    "global": global_harmonics.KERNELS,
 }
 CURRENTS = np.array([0.7, -1.3])
 
@@ -26,7 +26,7 @@ def block_of(kind, outside="nan"):
     box = Grid(GRID.lower, GRID.upper - GRID.lower, (2, 2, 2)) if kind == "global" else GRID
     degree = 0 if kind == "hermite" else 5
     start = header(KINDS[kind], box, 2, outside, degree, 1.0 if kind == "hermite" else 0.2)
-    size = lookup.NODE if kind == "hermite" else 36
+    size = hermite.NODE if kind == "hermite" else 36
     places = math.prod(box.shape) if kind == "hermite" else math.prod(n - 1 for n in box.shape)
     return np.concatenate([start, np.random.default_rng(3).normal(size=places * 2 * size)]), size
 

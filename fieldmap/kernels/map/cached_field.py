@@ -7,36 +7,19 @@ cell whose coefficients lie in its row of numbers (q, n), -1 for none. `forget` 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map import cell_harmonics, global_harmonics
-from fieldmap.kernels.map.lookup import NODE, of_cell, of_nodes, of_table
-from fieldmap.kernels.map.map_block import (
-    CELL_HARMONIC,
-    DEGREE,
-    GLOBAL_HARMONIC,
-    INSIDE,
-    KIND,
-    PLAIN_INLINED,
-    WHOLE,
-    cell_number,
-    locate,
-    node_number,
-    superpose,
-)
+from fieldmap.kernels.map.lookup import of_kind
+from fieldmap.kernels.map.map_block import INSIDE, PLAIN_INLINED, WHOLE, cell_number, locate
 
 NAN = np.nan
+_cell_size, _gather, _gathered = of_kind("cell_size"), of_kind("gather"), of_kind("gathered")
 
 
 @njit(cache=True)
 def keep_field(block, weights, count):
     """A field of `count` points, nothing kept yet."""
-    size = 8 * NODE
-    if block[KIND] == CELL_HARMONIC:
-        size = cell_harmonics.SIZE
-    elif block[KIND] == GLOBAL_HARMONIC:
-        size = global_harmonics.ROWS * int(block[DEGREE]) ** 2 + (int(block[DEGREE]) + 1) ** 2
     places = np.empty(count, np.int64)
     places[:] = -1
-    return block, weights, places, np.empty((count, size))
+    return block, weights, places, np.empty((count, _cell_size(block)))
 
 
 @njit(**PLAIN_INLINED)
@@ -48,20 +31,9 @@ def forget(field):
 
 
 @njit(**WHOLE)
-def _superpose_all(block, weights, place, i, j, k, out):
-    """out (n,): the coefficients of a cell, of the nodes at its corners, or the table of the only polynomial and
-    room to work in."""
-    if block[KIND] == CELL_HARMONIC:
-        superpose(block, place, cell_harmonics.SIZE, weights, out)
-    elif block[KIND] == GLOBAL_HARMONIC:
-        degree = int(block[DEGREE])
-        size, table = (degree + 1) ** 2, global_harmonics.ROWS * degree**2
-        superpose(block, place, size, weights, out[table:])
-        global_harmonics.expand(out[table:], degree, out[:table])
-    else:
-        for corner in range(8):
-            node = node_number(block, i + corner // 4, j + corner // 2 % 2, k + corner % 2)
-            superpose(block, node, NODE, weights, out[corner * NODE : (corner + 1) * NODE])
+def _superpose_all(block, weights, i, j, k, out):
+    """out (n,): what is kept of a cell."""
+    _gather(block, weights, i, j, k, out)
 
 
 @njit(**PLAIN_INLINED)
@@ -75,11 +47,6 @@ def kept_at(field, p, x, y, z):
     place = cell_number(block, i, j, k)
     kept = numbers[p]
     if places[p] != place:
-        _superpose_all(block, weights, place, i, j, k, kept)
+        _superpose_all(block, weights, i, j, k, kept)
         places[p] = place
-    if block[KIND] == CELL_HARMONIC:
-        return status, of_cell(block, kept, tx, ty, tz)
-    if block[KIND] == GLOBAL_HARMONIC:
-        table = global_harmonics.ROWS * int(block[DEGREE]) ** 2
-        return status, of_table(block, kept[:table], kept[table:], tx, ty, tz)
-    return status, of_nodes(block, kept.reshape((2, 2, 2, 3, 8)), 0, 0, 0, 0, tx, ty, tz)
+    return status, _gathered(block, kept, tx, ty, tz)

@@ -8,10 +8,22 @@ Table of 10 rows, degree^2 numbers each, in the order of solid_harmonics: two ro
 the coefficients of Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz.
 """
 
+import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map.map_block import INLINED
-from fieldmap.kernels.map.solid_harmonics import differentiate
+from fieldmap.kernels.map import solid_harmonics
+from fieldmap.kernels.map.map_block import (
+    DEGREE,
+    HEADER,
+    INLINED,
+    WHOLE,
+    InterpolantKernels,
+    cell_number,
+    in_si,
+    local,
+    superpose,
+)
+from fieldmap.kernels.map.solid_harmonics import differentiate, polynomial
 
 ROWS = 10
 
@@ -83,3 +95,75 @@ def field_and_gradient(table, degree, x, y, z, work):
     yy = _dot(table[8 * n : 9 * n], work, short)
     yz = _dot(table[9 * n :], work, short)
     return bx, by, bz, xx, xy, xz, yy, yz, -xx - yy
+
+
+@njit(**INLINED)
+def of_table(block, table, work, tx, ty, tz):
+    """The twelve results from the table of the polynomial of the whole box; work (degree^2,)."""
+    x, y, z = local(block, tx, ty, tz)
+    degree = int(block[DEGREE])
+    return in_si(block, field_and_gradient(table, degree, x, y, z, work))
+
+
+@njit(**INLINED)
+def _work(block):
+    return np.empty(int(block[DEGREE]) ** 2)
+
+
+# A block of a single set carries the table behind its coefficients.
+@njit(**INLINED)
+def _contracted(block, i, j, k, tx, ty, tz):
+    first = HEADER + (int(block[DEGREE]) + 1) ** 2
+    return of_table(block, block[first:], _work(block), tx, ty, tz)
+
+
+@njit(**INLINED)
+def _superposed(block, weights, i, j, k, tx, ty, tz):
+    degree = int(block[DEGREE])
+    table = np.empty(ROWS * degree * degree)
+    expand(polynomial(block, i, j, k, weights), degree, table)
+    return of_table(block, table, _work(block), tx, ty, tz)
+
+
+@njit(**INLINED)
+def _unit(block, s, i, j, k, tx, ty, tz):
+    degree = int(block[DEGREE])
+    size = (degree + 1) ** 2
+    table = np.empty(ROWS * degree * degree)
+    expand(block[HEADER + s * size : HEADER + (s + 1) * size], degree, table)
+    return of_table(block, table, _work(block), tx, ty, tz)
+
+
+@njit(**INLINED)
+def _cell_size(block):
+    return ROWS * int(block[DEGREE]) ** 2 + (int(block[DEGREE]) + 1) ** 2
+
+
+@njit(**WHOLE)
+def _gather(block, weights, i, j, k, out):
+    """The table, and room to work in."""
+    degree = int(block[DEGREE])
+    size, table = (degree + 1) ** 2, ROWS * degree**2
+    superpose(block, cell_number(block, i, j, k), size, weights, out[table:])
+    expand(out[table:], degree, out[:table])
+
+
+@njit(**INLINED)
+def _gathered(block, numbers, tx, ty, tz):
+    table = ROWS * int(block[DEGREE]) ** 2
+    return of_table(block, numbers[:table], numbers[table:], tx, ty, tz)
+
+
+KERNELS = InterpolantKernels(
+    _contracted,
+    _superposed,
+    _unit,
+    solid_harmonics.second_gradient,
+    solid_harmonics.potential,
+    _cell_size,
+    _gather,
+    _gathered,
+    solid_harmonics.coefficient_count,
+    behind=lambda degree: ROWS * degree**2,
+    complete=expand,
+)

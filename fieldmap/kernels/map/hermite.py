@@ -19,6 +19,20 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.map import map_block
+from fieldmap.kernels.map.map_block import (
+    CELLS,
+    HEADER,
+    LOCAL,
+    SETS,
+    WHOLE,
+    InterpolantKernels,
+    node_number,
+    superpose,
+)
+
+NODE = 24  # numbers of one set at a node: three components of eight
+
 # A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing.
 EDGE = 1e-9
 
@@ -161,3 +175,105 @@ def field_and_gradient(coefficients, lower, spacing, points, values, gradient):
             gradient[p, c, 1] = fy
             gradient[p, c, 2] = fz
     return outside
+
+
+@njit(**map_block.INLINED)
+def of_nodes(block, nodes, i, j, k, first, tx, ty, tz):
+    """Hermite form: channels first, first + 1, first + 2 of the nodes' coefficients (nx, ny, nz, channels, 8)."""
+    wx, wy, wz = basis(tx), basis(ty), basis(tz)
+    dx = basis_slope(tx, block[LOCAL])
+    dy = basis_slope(ty, block[LOCAL + 1])
+    dz = basis_slope(tz, block[LOCAL + 2])
+    bx, xx, xy, xz = value_and_slopes(nodes, i, j, k, first, wx, wy, wz, dx, dy, dz)
+    by, yx, yy, yz = value_and_slopes(nodes, i, j, k, first + 1, wx, wy, wz, dx, dy, dz)
+    bz, zx, zy, zz = value_and_slopes(nodes, i, j, k, first + 2, wx, wy, wz, dx, dy, dz)
+    return bx, by, bz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+
+
+@njit(**map_block.INLINED)
+def _nodes(block, channels):
+    """The coefficients of a Hermite block as (nx, ny, nz, channels, 8)."""
+    nx, ny, nz = int(block[CELLS]) + 1, int(block[CELLS + 1]) + 1, int(block[CELLS + 2]) + 1
+    return block[HEADER:].reshape((nx, ny, nz, channels, 8))
+
+
+@njit(**map_block.INLINED)
+def _corners(block, i, j, k, size, currents):
+    """Coefficients (2, 2, 2, size / 8, 8) of a cell's corners, superposed."""
+    corners = np.empty((8, size))
+    for corner in range(8):
+        node = node_number(block, i + corner // 4, j + corner // 2 % 2, k + corner % 2)
+        superpose(block, node, size, currents, corners[corner])
+    return corners.reshape((2, 2, 2, size // 8, 8))
+
+
+@njit(**map_block.INLINED)
+def _bends(block, corners, tx, ty, tz, second):
+    """second (3, 3, 3): second derivatives of the Hermite form."""
+    sx, sy, sz = block[LOCAL], block[LOCAL + 1], block[LOCAL + 2]
+    x = (basis(tx), basis_slope(tx, sx), basis_bend(tx, sx))
+    y = (basis(ty), basis_slope(ty, sy), basis_bend(ty, sy))
+    z = (basis(tz), basis_slope(tz, sz), basis_bend(tz, sz))
+    for c in range(3):
+        xx, yy, zz, xy, xz, yz = bends(corners, 0, 0, 0, c, x, y, z)
+        second[c, 0, 0], second[c, 1, 1], second[c, 2, 2] = xx, yy, zz
+        second[c, 0, 1], second[c, 1, 0] = xy, xy
+        second[c, 0, 2], second[c, 2, 0] = xz, xz
+        second[c, 1, 2], second[c, 2, 1] = yz, yz
+
+
+@njit(**map_block.INLINED)
+def _contracted(block, i, j, k, tx, ty, tz):
+    return of_nodes(block, _nodes(block, 3), i, j, k, 0, tx, ty, tz)
+
+
+@njit(**map_block.INLINED)
+def _superposed(block, weights, i, j, k, tx, ty, tz):
+    return of_nodes(block, _corners(block, i, j, k, NODE, weights), 0, 0, 0, 0, tx, ty, tz)
+
+
+@njit(**map_block.INLINED)
+def _unit(block, s, i, j, k, tx, ty, tz):
+    return of_nodes(block, _nodes(block, 3 * int(block[SETS])), i, j, k, 3 * s, tx, ty, tz)
+
+
+@njit(**map_block.INLINED)
+def _second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
+    _bends(block, _corners(block, i, j, k, NODE, weights), tx, ty, tz, out)
+
+
+# A block of the potential has eight numbers a node.
+@njit(**map_block.INLINED)
+def _potential(block, weights, i, j, k, tx, ty, tz, work):
+    corners = _corners(block, i, j, k, 8, weights)
+    return -value(corners, 0, 0, 0, 0, basis(tx), basis(ty), basis(tz))
+
+
+@njit(**map_block.INLINED)
+def _cell_size(block):
+    return 8 * NODE
+
+
+@njit(**WHOLE)
+def _gather(block, weights, i, j, k, out):
+    for corner in range(8):
+        node = node_number(block, i + corner // 4, j + corner // 2 % 2, k + corner % 2)
+        superpose(block, node, NODE, weights, out[corner * NODE : (corner + 1) * NODE])
+
+
+@njit(**map_block.INLINED)
+def _gathered(block, numbers, tx, ty, tz):
+    return of_nodes(block, numbers.reshape((2, 2, 2, 3, 8)), 0, 0, 0, 0, tx, ty, tz)
+
+
+KERNELS = InterpolantKernels(
+    _contracted,
+    _superposed,
+    _unit,
+    _second_gradient,
+    _potential,
+    _cell_size,
+    _gather,
+    _gathered,
+    set_size=lambda degree: NODE,
+)

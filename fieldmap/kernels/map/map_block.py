@@ -3,24 +3,25 @@
 One array holds all that an evaluation reads, so a compiled caller passes one argument, a pickle or a file holds
 one object, and no kernel knows a class. The header (positions below, whole numbers stored as floats):
 
-    KIND       0 Hermite, 1 one harmonic polynomial a cell, 2 one harmonic polynomial for the whole box
+    KIND       position of the interpolant in `fieldmap.kernels.map.lookup.KERNELS`
     RULE       what a point outside gives: 0 NaN, 1 the value at the nearest point of the box
     SETS       how many sets of coefficients: one a coil in A^-1, or a single one at given currents
-    DEGREE     of the potential (kinds 1 and 2)
+    DEGREE     of the potential, if it is a polynomial
     LOWER      lower corner of the box, 3 numbers, m
     INVERSE    1 / spacing, 3 numbers, 1/m
     CELLS      number of cells along each axis
     LOCAL      spacing / LENGTH, 3 numbers
-    LENGTH     unit of length of the harmonic polynomials, m (1 for kind 0)
+    LENGTH     unit of length of the polynomials, m (1 where there is none)
     PER_LENGTH 1 / LENGTH, 1/m
 
-Kind 1 and 2: set s of cell n lies at HEADER + (n SETS + s) (DEGREE + 1)^2, cells in C order of x, y, z. Kind 0:
-set s of node n at HEADER + (n SETS + s) 24, component i at + 8 i (hermite, for the order of the eight). At given
-currents a block of kind 2 carries the table of global_harmonics behind its only set.
+Behind it lie the coefficients: set s of place n at HEADER + (n SETS + s) size, places in C order of x, y, z. The
+interpolant decides what a place is, a cell or a node, how many numbers a set has there, and what a block of a single
+set carries behind them (`InterpolantKernels`).
 """
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from numba import njit
 
@@ -29,7 +30,6 @@ LOWER, INVERSE, CELLS, LOCAL = 4, 7, 10, 13
 LENGTH, PER_LENGTH = 16, 17
 HEADER = 24
 
-HERMITE, CELL_HARMONIC, GLOBAL_HARMONIC = 0, 1, 2
 NAN_OUTSIDE, CLAMP = 0, 1
 INSIDE, OUTSIDE, NOT_FINITE, WRONG_SHAPE = 0, 1, 2, 3
 
@@ -110,3 +110,47 @@ def contract(block, size, currents, out):
     out[SETS] = 1.0
     for place in range((block.shape[0] - HEADER) // (size * currents.shape[0])):
         superpose(block, place, size, currents, out[HEADER + place * size : HEADER + (place + 1) * size])
+
+
+@njit(**INLINED)
+def local(block, tx, ty, tz):
+    """Coordinates from the middle of the cell, in LENGTHs."""
+    return (tx - 0.5) * block[LOCAL], (ty - 0.5) * block[LOCAL + 1], (tz - 0.5) * block[LOCAL + 2]
+
+
+@njit(**INLINED)
+def in_si(block, nine):
+    """The twelve results from field and the six different entries of the gradient, in SI."""
+    bx, by, bz, xx, xy, xz, yy, yz, zz = nine
+    s = block[PER_LENGTH]
+    xx, xy, xz, yy, yz, zz = s * xx, s * xy, s * xz, s * yy, s * yz, s * zz
+    return bx, by, bz, xx, xy, xz, xy, yy, yz, xz, yz, zz
+
+
+class InterpolantKernels(NamedTuple):
+    """Compiled evaluation of one kind of block. All are called for a point inside, in cell (i, j, k) at tx, ty, tz.
+
+    The twelve are the three of the field and the nine of its gradient, in SI; weights (n,) are those of the sets.
+
+    contracted(block, i, j, k, tx, ty, tz): the twelve from a block of a single set.
+    superposed(block, weights, i, j, k, tx, ty, tz): the twelve from a block of several.
+    unit(block, s, i, j, k, tx, ty, tz): the twelve of set s by itself.
+    second_gradient(block, weights, i, j, k, tx, ty, tz, work, out): out (3, 3, 3); work (4 (DEGREE + 1)^2,).
+    potential(block, weights, i, j, k, tx, ty, tz, work): U with B = -grad U; work ((DEGREE + 1)^2,).
+    cell_size(block): how many numbers a cell takes when they are kept; gather(block, weights, i, j, k, out): them, out
+    (cell_size,); gathered(block, numbers, tx, ty, tz): the twelve from them.
+    set_size(degree), for Python: how many numbers a set has at a place. behind(degree): how many numbers a block of a
+    single set carries behind its coefficients, and complete(coefficients, degree, out) writes them.
+    """
+
+    contracted: Callable[..., Any]
+    superposed: Callable[..., Any]
+    unit: Callable[..., Any]
+    second_gradient: Callable[..., Any]
+    potential: Callable[..., Any]
+    cell_size: Callable[..., Any]
+    gather: Callable[..., Any]
+    gathered: Callable[..., Any]
+    set_size: Callable[[int], int]
+    behind: Callable[[int], int] = lambda degree: 0
+    complete: Callable[..., Any] = lambda coefficients, degree, out: None

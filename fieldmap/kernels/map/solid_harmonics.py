@@ -15,7 +15,7 @@ A real harmonic polynomial of degree L is sum_l [a_l0 R_l^0 + sum_(m > 0) (a_lm 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map.map_block import INLINED
+from fieldmap.kernels.map.map_block import DEGREE, INLINED, LENGTH, PER_LENGTH, cell_number, local, superpose
 
 
 @njit(**INLINED)
@@ -134,3 +134,33 @@ def third_derivatives(c, degree, x, y, z, work, out):
                     total += third[s] * harmonics[s]
                 out[i, j, k] = out[i, k, j] = out[j, i, k] = total
                 out[j, k, i] = out[k, i, j] = out[k, j, i] = total
+
+
+@njit(**INLINED)
+def polynomial(block, i, j, k, weights):
+    """Coefficients of the harmonic polynomial of a cell, superposed."""
+    size = (int(block[DEGREE]) + 1) ** 2
+    c = np.empty(size)
+    superpose(block, cell_number(block, i, j, k), size, weights, c)
+    return c
+
+
+@njit(**INLINED)
+def second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
+    """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
+    x, y, z = local(block, tx, ty, tz)
+    third_derivatives(polynomial(block, i, j, k, weights), int(block[DEGREE]), x, y, z, work, out)
+    out *= block[PER_LENGTH] * block[PER_LENGTH]
+
+
+@njit(**INLINED)
+def potential(block, weights, i, j, k, tx, ty, tz, work):
+    """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
+    x, y, z = local(block, tx, ty, tz)
+    c = polynomial(block, i, j, k, weights)
+    return -block[LENGTH] * potential_sum(c, int(block[DEGREE]), x, y, z, work)
+
+
+def coefficient_count(degree: int) -> int:
+    """Number of coefficients of a harmonic polynomial."""
+    return (degree + 1) ** 2

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.interpolants.form import Form, contract, header, set_size
+from fieldmap.interpolants.form import Form, Interpolant, contract, header, set_size
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.kernels.map import lookup as kernels
-from fieldmap.kernels.map import map_block
+from fieldmap.kernels.map.global_harmonics import KERNELS
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array
 
+NAME = "global"
 DEGREE = 16
 NODES_PER_AXIS = 13  # of the fit; the misfit is taken at all nodes, so most of a fine map is left to judge it
 GRADIENT_WEIGHT = 0.1  # against length times gradient
@@ -33,9 +34,9 @@ def global_form(data: MapData, outside: str) -> Form:
     degree = _degree(int(np.prod([len(axis.ravel()) for axis in chosen])))
     points = (grid.points() - (grid.lower + grid.upper) / 2) / length
     coefficients = _fit(data, points.reshape(*grid.shape, 3)[chosen].reshape(-1, 3), chosen, degree, length)
-    start = header(map_block.GLOBAL_HARMONIC, box, n_coils, outside, degree, length)
+    start = header(KERNELS, box, n_coils, outside, degree, length)
     unit = np.concatenate([start, coefficients.ravel()])
-    return Form("global", unit, unit, _checked_misfit(data, unit))
+    return Form(NAME, unit, unit, _checked_misfit(data, unit))
 
 
 def _spread(n: int) -> NDArray[np.intp]:
@@ -83,9 +84,12 @@ def _checked_misfit(data: MapData, unit: Array) -> FieldError:
     if not of_flux.max() <= LARGEST_MISFIT * largest:
         problem = Problem(
             "open_map, kind",
-            f'"global" only for a field that one harmonic polynomial holds to {LARGEST_MISFIT:g}',
+            f'"{NAME}" only for a field that one harmonic polynomial holds to {LARGEST_MISFIT:g}',
             f"a misfit of {of_flux.max() / max(largest, 1e-300):.1e} of the largest field at the nodes",
-            'take "harmonic" or "hermite": sources are too near to this box for one expansion',
+            "take another kind: sources are too near to this box for one expansion",
         )
         raise InputError(problem)
     return FieldError(float(of_flux.max()), float(of_slope.max()))
+
+
+INTERPOLANT = Interpolant(NAME, "one polynomial for the whole box", global_form, KERNELS, in_c=True)

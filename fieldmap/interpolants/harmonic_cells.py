@@ -5,23 +5,28 @@ and the fit of all cells is one matrix product.
 """
 
 import itertools
+from itertools import pairwise
 
 import numpy as np
 
-from fieldmap.interpolants.form import Form, header
+from fieldmap.interpolants.form import Form, Interpolant, Jump, header, node_potential
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.interpolants.node_potential import node_potential
 from fieldmap.kernels.map import map_block
-from fieldmap.kernels.map.cell_harmonics import DEGREE, SIZE
+from fieldmap.kernels.map.cell_harmonics import DEGREE, KERNELS, SIZE
 from fieldmap.kernels.map.solid_harmonics import regular_table
-from fieldmap.store import FieldError, MapData
+from fieldmap.store import FieldError, MapData, MapInfo
 from fieldmap.typing import Array
 
+NAME = "harmonic"
 CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 
 # Weight of a gradient times half a spacing against a field. Measured: from 0.1 to 0.5 the errors of field and
 # gradient at places between the nodes stay within 35 % of their smallest; below, the fit leans on few equations.
 GRADIENT_WEIGHT = 0.3
+
+# On a face a difference of fields is a polynomial of degree 4 in two variables, known from 5 x 5 Chebyshev points.
+NODES = np.cos((2 * np.arange(5) + 1) * np.pi / 10)
+LEBESGUE = (np.sum(1 / np.tan((2 * np.arange(5) + 1) * np.pi / 20)) / 5) ** 2
 
 
 def cell_form(data: MapData, outside: str) -> Form:
@@ -39,9 +44,9 @@ def cell_form(data: MapData, outside: str) -> Form:
         coefficients[i, ..., 1:] = values @ solve.T
         worst = np.maximum(worst, _misfit(values - coefficients[i, ..., 1:] @ design[:, 1:].T, data))
     coefficients[..., 0] = _constants(data, coefficients, corners, length)
-    start = header(map_block.CELL_HARMONIC, grid, n_coils, outside, DEGREE, length)
+    start = header(KERNELS, grid, n_coils, outside, DEGREE, length)
     unit = np.concatenate([start, coefficients.ravel()])
-    return Form("harmonic", unit, unit, FieldError(float(worst[0]), float(worst[1]) / length))
+    return Form(NAME, unit, unit, FieldError(float(worst[0]), float(worst[1]) / length))
 
 
 def _design(corners: Array) -> Array:
@@ -83,3 +88,50 @@ def _constants(data: MapData, coefficients: Array, corners: Array, length: float
     for a, b, d in CORNERS:
         mean += at_nodes[a : nx - 1 + a, b : ny - 1 + b, d : nz - 1 + d] / 8
     return mean - coefficients[..., 1:] @ regular_table(DEGREE, corners).mean(axis=0)[1:]
+
+
+def jump_between_cells(form: Form, info: MapInfo) -> Jump:
+    """The jump of a form over all faces between its cells: at 5 x 5 Chebyshev points of every face.
+
+    The bound is that times the Lebesgue constant 3.96 of these points (docs/theory/lookup.md (7)).
+    """
+    cells = tuple(n - 1 for n in info.grid.shape)
+    coefficients = form.unit[map_block.HEADER :].reshape(*cells, form.n_coils, SIZE)
+    half = form.unit[map_block.LOCAL : map_block.LOCAL + 3] / 2
+    per_length = float(form.unit[map_block.PER_LENGTH])
+    steps = [_across(coefficients, half, axis, info.field_scale) for axis in range(3)]
+    largest = np.max(steps, axis=0)
+    return Jump(float(largest[0]), float(largest[1]) * per_length, float(LEBESGUE))
+
+
+def _across(coefficients: Array, half: Array, axis: int, amperes: Array) -> Array:
+    """Largest steps (2,) across the faces that are normal to an axis, a slab of cells at a time."""
+    face = np.stack(np.meshgrid(NODES, NODES, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = np.insert(face, axis, 1.0, axis=1) * half
+    mirrored = points * np.where(np.arange(3) == axis, -1.0, 1.0)
+    ours, theirs = _both(points), _both(mirrored)
+    cells = np.moveaxis(coefficients, axis, 0)
+    worst = np.zeros(2)
+    for below, above in pairwise(cells):
+        step = below @ ours.T - above @ theirs.T
+        flux = np.linalg.norm(step[..., :75].reshape(*step.shape[:-1], 25, 3), axis=-1)
+        slope = np.linalg.norm(step[..., 75:].reshape(*step.shape[:-1], 25, 9), axis=-1)
+        here = [np.einsum("jkcp,c->jkp", norm, amperes).max() for norm in (flux, slope)]
+        worst = np.maximum(worst, here)
+    return worst
+
+
+def _both(points: Array) -> Array:
+    """(300, 36): fields, then gradients at 25 points."""
+    of_field = field_matrix(DEGREE, points).reshape(-1, SIZE)
+    return np.concatenate([of_field, gradient_matrix(DEGREE, points).reshape(-1, SIZE)])
+
+
+INTERPOLANT = Interpolant(
+    NAME,
+    "one harmonic polynomial per cell",
+    cell_form,
+    KERNELS,
+    jump=jump_between_cells,
+    in_c=True,
+)

@@ -1,13 +1,36 @@
-"""Hermite coefficients at the nodes of a grid: values, exact first derivatives, estimated mixed ones.
-
-Done once when a map is opened, so in array operations of numpy: a compiled kernel takes longer to compile.
-"""
+"""The tricubic Hermite form of a map: through the stored values and gradients, once continuously differentiable."""
 
 import numpy as np
 
+from fieldmap.interpolants.form import Form, Interpolant, header, node_potential
+from fieldmap.kernels.map.hermite import KERNELS
+from fieldmap.store import MapData
 from fieldmap.typing import Array
 
+NAME = "hermite"
 STENCIL = 5
+
+
+def hermite_form(data: MapData, outside: str) -> Form:
+    """Coefficients of the field (three channels a coil) and of the potential (one), at every node."""
+    start = header(KERNELS, data.grid, len(data.field_names), outside)
+    field = _coefficients(data, data.flux_density, data.gradient)
+    potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])
+    return Form(
+        NAME,
+        np.concatenate([start, field]),
+        np.concatenate([start, potential]),
+        None,
+    )
+
+
+def _coefficients(data: MapData, values: Array, slopes: Array) -> Array:
+    """Flat coefficients of values (n_coils, nx, ny, nz, c) and slopes (n_coils, nx, ny, nz, c, 3)."""
+    shape = data.grid.shape
+    channels = len(values) * values.shape[-1]
+    by_node = np.ascontiguousarray(np.moveaxis(values, 0, 3)).reshape(*shape, channels)
+    slopes_by_node = np.ascontiguousarray(np.moveaxis(slopes, 0, 3)).reshape(*shape, channels, 3)
+    return nodal_coefficients(by_node, slopes_by_node, np.array(data.grid.spacing)).ravel()
 
 
 def nodal_coefficients(values: Array, gradient: Array, spacing: Array) -> Array:
@@ -52,3 +75,6 @@ def difference_weights(n_nodes: int) -> Array:
     np.fill_diagonal(weights, 0.0)
     np.fill_diagonal(weights, -weights.sum(axis=1))
     return weights
+
+
+INTERPOLANT = Interpolant(NAME, "tricubic Hermite, continuous from cell to cell", hermite_form, KERNELS)
