@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.typing import Array
 
 _STRAIGHT = 1e-12  # a corner that turns by less is no corner; a bar shorter than this times the path is none
@@ -18,7 +19,7 @@ _FULL_TURN = math.pi * (1 - 1e-12)  # half angle of an arc that closes
 
 @dataclass(frozen=True, eq=False)
 class WindingPath:
-    """arcs (n, 8) and bars (m, 5) as documented in `fieldmap.kernels.coils.path`; thickness and height in m.
+    """arcs (n, 8) and bars (m, 5), rows as `fieldmap.kernels.coils.pieces` names them; thickness and height in m.
 
     The pieces make a closed curve, in the sense of a positive current; their order does not matter. No arc turns by
     more than a right angle, for which the kernel's rules are made (`winding_path` divides those that do), but a circle
@@ -53,8 +54,8 @@ class WindingPath:
         return [pieces[k] for k in _order([points for points, _ in self._pieces(0.0, 2)])]
 
     def _pieces(self, offset: float, points_per_arc: int) -> list[tuple[Array, Array]]:
-        arcs = [_arc_points(row, offset, points_per_arc) for row in self.arcs]
-        return arcs + [_bar_points(row, offset) for row in self.bars]
+        arcs = [_arc_points(Arc(*row), offset, points_per_arc) for row in self.arcs]
+        return arcs + [_bar_points(Bar(*row), offset) for row in self.bars]
 
 
 def arc(
@@ -64,17 +65,19 @@ def arc(
     radius: float,
     thickness: float,
     sense: float = 1.0,
-) -> list[float]:
+) -> Arc:
     """A row of `WindingPath.arcs`: an arc of the middle line about `centre` (m), from middle - half_angle to
     middle + half_angle (rad), `radius` at the middle line; sense 1 runs counter-clockwise, -1 clockwise."""
     inner, outer = max(radius - thickness / 2, 0.0), radius + thickness / 2
-    return [*centre, math.cos(middle), math.sin(middle), half_angle, inner, outer, sense]
+    x, y = centre
+    return Arc(x, y, math.cos(middle), math.sin(middle), half_angle, inner, outer, sense)
 
 
-def bar(start: Array, end: Array) -> list[float]:
+def bar(start: Array, end: Array) -> Bar:
     """A row of `WindingPath.bars`: the straight piece from `start` to `end` (2,), m."""
     length = math.dist(start, end)
-    return [*(0.5 * (start + end)), *((end - start) / length), 0.5 * length]
+    (x, y), (along_x, along_y) = 0.5 * (start + end), (end - start) / length
+    return Bar(x, y, along_x, along_y, 0.5 * length)
 
 
 def winding_path(
@@ -91,14 +94,16 @@ def winding_path(
     )
 
 
-def _divided(row: Sequence[float]) -> list[Sequence[float]]:
-    x, y, cosine, sine, half_angle, inner, outer, sense = row
-    pieces = math.ceil(half_angle / (0.25 * math.pi) - 1e-9)
+def _divided(row: Sequence[float]) -> list[Arc]:
+    wide = Arc(*row)
+    pieces = math.ceil(wide.half_angle / (0.25 * math.pi) - 1e-9)
     if pieces < 2:
-        return [row]
-    half, middle = half_angle / pieces, math.atan2(sine, cosine)
-    angles = [middle + sense * (2 * k + 1 - pieces) * half for k in range(pieces)]
-    return [[x, y, math.cos(angle), math.sin(angle), half, inner, outer, sense] for angle in angles]
+        return [wide]
+    half, middle = wide.half_angle / pieces, math.atan2(wide.middle_y, wide.middle_x)
+    angles = [middle + wide.sense * (2 * k + 1 - pieces) * half for k in range(pieces)]
+    return [
+        wide._replace(middle_x=math.cos(angle), middle_y=math.sin(angle), half_angle=half) for angle in angles
+    ]
 
 
 def rounded_path(
@@ -144,7 +149,7 @@ def _turns(directions: Array) -> Array:
     return np.arctan2(cross, np.sum(before * directions, axis=1))
 
 
-def _corner(corner: Array, before: Array, turn: float, radius: float, thickness: float) -> list[list[float]]:
+def _corner(corner: Array, before: Array, turn: float, radius: float, thickness: float) -> list[Arc]:
     """The arc of one corner, in two halves where it turns by more than a right angle."""
     sense = math.copysign(1.0, turn)
     start = corner - radius * math.tan(abs(turn) / 2) * before
@@ -182,18 +187,18 @@ def _check_fit(name: str, corner_radius: float, thickness: float, rest: Array, l
         raise InputError(*problems)
 
 
-def _arc_points(row: Array, offset: float, count: int) -> tuple[Array, Array]:
-    middle, sense = math.atan2(row[3], row[2]), row[7]
-    angle = middle + sense * row[4] * np.linspace(-1.0, 1.0, count)
+def _arc_points(arc: Arc, offset: float, count: int) -> tuple[Array, Array]:
+    middle = math.atan2(arc.middle_y, arc.middle_x)
+    angle = middle + arc.sense * arc.half_angle * np.linspace(-1.0, 1.0, count)
     outward = np.column_stack([np.cos(angle), np.sin(angle)])
-    radius = 0.5 * (row[5] + row[6]) + sense * offset
-    return row[:2] + radius * outward, sense * outward
+    radius = 0.5 * (arc.inner + arc.outer) + arc.sense * offset
+    return np.array([arc.x, arc.y]) + radius * outward, arc.sense * outward
 
 
-def _bar_points(row: Array, offset: float) -> tuple[Array, Array]:
-    right = np.array([row[3], -row[2]])
-    along = np.array([[-row[4]], [row[4]]]) * row[2:4]
-    return row[:2] + along + offset * right, np.stack([right, right])
+def _bar_points(bar: Bar, offset: float) -> tuple[Array, Array]:
+    along, right = np.array([bar.along_x, bar.along_y]), np.array([bar.along_y, -bar.along_x])
+    ends = np.array([[-bar.half_length], [bar.half_length]]) * along
+    return np.array([bar.x, bar.y]) + ends + offset * right, np.stack([right, right])
 
 
 def _order(pieces: list[Array]) -> list[int]:

@@ -77,10 +77,17 @@ def graded_panel(
 
 @numba.njit(cache=True, error_model="numpy")
 def arc_azimuths(
-    px: float, py: float, arc: Array, h1: float, h2: float, even: Array, limits: Array, azimuths: Array
+    px: float,
+    py: float,
+    r1: float,
+    r2: float,
+    h1: float,
+    h2: float,
+    even: Array,
+    limits: Array,
+    azimuths: Array,
 ) -> int:
     """Choose the azimuths for a field point (px, py) of the arc's frame; fill azimuths (3, :); returns how many."""
-    r1, r2 = arc[5], arc[6]
     rho = math.sqrt(px * px + py * py)
     cosine, sine = 1.0, 0.0
     if rho > 0.0:

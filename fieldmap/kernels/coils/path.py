@@ -1,9 +1,8 @@
 """Flux density and gradient of a closed plane winding of rectangular section: arcs and bars, per ampere-turn.
 
-Frame: winding in |z| <= height/2, axis along z. arcs (n, 8): centre x, y, unit vector to the middle of the arc x, y,
-half angle (pi/4 at most), inner and outer radius, +1 for counter-clockwise current or -1. bars (n, 5): middle x, y,
-unit vector of the current x, y, half length. `thickness` is the width of the winding in its plane, the same for all
-pieces. The current density is uniform. The gradient uses curl B = mu0 J, so that it holds for closed paths only.
+Frame: winding in |z| <= height/2, axis along z. arcs (n, 8) and bars (n, 5): rows are `Arc` and `Bar` of
+`fieldmap.kernels.coils.pieces`. `thickness` is the width of the winding in its plane, the same for all pieces. The
+current density is uniform. The gradient uses curl B = mu0 J, so that it holds for closed paths only.
 """
 
 import math
@@ -14,6 +13,7 @@ import numpy as np
 from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_azimuths, arc_sum, arc_sum_gradient, even_azimuths
 from fieldmap.kernels.coils.bar import bar_integrals, bar_integrals_gradient, bar_points
 from fieldmap.kernels.coils.filament import far_arc, far_bar, far_distance
+from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.kernels.coils.quadrature import rule_limits
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.typing import Array
@@ -22,10 +22,20 @@ _CHUNK = 32  # points that share one work array
 _SEAM = 1e-9  # overlap of the pieces, so that no point inside the winding falls between two of them
 
 
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _arc(rows: Array, k: int) -> Arc:
+    return Arc(rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], rows[k, 6], rows[k, 7])
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _bar(rows: Array, k: int) -> Bar:
+    return Bar(rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4])
+
+
 @numba.njit(cache=True, error_model="numpy")
 def add_arc(
     B: Array,
-    arc: Array,
+    arc: Arc,
     x: float,
     y: float,
     h1: float,
@@ -35,25 +45,27 @@ def add_arc(
     azimuths: Array,
 ) -> None:
     """Add one arc's field integral to B (3,)."""
-    px, py = x - arc[0], y - arc[1]
-    mx, my = arc[2], arc[3]
+    px, py = x - arc.x, y - arc.y
+    mx, my = arc.middle_x, arc.middle_y
     px, py = px * mx + py * my, py * mx - px * my
-    n = arc_azimuths(px, py, arc, h1, h2, even, limits, azimuths)
-    bx, by, bz = arc_sum(azimuths, n, px, py, arc[5], arc[6], h1, h2)
-    B[0] += arc[7] * (mx * bx - my * by)
-    B[1] += arc[7] * (my * bx + mx * by)
-    B[2] += arc[7] * bz
+    n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even, limits, azimuths)
+    bx, by, bz = arc_sum(azimuths, n, px, py, arc.inner, arc.outer, h1, h2)
+    B[0] += arc.sense * (mx * bx - my * by)
+    B[1] += arc.sense * (my * bx + mx * by)
+    B[2] += arc.sense * bz
 
 
 @numba.njit(cache=True, error_model="numpy")
 def add_bar(
-    B: Array, bar: Array, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
+    B: Array, bar: Bar, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
 ) -> None:
     """Add one bar's field integral to B (3,)."""
-    tx, ty = bar[2], bar[3]
-    px, py = x - bar[0], y - bar[1]
+    tx, ty = bar.along_x, bar.along_y
+    px, py = x - bar.x, y - bar.y
     v, X = px * tx + py * ty, px * ty - py * tx
-    outward, axial = bar_integrals(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, limits)
+    outward, axial = bar_integrals(
+        v - bar.half_length, v + bar.half_length, X, -half_thickness, half_thickness, h1, h2, limits
+    )
     B[0] += ty * outward
     B[1] -= tx * outward
     B[2] += axial
@@ -79,7 +91,7 @@ def add_in_plane_gradient(
 def add_arc_gradient(
     B: Array,
     G: Array,
-    arc: Array,
+    arc: Arc,
     x: float,
     y: float,
     h1: float,
@@ -89,12 +101,12 @@ def add_arc_gradient(
     azimuths: Array,
 ) -> None:
     """Add one arc's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
-    px, py = x - arc[0], y - arc[1]
-    mx, my = arc[2], arc[3]
+    px, py = x - arc.x, y - arc.y
+    mx, my = arc.middle_x, arc.middle_y
     px, py = px * mx + py * my, py * mx - px * my
-    n = arc_azimuths(px, py, arc, h1, h2, even, limits, azimuths)
-    r = arc_sum_gradient(azimuths, n, px, py, arc[5], arc[6], h1, h2)
-    s = arc[7]
+    n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even, limits, azimuths)
+    r = arc_sum_gradient(azimuths, n, px, py, arc.inner, arc.outer, h1, h2)
+    s = arc.sense
     B[0] += s * (mx * r[0] - my * r[1])
     B[1] += s * (my * r[0] + mx * r[1])
     B[2] += s * r[2]
@@ -105,7 +117,7 @@ def add_arc_gradient(
 def add_bar_gradient(
     B: Array,
     G: Array,
-    bar: Array,
+    bar: Bar,
     half_thickness: float,
     x: float,
     y: float,
@@ -114,10 +126,12 @@ def add_bar_gradient(
     limits: Array,
 ) -> None:
     """Add one bar's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
-    tx, ty = bar[2], bar[3]
-    px, py = x - bar[0], y - bar[1]
+    tx, ty = bar.along_x, bar.along_y
+    px, py = x - bar.x, y - bar.y
     v, X = px * tx + py * ty, px * ty - py * tx
-    r = bar_integrals_gradient(v - bar[4], v + bar[4], X, -half_thickness, half_thickness, h1, h2, limits)
+    r = bar_integrals_gradient(
+        v - bar.half_length, v + bar.half_length, X, -half_thickness, half_thickness, h1, h2, limits
+    )
     B[0] += ty * r[0]
     B[1] -= tx * r[0]
     B[2] += r[1]
@@ -130,16 +144,18 @@ def current_direction(
 ) -> tuple[float, float]:
     """Unit vector of the current at a point of the winding's plane region, or (0, 0) outside the winding."""
     for k in range(len(bars)):
-        tx, ty = bars[k, 2], bars[k, 3]
-        px, py = x - bars[k, 0], y - bars[k, 1]
-        if abs(px * tx + py * ty) <= bars[k, 4] and abs(px * ty - py * tx) < half_thickness:
+        bar = _bar(bars, k)
+        tx, ty = bar.along_x, bar.along_y
+        px, py = x - bar.x, y - bar.y
+        if abs(px * tx + py * ty) <= bar.half_length and abs(px * ty - py * tx) < half_thickness:
             return tx, ty
     for k in range(len(arcs)):
-        px, py = x - arcs[k, 0], y - arcs[k, 1]
+        arc = _arc(arcs, k)
+        px, py = x - arc.x, y - arc.y
         rho = math.sqrt(px * px + py * py)
-        within = px * arcs[k, 2] + py * arcs[k, 3] >= rho * (math.cos(arcs[k, 4]) - _SEAM)
-        if within and arcs[k, 5] < rho < arcs[k, 6]:
-            return -arcs[k, 7] * py / rho, arcs[k, 7] * px / rho
+        within = px * arc.middle_x + py * arc.middle_y >= rho * (math.cos(arc.half_angle) - _SEAM)
+        if within and arc.inner < rho < arc.outer:
+            return -arc.sense * py / rho, arc.sense * px / rho
     return 0.0, 0.0
 
 
@@ -148,13 +164,15 @@ def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[f
     """Of the bounding box of the path's pieces: middle x, y; half diagonal; a quarter of its area in the plane."""
     low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
     for k in range(len(arcs)):
-        low_x, high_x = min(low_x, arcs[k, 0] - arcs[k, 6]), max(high_x, arcs[k, 0] + arcs[k, 6])
-        low_y, high_y = min(low_y, arcs[k, 1] - arcs[k, 6]), max(high_y, arcs[k, 1] + arcs[k, 6])
+        arc = _arc(arcs, k)
+        low_x, high_x = min(low_x, arc.x - arc.outer), max(high_x, arc.x + arc.outer)
+        low_y, high_y = min(low_y, arc.y - arc.outer), max(high_y, arc.y + arc.outer)
     for k in range(len(bars)):
-        across = abs(bars[k, 4] * bars[k, 2]) + 0.5 * thickness
-        along = abs(bars[k, 4] * bars[k, 3]) + 0.5 * thickness
-        low_x, high_x = min(low_x, bars[k, 0] - across), max(high_x, bars[k, 0] + across)
-        low_y, high_y = min(low_y, bars[k, 1] - along), max(high_y, bars[k, 1] + along)
+        bar = _bar(bars, k)
+        across = abs(bar.half_length * bar.along_x) + 0.5 * thickness
+        along = abs(bar.half_length * bar.along_y) + 0.5 * thickness
+        low_x, high_x = min(low_x, bar.x - across), max(high_x, bar.x + across)
+        low_y, high_y = min(low_y, bar.y - along), max(high_y, bar.y + along)
     width, depth = high_x - low_x, high_y - low_y
     size = 0.5 * math.sqrt(width * width + depth * depth + height * height)
     return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size, 0.25 * width * depth
@@ -180,19 +198,20 @@ def add_far(
     """Add the field integrals and in-plane gradients of all pieces, seen from `gap` or more away."""
     t = half_thickness
     for k in range(len(arcs)):
-        arc = arcs[k]
-        px, py = x - arc[0], y - arc[1]
-        mx, my, s = arc[2], arc[3], arc[7]
+        arc = _arc(arcs, k)
+        px, py = x - arc.x, y - arc.y
+        mx, my, s = arc.middle_x, arc.middle_y, arc.sense
         px, py = px * mx + py * my, py * mx - px * my
-        n = arc_azimuths(px, py, arc, h1, h2, even[k], limits, azimuths)
-        r = far_arc(azimuths, n, px, py, arc[5], arc[6], h1, h2, gap, digits)
+        n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even[k], limits, azimuths)
+        r = far_arc(azimuths, n, px, py, arc.inner, arc.outer, h1, h2, gap, digits)
         B[0] += s * (mx * r[0] - my * r[1])
         B[1] += s * (my * r[0] + mx * r[1])
         B[2] += s * r[2]
         add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
     for k in range(len(bars)):
-        tx, ty, half = bars[k, 2], bars[k, 3], bars[k, 4]
-        px, py = x - bars[k, 0], y - bars[k, 1]
+        bar = _bar(bars, k)
+        tx, ty, half = bar.along_x, bar.along_y, bar.half_length
+        px, py = x - bar.x, y - bar.y
         v, X = px * tx + py * ty, px * ty - py * tx
         n = bar_points(v - half, v + half, X, -t, t, h1, h2, limits)
         n = 32 if n == 0 else n
@@ -262,9 +281,9 @@ def path_flux_density(
                 field[i] *= factor
                 continue
             for k in range(len(arcs)):
-                add_arc(field[i], arcs[k], x, y, h1, h2, even[k], limits, azimuths)
+                add_arc(field[i], _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
             for k in range(len(bars)):
-                add_bar(field[i], bars[k], 0.5 * thickness, x, y, h1, h2, limits)
+                add_bar(field[i], _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
             field[i] *= factor
     return field
 
@@ -292,9 +311,9 @@ def path_flux_density_and_gradient(
                 add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, gap, even, limits, azimuths, digits)
             else:
                 for k in range(len(arcs)):
-                    add_arc_gradient(B, G, arcs[k], x, y, h1, h2, even[k], limits, azimuths)
+                    add_arc_gradient(B, G, _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
                 for k in range(len(bars)):
-                    add_bar_gradient(B, G, bars[k], 0.5 * thickness, x, y, h1, h2, limits)
+                    add_bar_gradient(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
             _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
             field[i] *= factor
             gradient[i] *= factor
