@@ -3,9 +3,7 @@
 Depends on: errors, arguments, numba, threadpoolctl; dask.distributed where there is more than one process.
 """
 
-from fieldmap.parallel.arithmetic import same_arithmetic
-from fieldmap.parallel.common import Common
-from fieldmap.parallel.outcome import Outcome, WorkerDied
+from fieldmap.parallel.work import Common, Outcome, WorkerDied, same_arithmetic
 from fieldmap.parallel.workers import Workers
 
 __all__ = ["Common", "Outcome", "WorkerDied", "Workers", "same_arithmetic"]

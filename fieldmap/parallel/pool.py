@@ -12,8 +12,7 @@ import distributed
 import numba
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.parallel.common import Common
-from fieldmap.parallel.outcome import Outcome, WorkerDied, attempt
+from fieldmap.parallel.work import Common, Outcome, WorkerDied, attempt
 
 R = TypeVar("R")
 # A scheduler that is there answers sooner.

@@ -6,8 +6,7 @@ from typing import Any, TypeVar
 
 from fieldmap.arguments import check_count
 from fieldmap.errors import InputError, Problem
-from fieldmap.parallel.common import Common
-from fieldmap.parallel.outcome import Outcome, attempt
+from fieldmap.parallel.work import Common, Outcome, attempt
 
 R = TypeVar("R")
 _REMEDY = 'install it with   pip install "fieldmap[cluster]"'

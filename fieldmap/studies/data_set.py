@@ -17,7 +17,7 @@ from fieldmap.provenance import library_versions
 from fieldmap.store.whole_files import whole_file
 from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
 from fieldmap.studies.study import Axis, Study
-from fieldmap.studies.summary import VariantResult
+from fieldmap.studies.variant_result import VariantResult
 from fieldmap.typing import Array
 
 _CONVENTIONS = (

@@ -1,25 +1,227 @@
-"""Read a study file and check all of it, with the device that it varies."""
+"""From a study file to a study: its variants, what it asks of the device that they vary, all problems at once."""
 
+import copy
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fieldmap.currents import divide_currents
+from fieldmap.device.cross_checks import all_paths
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.findings import Finding
+from fieldmap.inputs.findings import Finding, closest, shown
+from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
-from fieldmap.studies.device_checks import device_findings
 from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
-from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile
-from fieldmap.studies.study import CurrentSet, IronModel, Record, Study
-from fieldmap.studies.variants import axes_of, key_findings, variant_findings, variants_of
+from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile, VaryKeys
+from fieldmap.studies.study import Axis, CurrentSet, IronModel, Record, Study, Value, Variant, setting_words
 
+Settings = tuple[tuple[str, Value], ...]
+LARGEST_STUDY = 10_000
 MILLI = 1e-3
+
+
+def axes_of(contents: StudyFile) -> tuple[Axis, ...]:
+    """The varied keys; none where the variants are listed one by one."""
+    return tuple(Axis(entry.name, entry.key, tuple(entry.values)) for entry in contents.vary)
+
+
+def changed(document: Document, settings: Settings) -> Document:
+    """The document with some keys set; a whole number stays one where both are."""
+    data = copy.deepcopy(document.data)
+    for pattern, value in settings:
+        for location in matches(data, pattern):
+            table, before = value_at(data, location[:-1]), value_at(data, location)
+            whole = isinstance(before, int) and isinstance(value, float) and value.is_integer()
+            table[location[-1]] = int(value) if whole else value
+    return replace(document, data=data)
+
+
+def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
+    """Keys that the device file does not have, and studies of too many variants."""
+    known: list[str] = []
+    found = []
+    for location, key in _keys(contents):
+        at = matches(document.data, key)
+        if at and all(isinstance(value_at(document.data, place), int | float | str) for place in at):
+            continue
+        known = known or all_paths(document.data)
+        guess = closest(key, [path for path in known if path != key])
+        remedy = (
+            f'did you mean "{guess}"?'
+            if guess
+            else "write the key into the device file, with a value to begin with"
+        )
+        received = shown(key) + (", an array or a table" if at else "")
+        found.append(
+            Finding(location, f"must be a key with one value in {document.path.name}", received, remedy)
+        )
+    found += _set_twice(contents, document)
+    count = 1
+    for entry in contents.vary:
+        count *= len(entry.values)
+    if max(count, len(contents.variant)) > LARGEST_STUDY:
+        must_hold = f"a study has at most {LARGEST_STUDY} variants"
+        found.append(Finding(("vary",), must_hold, f"{count}", "leave out values, or make several studies"))
+    return found
+
+
+def _set_twice(contents: StudyFile, document: Document) -> Iterator[Finding]:
+    """Keys that two tables of [[vary]], or two lines of one, set."""
+    first: dict[Location, Location] = {}
+    for location, key in _keys(contents) if contents.vary else ():
+        for place in matches(document.data, key):
+            if first.setdefault(place, location) != location:
+                received = f"{dotted(document.data, place)}, set before by another one"
+                yield Finding(location, "every key is set once", received, "leave one of them out")
+                break
+
+
+def _keys(contents: StudyFile) -> Iterator[tuple[Location, str]]:
+    for k, entry in enumerate(contents.vary):
+        yield ("vary", k, "key"), entry.key
+        for j, linked in enumerate(entry.linked):
+            for i, key in enumerate(linked.keys):
+                yield ("vary", k, "linked", j, "keys", i), key
+    for k, variant in enumerate(contents.variant):
+        for key in variant.set:
+            yield ("variant", k, "set", key), key
+
+
+def variants_of(contents: StudyFile, document: Document) -> tuple[Variant, ...]:
+    """All variants, the last axis fastest. The device files are not checked here."""
+    if contents.variant:
+        return tuple(
+            Variant(entry.name, (k,), tuple(entry.set.items()), changed(document, tuple(entry.set.items())))
+            for k, entry in enumerate(contents.variant)
+        )
+    return tuple(_combined(contents.vary, place, document) for place in _places(contents.vary))
+
+
+def _places(vary: Sequence[VaryKeys]) -> Iterator[tuple[int, ...]]:
+    return itertools.product(*(range(len(entry.values)) for entry in vary))
+
+
+def _combined(vary: Sequence[VaryKeys], place: tuple[int, ...], document: Document) -> Variant:
+    values = {entry.name: entry.values[k] for entry, k in zip(vary, place, strict=True)}
+    settings = tuple(pair for entry in vary for pair in _settings(entry, values[entry.name]))
+    return Variant(setting_words(values), place, settings, changed(document, settings))
+
+
+def _settings(entry: VaryKeys, value: Any) -> Iterator[tuple[str, Value]]:
+    yield entry.key, value
+    for linked in entry.linked:
+        for key in linked.keys:
+            yield key, linked.offset + linked.factor * value
+
+
+def variant_findings(contents: StudyFile, variants: tuple[Variant, ...]) -> list[Finding]:
+    """What the device schema refuses in a variant, each complaint once, at the study's table that causes it."""
+    found: dict[tuple[str, str, str], Finding] = {}
+    for number, variant in enumerate(variants):
+        try:
+            device_of(variant.document)
+        except DeviceFileError as error:
+            location: Location = ("variant", number) if contents.variant else ("vary",)
+            for problem in error.problems:
+                key = problem.where.split(": ", 1)[-1]
+                location = _cause(contents, variant, key) or location
+                must_hold = f"{key} of the device {problem.must_hold}"
+                received = f"{problem.received} in the variant {variant.name}"
+                same = (key, problem.must_hold, problem.received)
+                found.setdefault(same, Finding(location, must_hold, received, problem.remedy))
+    return list(found.values())
+
+
+def _cause(contents: StudyFile, variant: Variant, key: str) -> Location | None:
+    """The axis whose key, or one that follows it, is the one complained about."""
+    for k, entry in enumerate(contents.vary):
+        patterns = [(("vary", k, "values"), entry.key)]
+        patterns += [(("vary", k, "linked"), name) for linked in entry.linked for name in linked.keys]
+        for location, pattern in patterns:
+            places = matches(variant.document.data, pattern)
+            if set(places) & set(matches(variant.document.data, key)):
+                return location
+    return None
+
+
+def device_findings(contents: StudyFile, device: Device, recipe: Recipe | None) -> list[Finding]:
+    """What the device lacks for the currents and quantities of the study."""
+    saturating = recipe is not None and recipe.currents is not None
+    saturating |= contents.iron is not None and contents.iron.model == "saturating"
+    return [
+        *_of_currents(contents, device),
+        *_of_quantities(contents, device, saturating),
+        *_of_iron(contents, device),
+    ]
+
+
+def _of_currents(contents: StudyFile, device: Device) -> Iterator[Finding]:
+    coils = len(device.coils)
+    for k, entry in enumerate(contents.currents):
+        for key in ("amperes_A", "shares"):
+            given = getattr(entry, key)
+            if isinstance(given, list) and len(given) != coils:
+                must_hold = f"one number for each of the {coils} coils ({', '.join(device.coil_names)}), or one for all"
+                yield Finding(
+                    ("currents", k, key),
+                    must_hold,
+                    f"{len(given)} numbers",
+                    "list as many as there are coils",
+                )
+        if entry.division is not None and coils != 6:
+            must_hold = "the division of the thesis is that of six coils"
+            yield Finding(
+                ("currents", k, "division"), must_hold, f"{coils} coils", "write amperes_A or shares"
+            )
+        if entry.carries_at_mm is not None and (device.payload is None or device.workspace is None):
+            must_hold = "the device needs a [payload] and a [workspace] for currents that carry"
+            remedy = "add them to the device file, or write amperes_A"
+            yield Finding(("currents", k, "carries_at_mm"), must_hold, "none", remedy)
+
+
+def _of_quantities(contents: StudyFile, device: Device, saturating: bool) -> Iterator[Finding]:
+    record = contents.record
+    for k, name in enumerate(record.quantities or ()):
+        place = ("record", "quantities", k)
+        if name in NEED_PAYLOAD and (device.payload is None or device.workspace is None):
+            remedy = "add them to the device file, or leave the quantity out"
+            yield Finding(place, f"{name} needs the device's [payload] and [workspace]", "none", remedy)
+        if name in NEED_LIMIT and record.current_limit_A is None and device.driver is None:
+            yield Finding(
+                place, f"{name} needs the limit of the currents", "none", "add record.current_limit_A"
+            )
+        if name in NEED_POINTS and not record.points_mm:
+            yield Finding(place, f"{name} needs record.points_mm", "none", "add points_mm = [[x, y, z]]")
+        if name == "reachable_share" and saturating:
+            remedy = "leave it out; reach is recorded of saturating iron as well"
+            yield Finding(
+                place, "reachable_share superposes coils: linear iron only", "saturating iron", remedy
+            )
+        if name in ("iron", "error") and not device.bodies:
+            yield Finding(place, f"{name} needs iron", "a device without bodies", "leave it out")
+        if name == "error" and device.workspace is None:
+            yield Finding(place, "error needs the device's [workspace]", "none", "add it, or leave error out")
+
+
+def _of_iron(contents: StudyFile, device: Device) -> Iterator[Finding]:
+    keys = contents.iron
+    if keys is None:
+        return
+    if keys.model == "saturating" and not device.bodies:
+        yield Finding(
+            ("iron", "model"), "there must be iron to saturate", "a device without bodies", 'write "linear"'
+        )
+    if keys.accuracy is not None and device.workspace is None:
+        must_hold = "the error is estimated in the device's [workspace]"
+        yield Finding(("iron", "accuracy"), must_hold, "none", "add one to the device file")
 
 
 def read_study(path_or_name: str | Path) -> Study:

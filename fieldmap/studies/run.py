@@ -1,9 +1,6 @@
 """Solve all variants of a study and write its data set, with what earlier runs have done."""
 
-import os
-from collections.abc import Callable
-from dataclasses import dataclass
-from os import PathLike
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +9,14 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.parallel import Workers
 from fieldmap.plain import Plain, plain_items
+from fieldmap.store import Checkpoint, checkpoint_path, write_whole
 from fieldmap.studies.data_set import csv_text, data_set, require_xarray, write_netcdf
-from fieldmap.studies.journal import Journal
 from fieldmap.studies.quantities import recorded
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.study import Study, Value
-from fieldmap.studies.summary import Row, Task, VariantResult, solve_variant
-from fieldmap.typing import Array
+from fieldmap.studies.variant_result import Row, Task, VariantResult, solve_variant
+from fieldmap.typing import Array, PathLike, Progress
 
-Progress = Callable[[str, float], None]
 OUTPUT_FOLDER = Path("maps/out")
 
 
@@ -76,8 +72,8 @@ class StudyRun:
 
 
 def run_study(
-    study: str | PathLike[str] | Study,
-    output: str | PathLike[str] | None = None,
+    study: str | PathLike | Study,
+    output: str | PathLike | None = None,
     resume: bool = True,
     retry: bool = False,
     workers: int = 1,
@@ -104,34 +100,49 @@ def run_study(
     say = progress or (lambda message, fraction: None)
     with (
         Workers(workers, scheduler) as team,
-        Journal(target, order.fingerprint, resume, retry) as journal,
+        Checkpoint(checkpoint_path(target), order.fingerprint, resume) as checkpoint,
     ):
-        _solve(order, journal, team, say)
-        results = [journal.done[number] for number in range(len(order.variants))]
+        done = finished_variants(checkpoint, retry)
+        _solve(order, done, checkpoint, team, say)
+        results = [done[number] for number in range(len(order.variants))]
     data = data_set(order, results)
     table = target.with_suffix(".csv")
     write_netcdf(data, target)
-    _write_text(table, csv_text(order, results))
+    write_whole(table, csv_text(order, results).encode())
     say("complete", 1.0)
     return StudyRun(order, data, target, table, _failed(order, results))
 
 
-def _solve(study: Study, journal: Journal, team: Workers, say: Progress) -> None:
-    """The variants that are not done, kept as they come."""
+def _solve(
+    study: Study, finished: dict[int, VariantResult], checkpoint: Checkpoint, team: Workers, say: Progress
+) -> None:
+    """Solve the variants that are not among the finished ones; put them there, and into the checkpoint."""
     total = len(study.variants)
-    waiting = [number for number in range(total) if number not in journal.done]
+    waiting = [number for number in range(total) if number not in finished]
     resumed = total - len(waiting)
-    words = f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants"
-    say(words, 0.0)
+    say(f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants", 0.0)
     for outcome in team.map(solve_variant, [task_of(study, number) for number in waiting]):
         number = waiting[outcome.index]
         result = outcome.value
         if result is None:  # every process that tried it died
             rows = tuple(Row({}, (f"variant: {outcome.reason}",)) for _ in study.current_sets)
             result = VariantResult(rows)
-        journal.keep(number, result)
-        done = len(journal.done) - resumed
-        say(f"{len(journal.done)} of {total} variants: {study.variants[number].name}", done / len(waiting))
+        checkpoint.put(str(number), about=asdict(result))
+        finished[number] = result
+        share = (len(finished) - resumed) / len(waiting)
+        say(f"{len(finished)} of {total} variants: {study.variants[number].name}", share)
+
+
+def finished_variants(checkpoint: Checkpoint, retry: bool = False) -> dict[int, VariantResult]:
+    """The variants in the checkpoint of a study, by number; without those that failed if they are tried again."""
+    found = {}
+    for key in checkpoint:
+        piece = checkpoint.get(key)
+        assert piece is not None
+        rows = tuple(Row(row["numbers"], tuple(row["problems"])) for row in piece.about["rows"])
+        if not retry or not any(row.problems for row in rows):
+            found[int(key)] = VariantResult(rows, tuple(piece.about["assumptions"]))
+    return found
 
 
 def task_of(study: Study, number: int) -> Task:
@@ -148,7 +159,7 @@ def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, 
     return found
 
 
-def _target(study: Study, output: str | PathLike[str] | None) -> Path:
+def _target(study: Study, output: str | PathLike | None) -> Path:
     target = OUTPUT_FOLDER / f"{study.path.stem}.nc" if output is None else Path(output)
     if target.suffix != ".nc":
         remedy = "write for example --output maps/out/study.nc; the CSV is put beside it"
@@ -156,9 +167,3 @@ def _target(study: Study, output: str | PathLike[str] | None) -> Path:
     if target.is_dir():
         raise InputError(Problem(str(target), "must be a file", "a directory", "name the file inside it"))
     return target
-
-
-def _write_text(path: Path, text: str) -> None:
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-    partial.write_text(text, encoding="utf-8", newline="")
-    os.replace(partial, path)

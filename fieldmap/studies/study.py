@@ -10,8 +10,8 @@ from fieldmap.inputs.document import Document
 from fieldmap.provenance import fingerprint
 from fieldmap.typing import Array
 
-# Rooms whose code takes part in a study.
-ROOMS = ("kernels", "device", "sources", "iron", "levitation", "studies")
+# Packages and modules whose code takes part in a study.
+CODE = ("kernels", "inputs", "device", "field", "currents", "sources", "iron", "levitation", "studies")
 Value = float | int | str
 
 _UNIT = re.compile(r"_(mm|deg|T_per_m|T|A_per_V|A_m2|A|V|ohm|mH|N_s_per_m|g_mm2|g)$")
@@ -108,7 +108,7 @@ class Study:
     def fingerprint(self) -> str:
         """Of everything that decides the numbers; equal ones mean equal data on one machine."""
         device = device_of(self.device_document)
-        return fingerprint((self.text, repr(self.iron), *device.texts), ROOMS)
+        return fingerprint((self.text, repr(self.iron), *device.texts), CODE)
 
 
 def setting_words(settings: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
 from fieldmap.studies import run_study
 from fieldmap.studies.equilibrium_area import equilibrium_area
-from fieldmap.studies.reach import reach_height, reachable_share
+from fieldmap.studies.lift_range import controllable_share, lowest_lift_height
 
 A, WEIGHT, MOMENT = 0.044, 0.010 * g, 0.8
 
@@ -157,8 +157,10 @@ def test_reach_says_how_much_is_missing(devices):
     device = fm.read_device(devices.loop)
     field = as_field(fm.solve_linear(device), (device.workspace.lower, device.workspace.upper))
     with pytest.raises(Infeasible, match=r"0\.\d+ of the weight at most, with 0\.01 A"):
-        reach_height(field, np.array([0.01]), device.payload, np.zeros(3))
-    assert reach_height(field, np.array([100.0]), device.payload, np.zeros(3)) == device.workspace.lower[2]
+        lowest_lift_height(field, np.array([0.01]), device.payload, np.zeros(3))
+    assert (
+        lowest_lift_height(field, np.array([100.0]), device.payload, np.zeros(3)) == device.workspace.lower[2]
+    )
 
 
 def six_loops(limit):
@@ -175,10 +177,10 @@ def six_loops(limit):
         == 0
         for k in range(0, len(points))
     ]
-    return reachable_share(unit, device.payload, lower, upper, limit), float(np.mean(held))
+    return controllable_share(unit, device.payload, lower, upper, limit), float(np.mean(held))
 
 
-def test_reachable_share_is_that_of_linear_programs():
+def test_controllable_share_is_that_of_linear_programs():
     ours, theirs = six_loops(12.0)
     assert ours == theirs
     assert 0.1 < ours < 0.9

@@ -1,6 +1,5 @@
 """Runs that are killed, variants that fail, and what is asked of the place of the output."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -10,8 +9,9 @@ import pytest
 import xarray
 
 from fieldmap.errors import FieldmapError, InputError
+from fieldmap.store import Checkpoint, checkpoint_path
 from fieldmap.studies import read_study, run_study
-from fieldmap.studies.journal import Journal, journal_path
+from fieldmap.studies.run import finished_variants
 
 RUN = """
 import os, signal, sys
@@ -56,9 +56,9 @@ def test_resumed_after_a_kill(grid, whole, tmp_path):
     killed = run(grid, target, "2 of 4 variants")
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not target.exists()
-    # What a kill in the middle of a line leaves.
-    with journal_path(target).open("a") as stream:
-        stream.write('{"variant": 2, "rows": [{"numb')
+    # What a kill in the middle of a piece leaves.
+    with checkpoint_path(target).open("ab") as stream:
+        stream.write(checkpoint_path(whole).read_bytes()[-200:-30])
     resumed = run(grid, target)
     assert resumed.returncode == 0, resumed.stderr
     said = resumed.stdout.splitlines()
@@ -81,9 +81,9 @@ def test_another_study_is_not_resumed(grid, whole, tmp_path):
     prints.append(read_study(same).fingerprint)
     assert len(set(prints)) == 3
     for number, there in ((prints[0], 4), (prints[2], 0), (prints[3], 0)):
-        journal_path(tmp_path / "copy.nc").write_bytes(journal_path(whole).read_bytes())
-        with Journal(tmp_path / "copy.nc", number, resume=True, retry=False) as journal:
-            assert len(journal.done) == there
+        checkpoint_path(tmp_path / "copy.nc").write_bytes(checkpoint_path(whole).read_bytes())
+        with Checkpoint(checkpoint_path(tmp_path / "copy.nc"), number) as checkpoint:
+            assert len(finished_variants(checkpoint)) == there
 
 
 def test_workers_give_the_same_data(grid, whole, tmp_path):
@@ -159,12 +159,3 @@ def test_missing_libraries_are_named_with_their_extra(grid, tmp_path, monkeypatc
     with pytest.raises(FieldmapError, match=r'pip install "fieldmap\[studies\]"'):
         run_study(grid, tmp_path / "grid.nc")
     assert not list(tmp_path.iterdir())
-
-
-def test_a_journal_that_is_none_is_begun_anew(grid, whole, tmp_path):
-    target = tmp_path / "grid.nc"
-    lines = journal_path(whole).read_text().splitlines()
-    for broken in ("", "no json\n", json.dumps({"fieldmap_study": 1}) + "\n", lines[0] + "\n{]\n"):
-        journal_path(target).write_text(broken)
-        with Journal(target, json.loads(lines[0])["fingerprint"], True, False) as journal:
-            assert journal.done == {}

@@ -1,30 +1,86 @@
-"""What a study records of one variant: its numbers at every set of currents, and the reasons where there are none."""
+"""One variant of a study solved: its numbers at every set of currents, and the reasons where there are none."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from fieldmap.device.model import Device, Payload
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError, InputError, NotConverged, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.inputs.document import Document
+from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
+from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.levitation import Equilibrium, dipole_force, find_equilibrium, lift_current
 from fieldmap.studies.equilibrium_area import equilibrium_area
-from fieldmap.studies.reach import reach_height, reachable_share
-from fieldmap.studies.solved_iron import (
-    COARSER,
-    MOST_REFINEMENTS,
-    FieldOfIron,
-    LinearIron,
-    SolvedIron,
-    refined_too_often,
-    solved_iron,
-)
+from fieldmap.studies.lift_range import controllable_share, lowest_lift_height
 from fieldmap.studies.study import CurrentSet, IronModel, Record
 from fieldmap.typing import Array
+
+# Ratio of the mesh sizes of a solution and of the one that it is compared with, and of two refinements.
+COARSER = 1.4
+MOST_REFINEMENTS = 6
+
+
+class SolvedIron:
+    """A variant solved on one mesh. field: its field at any currents, solved once or a state at a time.
+
+    refinement: divides the mesh sizes of saturating iron; `IronModel.accuracy` chooses those of linear iron.
+    """
+
+    def __init__(self, device: Device, model: IronModel, refinement: float) -> None:
+        self._device, self._model = device, model
+        self.field: LinearSolution | NonlinearSolver
+        if model.saturating:
+            self.field = NonlinearSolver(device, refinement, tolerance=model.tolerance)
+        elif model.accuracy is not None and device.bodies:
+            self.field = solve_to_tolerance(device, model.accuracy, model.mu_r)
+        else:
+            self.field = self._linear(model.refinement)
+
+    @property
+    def surface_faces(self) -> int:
+        """Of the mesh."""
+        if isinstance(self.field, LinearSolution):
+            return self.field.report.surface_faces
+        return len(self.field.surface.areas)
+
+    def error(self, currents: Array) -> ErrorEstimate:
+        """Of linear iron that of the worst coil, from its refinement or by both forms and a coarser mesh; of
+        saturating iron that of the state at these currents."""
+        if isinstance(self.field, NonlinearSolver):
+            return self.field.estimate_error(self.field.at(currents), self._model.tolerance)
+        return self._linear_error if self.field.report.error is None else self.field.report.error
+
+    @cached_property
+    def _linear_error(self) -> ErrorEstimate:
+        assert isinstance(self.field, LinearSolution)
+        form = self.field.report.form
+        coarser = self._linear(self._model.refinement / COARSER, form)
+        other = self._linear(self._model.refinement, "flux") if form == "potential" else None
+        return estimate_error(workspace_surface(self._device), self.field, coarser, other)
+
+    def _linear(self, refinement: float, form: str = "auto") -> LinearSolution:
+        return solve_linear(
+            self._device, self._model.mu_r, self._model.tolerance, refinement=refinement, form=form
+        )
+
+
+def refined_too_often(accuracy: float, errors: list[float]) -> NotConverged:
+    """The error for saturating iron whose estimated error does not fall below the accuracy."""
+    return NotConverged(
+        Problem(
+            "iron.accuracy",
+            f"the estimated error of B must fall to {accuracy:g} within {MOST_REFINEMENTS} refinements",
+            ", ".join(f"{error:.2g}" for error in errors),
+            "loosen the accuracy, or give the bodies that matter smaller mesh sizes",
+        ),
+        residuals=tuple(errors),
+    )
+
 
 Numbers = dict[str, Any]
 
@@ -78,13 +134,13 @@ def _accurate(device: Device, task: Task) -> VariantResult:
     """The variant, its mesh refined until its estimated errors are within the accuracy that is asked for."""
     model, refinement, errors = task.iron, task.iron.refinement, []
     for _ in range(MOST_REFINEMENTS):
-        iron = solved_iron(device, model, refinement)
+        iron = SolvedIron(device, model, refinement)
         rows = tuple(_row(device, iron, entry, task.record) for entry in task.current_sets)
         if model.accuracy is None or not model.saturating:
-            return VariantResult(rows, iron.assumptions)
+            return VariantResult(rows, iron.field.assumptions)
         found = [row.numbers["error_flux_density"] for row in rows if "error_flux_density" in row.numbers]
         if not found or max(found) <= model.accuracy:
-            return VariantResult(rows, iron.assumptions)
+            return VariantResult(rows, iron.field.assumptions)
         errors.append(max(found))
         refinement *= COARSER
     raise refined_too_often(float(model.accuracy or 0.0), errors)
@@ -141,7 +197,7 @@ class _OperatingPoint:
     @property
     def field(self) -> Field:
         """The field inside the workspace."""
-        return as_field(FieldOfIron(self.iron, self.device.coil_names), self.box)
+        return as_field(self.iron.field, self.box)
 
     def equilibrium(self) -> Equilibrium:
         """Where these currents hold the payload; looked for once, and raised again if there is none."""
@@ -161,7 +217,7 @@ def _currents(point: _OperatingPoint) -> Numbers:
 
 
 def _field(point: _OperatingPoint) -> Numbers:
-    field, at = point.iron.field_at(point.currents), point.record.points
+    field, at = point.iron.field, point.record.points
     return {"flux_density": field.field(at, point.currents), "gradient": field.gradient(at, point.currents)}
 
 
@@ -171,7 +227,7 @@ def _force_per_ampere(point: _OperatingPoint) -> Numbers:
     forces = []
     for factor in (1.0 + _STEP, 1.0 - _STEP):
         currents = factor * point.currents
-        gradient = point.iron.field_at(currents).gradient(point.record.points, currents)
+        gradient = point.iron.field.gradient(point.record.points, currents)
         forces.append(dipole_force(up, gradient))
     return {"force_per_ampere": (forces[0] - forces[1]) / (2.0 * _STEP * point.common)}
 
@@ -191,18 +247,18 @@ def _reach(point: _OperatingPoint) -> Numbers:
     shares, limit = point.entry.shares, float(point.record.current_limit or 0.0)
     currents = limit / np.abs(shares).max() * shares
     over = 0.5 * (point.box[0] + point.box[1]) if point.entry.carried_at is None else point.entry.carried_at
-    return {"reach_height": reach_height(point.field, currents, point.payload, over)}
+    return {"reach_height": lowest_lift_height(point.field, currents, point.payload, over)}
 
 
 def _reachable_share(point: _OperatingPoint) -> Numbers:
-    iron, limit = point.iron, float(point.record.current_limit or 0.0)
-    if not isinstance(iron, LinearIron):
+    field, limit = point.iron.field, float(point.record.current_limit or 0.0)
+    if not isinstance(field, LinearSolution):
         raise InputError(Problem("reachable_share", "linear iron", "saturating iron", "leave it out"))
-    return {"reachable_share": reachable_share(iron.solution, point.payload, *point.box, limit)}
+    return {"reachable_share": controllable_share(field, point.payload, *point.box, limit)}
 
 
 def _iron(point: _OperatingPoint) -> Numbers:
-    return {"largest_flux_density": point.iron.largest_flux_density(point.currents)}
+    return {"largest_flux_density": point.iron.field.at(point.currents).largest_flux_density}
 
 
 def _error(point: _OperatingPoint) -> Numbers:

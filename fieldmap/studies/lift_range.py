@@ -15,7 +15,7 @@ HEIGHTS = 33
 GRID = (7, 7, 9)
 
 
-def reach_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
+def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
     """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight.
 
     The moment is vertical, up or down, whichever is lifted more. The box's lower end if they lift it there too. Raises
@@ -49,7 +49,7 @@ def _nowhere(share: float, limit: float) -> Problem:
     )
 
 
-def reachable_share(
+def controllable_share(
     solution: LinearSolution, payload: Payload, lower: Array, upper: Array, limit: float
 ) -> float:
     """Share of a box in which some currents within +-limit hold the payload: no horizontal force, lift = weight.

@@ -1,0 +1,118 @@
+"""One piece of work: the arithmetic that it is done in, what it shares with the others, and how it ends.
+
+Whoever computes, the last bits are the same: linear algebra sums in an order that does not follow the number of cores.
+"""
+
+import traceback
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import monotonic, process_time
+from typing import Any, Generic, TypeVar, cast
+
+from threadpoolctl import threadpool_limits
+
+from fieldmap.errors import FieldmapError
+
+
+@contextmanager
+def same_arithmetic() -> Iterator[None]:
+    """Linear algebra in one thread: a BLAS divides its sums by the number of its threads, and so rounds otherwise.
+
+    Our own kernels keep theirs: each of their threads has its own rows of the result, in whatever number. A state of
+    the drive unit takes no longer for it (docs/cluster.md).
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+T = TypeVar("T")
+# The one that this process made last. A worker outlives a piece of work, so it must not keep them all.
+_CACHED: "dict[str, Any]" = {}
+
+
+class Common(Generic[T]):
+    """`make(*arguments)`, made where and when it is first asked for, then cached.
+
+    What travels to a worker is `make` and `arguments`, which must be picklable; what they make need not be.
+    """
+
+    def __init__(self, make: Callable[..., T], *arguments: Any) -> None:
+        self._make, self._arguments, self._made = make, arguments, cast("T | None", None)
+        self._key = uuid.uuid4().hex
+
+    @classmethod
+    def of(cls, value: T) -> "Common[T]":
+        """Something that can travel itself."""
+        return cls(_itself, value)
+
+    def use(self, made: T) -> T:
+        """What this process has made already, in its own way; returned."""
+        self._made = made
+        return made
+
+    def here(self) -> T:
+        """This process's own."""
+        if self._made is None:
+            if self._key not in _CACHED:
+                _CACHED.clear()
+                _CACHED[self._key] = self._make(*self._arguments)
+            self._made = _CACHED[self._key]
+        return self._made
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_made": None}
+
+
+def _itself(value: T) -> T:
+    return value
+
+
+R = TypeVar("R")
+
+
+class WorkerDied(FieldmapError):  # noqa: N818 - reads as what happened
+    """Every process that was given a piece of work died on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome(Generic[R]):
+    """index: of the item; value: what the function returned, or error: what it raised; seconds of the clock and of the
+    processors that it took."""
+
+    index: int
+    value: R | None
+    error: Exception | None = None
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+
+    def result(self) -> R:
+        """The value; raises the error where there is one."""
+        if self.error is not None:
+            raise self.error
+        return self.value  # type: ignore[return-value]
+
+    @property
+    def reason(self) -> str:
+        """Why there is no value, in words; "" where there is one."""
+        if self.error is None:
+            return ""
+        if isinstance(self.error, FieldmapError):
+            return str(self.error)
+        return f"{type(self.error).__name__}: {self.error}"
+
+
+def attempt(index: int, function: Callable[..., R], *arguments: Any) -> Outcome[R]:
+    """Call the function; an error becomes part of the outcome, unless it is an interruption."""
+    begin, processor = monotonic(), process_time()
+    value, failed = None, None
+    try:
+        with same_arithmetic():
+            value = function(*arguments)
+    except Exception as error:
+        if not isinstance(error, FieldmapError):
+            # Tracebacks do not travel between processes; where to look for the mistake should.
+            error.add_note(traceback.format_exc())
+        failed = error
+    return Outcome(index, value, failed, monotonic() - begin, process_time() - processor)
