@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldmap.currents import undivide_currents
+from fieldmap.currents import TOLERANCE, IndependentCurrents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
 from fieldmap.kernels.map.continuation import continued
 from fieldmap.kernels.map.matrix_vector import times
@@ -20,10 +20,6 @@ _TOLERANCE, _FOR_LOOKUPS = 1e-7, 1e-6
 _MOST_STEPS = 60
 # States behind that tell where the next one lies.
 _PASSED = 3
-# Currents may lie outside the domain by this share of its range: rounding of what the user computed.
-MARGIN = 1e-9
-# Currents are taken for a division if they differ from one by no more than this share of u.
-LARGEST_MISMATCH = 1e-6
 # States whose tangents are kept at a time.
 _AT_ONCE = 256
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
@@ -172,45 +168,27 @@ class CurrentModel:
             return False
         if self._outside == "evaluate":
             return True
-        problem = (
-            self._outside_division(currents)
-            if self.model.division_exponent.size
-            else self._outside_box(currents)
-        )
+        problem = self._outside_domain(currents)
         if problem is not None and self._outside == "raise":
             raise OutsideMapError(problem)
         return problem is None
 
-    def _outside_box(self, currents: Array) -> Problem | None:
-        k = self._beyond(currents)
+    def _outside_domain(self, currents: Array) -> Problem | None:
+        domain = self.model.domain
+        of, found = domain.parametrisation, domain.parametrisation.nearest(currents)
+        if not found.mismatch <= TOLERANCE:
+            parameters = ", ".join(f"{name} = {value}" for name, value in of.parameters.items())
+            must_hold = f"must be of the parametrisation that the map was made for: {of.name}, {parameters}"
+            return Problem("currents", must_hold, f"currents off it by {found.mismatch:.1e}", _REMEDY)
+        k = domain.outside(found.values)
         if k is None:
             return None
-        return Problem(
-            f"current of coil {self._names[k]}",
-            f"must lie within what the map was made for, {self.model.lower[k]:g} to {self.model.upper[k]:g} A",
-            f"{currents[k]:g} A",
-            _REMEDY,
+        independent = isinstance(of, IndependentCurrents)
+        where = (
+            f"current of coil {self._names[k]}" if independent else f"currents, their {of.signal_names[k]}"
         )
-
-    def _outside_division(self, currents: Array) -> Problem | None:
-        exponent = float(self.model.division_exponent[0])
-        if currents.mean() == 0.0:
-            return Problem("currents", "must have a mean, as their division has", "mean 0", _REMEDY)
-        found = undivide_currents(currents, exponent)
-        if found.mismatch > LARGEST_MISMATCH:
-            must_hold = f"must be a division of u, x and y with n = {exponent:g}, which the map was made for"
-            return Problem("currents", must_hold, f"currents off it by {found.mismatch:.1e} of u", _REMEDY)
-        signals = np.array([found.u, found.x, found.y])
-        k = self._beyond(signals)
-        if k is None:
-            return None
-        low, high = self.model.lower[k], self.model.upper[k]
-        must_hold = f"must lie within what the map was made for, {low:g} to {high:g}"
-        return Problem(f"currents, their {'uxy'[k]}", must_hold, f"{signals[k]:g}", _REMEDY)
-
-    def _beyond(self, values: Array) -> int | None:
-        """Number of the first value beyond the domain."""
-        low, high = self.model.lower, self.model.upper
-        margin = MARGIN * (high - low)
-        beyond = np.flatnonzero((values < low - margin) | (values > high + margin))
-        return int(beyond[0]) if beyond.size else None
+        unit = f" {of.signal_units[k]}" if of.signal_units[k] != "1" else ""
+        must_hold = (
+            f"must lie within what the map was made for, {domain.lower[k]:g} to {domain.upper[k]:g}{unit}"
+        )
+        return Problem(where, must_hold, f"{found.values[k]:g}{unit}", _REMEDY)

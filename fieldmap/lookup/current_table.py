@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from fieldmap.currents import divide_currents
+from fieldmap.currents import ROUNDING, TOLERANCE, divide_currents
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.current_table import FOUND, table_weights
-from fieldmap.lookup.current_model import LARGEST_MISMATCH, MARGIN, CurrentModel
+from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.store import FieldError, Grid
 from fieldmap.typing import Array
@@ -86,7 +86,7 @@ def tabulate(
 
 
 def spline_table(
-    axes: list[Array], exponent: float, values: Array, slopes: Array, margin: float = MARGIN
+    axes: list[Array], exponent: float, values: Array, slopes: Array, margin: float = ROUNDING
 ) -> tuple[Any, ...]:
     """What `table_weights` takes, of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
     (nu, nx, ny, 6, k). margin: share of the range by which currents may lie outside, for rounding."""
@@ -99,7 +99,7 @@ def spline_table(
     beside = margin * (upper - lower)
     return (
         np.array([exponent]),
-        np.array([LARGEST_MISMATCH]),
+        np.array([TOLERANCE]),
         lower - beside,
         upper + beside,
         tuple(knots),

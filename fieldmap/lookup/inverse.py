@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
 from fieldmap.arguments import checked_vectors
+from fieldmap.currents import IndependentCurrents
 from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.kernels.map import least_power as kernels
@@ -357,9 +358,9 @@ class _Search:
 
 def _domain(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
     """The limits, within the currents that the model was made for."""
-    if model.model.division_exponent.size:
+    if not isinstance(model.model.parametrisation, IndependentCurrents):
         must_hold = "a map made for free currents of its coils"
-        received = "one made for divided currents (u, x, y)"
+        received = f"one made for signals ({', '.join(model.model.parametrisation.signal_names)})"
         raise InputError(Problem("currents_for", must_hold, received, "make a map with a box of currents"))
     low, high = checked_limits(limits, model.model.coil_count)
     return np.maximum(low, model.model.lower), np.minimum(high, model.model.upper)

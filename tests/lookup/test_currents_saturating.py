@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from fieldmap.currents import IndependentCurrents, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.lookup import interpolate
 from fieldmap.lookup.inverse import currents_of_model, demand_of
@@ -40,7 +41,7 @@ def model():
         coil_count=5,
         field_count=2,
         known_currents=known,
-        division_exponent=np.empty(0),
+        parametrisation=IndependentCurrents(5),
         lower=np.full(5, -4.0),
         upper=np.full(5, 4.0),
         output=np.eye(2),
@@ -106,8 +107,10 @@ def test_what_cannot_be_reached_says_where_the_search_ended(block, model):
 
 def test_refusals(block, model):
     demand = demand_of(None, None, None, [1e-3, 0.0, 0.0], None)
-    divided = SimpleNamespace(model=SimpleNamespace(**{**vars(model.model), "division_exponent": np.ones(1)}))
-    with pytest.raises(InputError, match="divided currents"):
+    divided = SimpleNamespace(
+        model=SimpleNamespace(**{**vars(model.model), "parametrisation": LiftAndDirections(1.0)})
+    )
+    with pytest.raises(InputError, match="currents_for"):
         currents_of_model(block, NAMES, divided, POSITION, demand, None, np.ones(5), None)
     with pytest.raises(OutsideMapError):
         currents_of_model(block, NAMES, model, [0, 0, 1.0], demand, None, np.ones(5), None)
