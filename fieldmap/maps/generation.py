@@ -178,7 +178,7 @@ def _generate_saturating(
 ) -> None:
     trained = trained_map(
         device,
-        current_domain(recipe, plan, len(device.coils)),
+        current_domain(recipe, plan, device.coil_names),
         plan,
         info.reference_current,
         info.grid,
@@ -246,14 +246,13 @@ def _reference_current(recipe: Recipe, device: Device) -> Array:
     count = len(device.coils)
     if recipe.currents is None:
         return np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
-    domain = current_domain(recipe, recipe.currents, count)
+    domain = current_domain(recipe, recipe.currents, device.coil_names)
     if recipe.reference_current is None:
         middle = domain.middle
         return np.where(middle > 0, middle, np.abs(corners(domain)).max(initial=1.0))
     given = np.full(count, recipe.reference_current)
     # Of a division any equal currents will do: they are signals without directions.
-    independent = recipe.currents.division_n is None
-    if independent and ((given < domain.lower) | (given > domain.upper)).any():
+    if recipe.currents.division_n is None and not domain.holds(given):
         raise recipe.error(
             "output.reference_current_A",
             "must lie within [currents]",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
+from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
 from fieldmap.device.model import WorkspaceBox
 from fieldmap.device.schema.workspace import above_lower
@@ -128,6 +128,10 @@ class CurrentKeys(Table):
     division: DivisionKeys | None = Field(
         default=None, description="in the place of lower_A and upper_A: currents of a division"
     )
+    groups: Annotated[list[Annotated[list[Text], Field(min_length=1)]], Field(min_length=1)] | None = Field(
+        default=None,
+        description="coils that carry one current, by name: lower_A and upper_A are those of the groups then",
+    )
     states: Annotated[int, Field(ge=4, le=4096)] = Field(
         default=64, description="most states solved to train it"
     )
@@ -152,6 +156,8 @@ class CurrentKeys(Table):
             names = [n for n, there in zip(("lower_A", "upper_A", "division"), given, strict=True) if there]
             must_hold = "[currents] must have lower_A and upper_A, or a division"
             raise broken(must_hold, " and ".join(names) or "none of them", "give one or the other")
+        if self.groups is not None and self.division is not None:
+            raise broken("groups or a division", "both", "leave one of them out")
         if self.lower_A is None or self.upper_A is None:
             return self
         lower, upper = np.atleast_1d(self.lower_A), np.atleast_1d(self.upper_A)
@@ -250,7 +256,8 @@ class Plan:
 class CurrentPlan:
     """Saturating iron: the ranges of the currents as written, and how the reduced model is trained.
 
-    lower, upper: A, of each coil, or one number for all; or of u, x and y, where division_n is given.
+    lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y, where division_n is given.
+    groups: names of the coils that carry one current, or None.
     """
 
     lower: Array
@@ -258,6 +265,7 @@ class CurrentPlan:
     division_n: float | None
     refinement: float
     training: Plan
+    groups: tuple[tuple[str, ...], ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,24 +337,38 @@ def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
     )
     if keys.division is None:
         lower, upper = (np.atleast_1d(np.array(amperes, float)) for amperes in (keys.lower_A, keys.upper_A))
-        return CurrentPlan(lower, upper, None, iron.refinement, training)
+        groups = None if keys.groups is None else tuple(map(tuple, keys.groups))
+        return CurrentPlan(lower, upper, None, iron.refinement, training, groups)
     ranges = np.array([keys.division.u_A, keys.division.x, keys.division.y])
     return CurrentPlan(ranges[:, 0], ranges[:, 1], keys.division.n, iron.refinement, training)
 
 
-def current_domain(recipe: Recipe, plan: CurrentPlan, coils: int) -> CurrentDomain:
-    """The domain of the currents for a device of so many coils. Raises RecipeError if it has another number."""
+def current_domain(recipe: Recipe, plan: CurrentPlan, coil_names: tuple[str, ...]) -> CurrentDomain:
+    """The domain of the currents of a device with these coils. Raises RecipeError where the recipe names others."""
+    coils = len(coil_names)
     if plan.division_n is not None:
         if coils != 6:
             must_hold = "a division is for six coils, named in the order of the thesis"
             raise recipe.error("currents.division", must_hold, f"{coils} coils", "give lower_A and upper_A")
         return CurrentDomain(LiftAndDirections(plan.division_n), plan.lower, plan.upper)
+    of = IndependentCurrents(coils) if plan.groups is None else _coil_groups(recipe, plan.groups, coil_names)
+    count, what = of.signal_count, "coils" if plan.groups is None else "groups"
     for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):
-        if values.size not in (1, coils):
-            must_hold = f"one current for all coils, or one for each of the {coils} coils"
+        if values.size not in (1, count):
+            must_hold = f"one current for all {what}, or one for each of the {count} {what}"
             raise recipe.error(f"currents.{key}", must_hold, f"{values.size} currents", "correct the list")
-    lower, upper = (np.broadcast_to(values, coils).copy() for values in (plan.lower, plan.upper))
-    return CurrentDomain(IndependentCurrents(coils), lower, upper)
+    lower, upper = (np.broadcast_to(values, count).copy() for values in (plan.lower, plan.upper))
+    return CurrentDomain(of, lower, upper)
+
+
+def _coil_groups(
+    recipe: Recipe, groups: tuple[tuple[str, ...], ...], coil_names: tuple[str, ...]
+) -> CoilGroups:
+    named = [name for group in groups for name in group]
+    if sorted(named) != sorted(coil_names):
+        must_hold = f"must name each coil of the device once: {', '.join(coil_names)}"
+        raise recipe.error("currents.groups", must_hold, ", ".join(named), "correct the names")
+    return CoilGroups(tuple(tuple(coil_names.index(name) for name in group) for group in groups))
 
 
 def read_recipe_device(recipe: Recipe) -> Device:

@@ -339,6 +339,9 @@ def test_the_opened_map_says_what_it_cannot_do(data, folder):
         ),
         ("states = 40", "states = 0", "states"),
         ('model = "saturating"', 'model = "linear"', "belongs to saturating iron"),
+        ("upper_A = 2.0", 'upper_A = 2.0\ngroups = [["left", "middle"]]', "currents.groups"),
+        ("upper_A = 2.0", 'upper_A = 2.0\ngroups = [["left"]]', "currents.groups"),
+        ("upper_A = 2.0", 'upper_A = 2.0\ngroups = [["left", "right"]]', "currents.lower_A"),
         ("held_out = 4", "held_out = 4\n[output]\nreference_current_A = 7.0", "within .currents."),
     ],
 )
