@@ -1,6 +1,6 @@
 """What decides computed numbers, as one fingerprint: settings, the package's own code, and its libraries.
 
-Results that are kept (solved states, rows of a study, parts of a report) are taken up again only under the
+Results that are cached (solved states, rows of a study, parts of a report) are taken up again only under the
 fingerprint that they were made with. A version number would not do: it does not change with every correction.
 """
 
@@ -27,20 +27,20 @@ def library_versions(*more: str) -> dict[str, str]:
     return versions
 
 
-def fingerprint(settings: Iterable[str], rooms: Iterable[str]) -> str:
-    """64 hexadecimal digits for texts in order, the code of the rooms (subpackages), and the libraries."""
+def fingerprint(settings: Iterable[str], packages: Iterable[str]) -> str:
+    """64 hexadecimal digits for texts in order, the code of packages and modules, and the libraries."""
     total = hashlib.sha256()
-    for text in (*settings, _code(tuple(rooms)), *map(repr, library_versions().items())):
+    for text in (*settings, _code(tuple(packages)), *map(repr, library_versions().items())):
         raw = text.encode()
         total.update(len(raw).to_bytes(8, "little") + raw)
     return total.hexdigest()
 
 
 @cache
-def _code(rooms: tuple[str, ...]) -> str:
+def _code(packages: tuple[str, ...]) -> str:
     total = hashlib.sha256()
-    for room in rooms:
-        module = PACKAGE / f"{room}.py"
-        for path in [module] if module.is_file() else sorted((PACKAGE / room).rglob("*.py")):
+    for name in packages:
+        module = PACKAGE / f"{name}.py"
+        for path in [module] if module.is_file() else sorted((PACKAGE / name).rglob("*.py")):
             total.update(path.relative_to(PACKAGE).as_posix().encode() + path.read_bytes())
     return total.hexdigest()

@@ -238,7 +238,7 @@ class Plan:
     """How a reduced model is trained.
 
     states: most that are solved to train it; accuracy: share of the largest flux density in the workspace (of the
-    largest gradient: twice that) within which the model must foretell the states that it is least sure of, so that no
+    largest gradient: twice that) within which the model must predict the states that it is least sure of, so that no
     more are solved; modes: most amplitudes; points: conditions of the cubature, about as many sample points; fields:
     most iron fields in the map; held_out: states at random solved to measure the error; tolerance: of the solver.
     """

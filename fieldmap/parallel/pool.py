@@ -1,4 +1,4 @@
-"""Other processes: a scheduler of dask, our own on this machine or one that is there already. The only door to dask."""
+"""Other processes: a scheduler of dask, our own on this machine or one that is there already. Nothing else imports dask."""
 
 import itertools
 import logging

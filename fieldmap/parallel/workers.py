@@ -1,4 +1,4 @@
-"""The door: one way to do many independent pieces of work, wherever they are done."""
+"""One way to do many independent pieces of work, wherever they are done."""
 
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType

@@ -85,6 +85,6 @@ def _no_end(share: float) -> Problem:
     return Problem(
         "equilibrium_area",
         f"the horizontal force must reach {share:g} of the weight inside the workspace, along every direction",
-        "the workspace, or three times the distance foretold by the stiffness, ends before",
+        "the workspace, or three times the distance predicted by the stiffness, ends before",
         "make the workspace wider, or record.force_share smaller",
     )

@@ -240,8 +240,8 @@ def test_contributions_are_counted_by_the_error_that_they_cause(solver):
         off = others.solve(currents, amplitude)[0] - amplitude
         tangent = basis.T @ solver.energy_operator(currents, basis @ amplitude)(basis)
         caused = np.sqrt(off @ tangent @ off / (amplitude @ tangent @ amplitude))
-        foretold = np.linalg.norm(share @ model.energy_contributions(currents, amplitude))
-        assert foretold == pytest.approx(caused, rel=0.02)
+        predicted = np.linalg.norm(share @ model.energy_contributions(currents, amplitude))
+        assert predicted == pytest.approx(caused, rel=0.02)
 
 
 def test_a_model_that_follows_the_currents_gives_the_same(data):

@@ -1,4 +1,4 @@
-"""The examples in the docstrings of the map's rooms run and print what they say."""
+"""The examples in the docstrings of the packages store and maps run and print what they say."""
 
 import doctest
 from importlib import import_module

@@ -67,7 +67,7 @@ class Solving:
 
 @dataclass(frozen=True)
 class Round:
-    """What one choice of states showed: how many had been solved before, and how far what the model foretold of the
+    """What one choice of states showed: how many had been solved before, and how far what the model predicted of the
     next ones was off when they were solved."""
 
     solved: int
@@ -77,7 +77,7 @@ class Round:
 
 def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, tuple[Round, ...]]:
     """States to train on. After the first few, those that the estimate says the model lacks most; no more once the
-    model foretells them as accurately as planned."""
+    model predicts them as accurately as planned."""
     plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
     first = sequence(domain, 0, min(_FIRST, plan.states))
     middle = solving.training([Wanted(0, first[0])])
@@ -103,7 +103,7 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
 
 
 def _round(solving: Solving, training: Snapshots, pool: Array, done: int, count: int) -> Round | None:
-    """Choose states, solve them, see how well they were foretold, and add them."""
+    """Choose states, solve them, see how well they were predicted, and add them."""
     before, plan = training.solved, solving.plan
     modes = SolvedModes(solving.solver, training, plan.modes)
     proposal = solving.choose(modes, pool, done, count)
@@ -171,7 +171,7 @@ def _from_modes(solving: Solving, modes: SolvedModes, number: int, currents: Arr
 def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accuracy: float) -> Snapshots:
     """Train on those of the tried states that the modes lack; the others, still to try the model on.
 
-    They are solved already, and what a model does not foretell it had better know.
+    They are solved already, and what a model does not predict must be among its states.
     """
     left = tried.empty(nothing)
     for k in modes.missing(tried, accuracy) if tried.solved else ():
