@@ -1,4 +1,4 @@
-"""Other processes: a scheduler of dask, our own on this machine or one that is there already. Nothing else imports dask."""
+"""Other processes, by dask: a scheduler of our own on this machine, or one that is there already."""
 
 import itertools
 import logging
