@@ -184,17 +184,19 @@ def test_solve_to_tolerance_keeps_its_word():
     for tolerance, solution in ((5e-3, loose), (1.5e-3, tight)):
         assert solution.report.error.flux_density <= tolerance
         assert true_error(solution, "diskcore", 1000)[0] < tolerance
-        assert "estimated error" in str(solution.report.error)
+        assert f"{100 * solution.report.error.flux_density:.2g} %" in str(solution.report.error)
     assert tight.report.surface_faces >= loose.report.surface_faces
 
 
 def test_too_fine_for_the_memory_is_said_before_it_happens(monkeypatch):
     device = replace(axisymmetric.device("diskcore", core_size=0.004, edge=0.0015), workspace=SPACE)
     monkeypatch.setattr(assembled, "_memory_bytes", lambda: 20e6)
-    with pytest.raises(InputError, match=r"must fit into 0\.0 GB of memory"):
+    with pytest.raises(InputError) as caught:
         fm.solve_linear(device)
-    with pytest.raises(NotConverged, match="estimated error must fall to 1e-05"):
+    assert "memory" in caught.value.problems[0].must_hold
+    with pytest.raises(NotConverged) as caught:
         fm.solve_to_tolerance(device, 1e-5)
+    assert "1e-05" in caught.value.problems[0].must_hold
 
 
 def test_points_lie_on_the_surface_of_the_workspace():
@@ -209,5 +211,6 @@ def test_points_lie_on_the_surface_of_the_workspace():
 
 
 def test_a_workspace_is_needed():
-    with pytest.raises(InputError, match="must have a workspace"):
+    with pytest.raises(InputError) as caught:
         fm.solve_to_tolerance(axisymmetric.device("disk"))
+    assert "[workspace]" in caught.value.problems[0].remedy

@@ -87,17 +87,17 @@ def refusal(path: Path, scale: float = 1e-3) -> str:
 
 
 def test_files_without_a_readable_solid_are_refused(step, tmp_path):
-    assert "cannot be opened (No such file or directory)" in refusal(tmp_path / "absent.step")
+    assert "absent.step" in refusal(tmp_path / "absent.step")
     path = step(block())
-    assert "scale of a STEP file must be above zero" in refusal(path, 0.0)
+    assert "scale" in refusal(path, 0.0)
     whole = path.read_text()
     path.write_text(whole[: len(whole) // 2])
-    assert "not a whole STEP file" in refusal(path)
+    assert "whole" in refusal(path)
     path.write_text("hello")
-    assert "not a whole STEP file" in refusal(path)
+    assert "whole" in refusal(path)
     path.write_text(whole.replace(MILLIMETRE, "SI_UNIT(.FEMTO.,.METRE.)"))
-    assert "must declare one known length unit" in refusal(path)
-    assert "holds no solid" in refusal(step(block().faces[0]))
+    assert "length unit" in refusal(path)
+    assert "no solid" in refusal(step(block().faces[0]))
 
 
 def test_a_file_that_the_kernel_cannot_read_is_refused(tmp_path):
@@ -112,4 +112,4 @@ def test_a_surface_that_crosses_itself_is_refused(step):
     sides = [occ.Segment(occ.Pnt(*corners[i - 1], 0), occ.Pnt(*corners[i], 0)) for i in range(4)]
     bow_tie = occ.Prism(occ.Face(occ.Wire(sides)), occ.Vec(0, 0, 5))
     assert bow_tie.mass > 1.0
-    assert "surface that crosses itself" in refusal(step(bow_tie))
+    assert "crosses itself" in refusal(step(bow_tie))

@@ -41,7 +41,7 @@ def test_a_state_by_continuation_is_the_state(monkeypatch):
     assert shares[-1] == 1.0
     assert len(shares) > 1
     assert (np.diff(shares) > 0).all()
-    assert "in steps of the currents" in str(by_steps.report)
+    assert f"{100 * shares[0]:.3g}" in str(by_steps.report)
     place = [0.0, 0.0, -0.005]
     assert by_steps.field(place) == pytest.approx(direct.field(place), rel=1e-5, abs=1e-8)
 
@@ -57,8 +57,10 @@ def test_a_law_with_a_cliff_is_solved():
 
 def test_failure_comes_with_the_whole_history(monkeypatch):
     monkeypatch.setattr(potential_form, "_MAX_NEWTON_STEPS", 6)
-    with pytest.raises(NotConverged, match=r"no state beyond .* % of the currents") as caught:
+    with pytest.raises(NotConverged) as caught:
         solver_for(THRESHOLD).solve(CURRENT)
     # From zero, and then at the half, the quarter, ... down to the smallest step.
     assert len(caught.value.residuals) >= 6 * 4
-    assert "smooth the B-H table" in caught.value.problems[0].remedy
+    (problem,) = caught.value.problems
+    assert "continuation" in problem.where
+    assert f"{caught.value.residuals[-1]:.2e}" in problem.received

@@ -227,8 +227,9 @@ def test_law_integral():
 def test_a_stored_solution_has_no_linkages(forms):
     """What a map keeps of a solution is the field in the air."""
     stored = from_arrays(core_and_coils(), *to_arrays(forms["potential"]))
-    with pytest.raises(InputError):
+    with pytest.raises(InputError) as caught:
         stored.inductance()
+    assert caught.value.problems[0].where == "inductance"
 
 
 def test_coils_alone():

@@ -89,5 +89,6 @@ def test_coils_alone_and_solutions_read_back():
     )
     core = Device("d", "", alone.coils, device(None).bodies[:1], {"iron": LinearMaterial("iron", 2.0)})
     stored = from_arrays(core, *to_arrays(fm.solve_linear(core)))
-    with pytest.raises(InputError, match="read back from a file"):
+    with pytest.raises(InputError) as caught:
         stored.as_magpylib([1.0])
+    assert caught.value.problems[0].where == "magnetisation"
