@@ -30,7 +30,7 @@ def report_rows(report: Any, device: Device, nonlinear: bool) -> Iterator[tuple[
     steps = "Newton steps" if nonlinear else "iterations"
     yield (
         "solution",
-        f"{report.iterations} {steps} to a residual of {report.residual:.1e}{report.steps_words}",
+        f"{report.iterations} {steps} to a residual of {report.residual:.1e}{report.steps_text}",
     )
     if report.error is not None:
         yield "error", str(report.error)

@@ -64,13 +64,13 @@ class SolverReport:
         return (
             f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
             f"faces, {self.magnetic_bodies} magnetic bodies{peak}; {self.iterations} iterations to "
-            f"{self.residual:.1e}{self.steps_words}{self._outside()}; symmetry: {self.symmetry}; "
+            f"{self.residual:.1e}{self.steps_text}{self._outside()}; symmetry: {self.symmetry}; "
             f"{self.total_seconds:.1f} s ({steps})"
         )
 
     @property
-    def steps_words(self) -> str:
-        """The continuation in words, empty where there was none."""
+    def steps_text(self) -> str:
+        """The continuation as text, empty where there was none."""
         shares = ", ".join(f"{100 * share:.3g}" for share in self.continuation)
         return f", in steps of the currents ({shares} %)" if shares else ""
 

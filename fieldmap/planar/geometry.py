@@ -145,10 +145,10 @@ def _walls(device: PlanarDevice) -> list[Problem]:
     found = []
     for body in device.bodies:
         corners = complex_points(body.corners)
-        reach = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1))])
+        outline = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1))])
         gap = 1e-6 * np.ptp(wall.real)
         if (
-            not inside(reach, wall).all()
+            not inside(outline, wall).all()
             or edges_cross(corners, wall)
             or distance_to_edges(wall, corners).min() < gap
         ):

@@ -1,4 +1,4 @@
-"""The public door: a planar device with iron of constant permeability, solved for one ampere in every coil."""
+"""A planar device with iron of constant permeability, solved for one ampere in every coil."""
 
 import time
 
@@ -44,7 +44,7 @@ def solve_planar(
     """
     started = time.process_time()
     check_planar_geometry(device)
-    permeability, words = permeabilities(device, mu_r)
+    permeability, notes = permeabilities(device, mu_r)
     outline = make_outline(device, panel_size(device, size))
     bodies = [boundary_operator(outline.nodes, body, outline.extent, False) for body in outline.bodies]
     air = air_operator(outline)
@@ -55,7 +55,7 @@ def solve_planar(
         wall_panels=len(outline.wall),
         unknowns=len(outline.nodes),
         seconds=time.process_time() - started,
-        assumptions=(*words, walls_in_words(device)),
+        assumptions=(*notes, walls_assumption(device)),
     )
     regions = tuple(
         Region(complex_points(body.corners), operator, values)
@@ -74,17 +74,17 @@ def panel_size(device: PlanarDevice, size: float | None) -> float:
 
 
 def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Relative permeability of each body, and what is assumed about it in words."""
+    """Relative permeability of each body, and what is assumed about it, one sentence each."""
     if mu_r is not None:
         check_positive("solve_planar", mu_r=mu_r)
     used = [_permeability(device.materials[body.material], mu_r) for body in device.bodies]
-    words = {
+    notes = {
         f"iron of {body.name}: constant relative permeability {value:g}"
         if value > _BARRIER_MU_R
         else f"{body.name}: no flux passes it"
         for body, value in zip(device.bodies, used, strict=True)
     }
-    return np.array(used), tuple(sorted(words))
+    return np.array(used), tuple(sorted(notes))
 
 
 def _permeability(material: Material, mu_r: float | None) -> float:
@@ -102,7 +102,7 @@ def _permeability(material: Material, mu_r: float | None) -> float:
     return material.initial_mu_r if mu_r is None else float(mu_r)
 
 
-def walls_in_words(device: PlanarDevice) -> str:
+def walls_assumption(device: PlanarDevice) -> str:
     """The boundary, as an assumption."""
     if device.walls is None:
         return "open space"

@@ -138,8 +138,8 @@ def _sizes(places: Complex, ring: Complex, size: float) -> Array:
     local = np.full(len(places), size)
     for start in range(0, len(places), 2000):
         part = slice(start, start + 2000)
-        reach = length + _GROWTH * np.abs(places[part, None] - middle)
-        local[part] = np.minimum(size, reach.min(axis=1))
+        allowed = length + _GROWTH * np.abs(places[part, None] - middle)
+        local[part] = np.minimum(size, allowed.min(axis=1))
     return local
 
 
@@ -162,8 +162,8 @@ def _inner_points(ring: Complex, size: float) -> Complex:
         squares, step = np.asarray((squares[large, None] + quarter).ravel()), 0.5 * step
     points = np.concatenate([places for places, _ in found])
     points = points[inside(points, ring)]
-    room = distance_to_edges(points, ring) > _CLEARANCE * _sizes(points, ring, size)
-    return np.asarray(points[room])
+    clear = distance_to_edges(points, ring) > _CLEARANCE * _sizes(points, ring, size)
+    return np.asarray(points[clear])
 
 
 def _triangles(points: Complex, ring: Complex) -> Indices:

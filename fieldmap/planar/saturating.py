@@ -15,7 +15,7 @@ from fieldmap.iron.elements.bh_law import LawTables, law_slopes, law_tables, law
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_vector_potential, complex_points
 from fieldmap.planar.geometry import check_planar_geometry, inside
-from fieldmap.planar.linear import air_operator, normal_moments, panel_size, walls_in_words
+from fieldmap.planar.linear import air_operator, normal_moments, panel_size, walls_assumption
 from fieldmap.planar.mesh import Outline, make_outline, triangulate
 from fieldmap.planar.model import PlanarDevice
 from fieldmap.planar.solution import (
@@ -101,7 +101,7 @@ _NEWTON_STEPS = 6
 def field_strength(tables: LawTables, law: Indices, b: Array) -> tuple[Array, Array, Array]:
     """h = mu0 H (n,), the integral of h over b from 0 (n,), and dh/db (n,), at b (n,) >= 0; all with h and b in T.
 
-    Bisection on 0 <= h <= b / smallest chord, then Newton's method, kept in the bracket. b(h) rises everywhere.
+    Bisection on 0 <= h <= b / smallest chord, then Newton's method, clipped to the bracket. b(h) rises everywhere.
     """
     low, high = np.zeros_like(b), b.copy()
     while np.any(short := law_values(tables, law, high)[0] < b):
@@ -288,7 +288,7 @@ def solve_planar_state(
         wall_panels=len(outline.wall),
         unknowns=len(iron.points),
         seconds=time.process_time() - started,
-        assumptions=(*_material_words(device), walls_in_words(device)),
+        assumptions=(*_material_assumptions(device), walls_assumption(device)),
         residuals=residuals,
     )
     reaction = np.concatenate([potential[: len(outline.nodes)] - balance.coil, balance.wall])
@@ -312,14 +312,14 @@ def _check_materials(device: PlanarDevice) -> None:
         )
 
 
-def _material_words(device: PlanarDevice) -> tuple[str, ...]:
-    words = set()
+def _material_assumptions(device: PlanarDevice) -> tuple[str, ...]:
+    notes = set()
     for body in device.bodies:
         material = device.materials[body.material]
         constant = f"constant relative permeability {material.initial_mu_r:g}"
         law = material.description if material.saturates else constant
-        words.add(f"iron of {body.name}: {law}")
-    return tuple(sorted(words))
+        notes.add(f"iron of {body.name}: {law}")
+    return tuple(sorted(notes))
 
 
 def _balance(device: PlanarDevice, outline: Outline, iron: IronTriangles, amperes: Array) -> Balance:

@@ -1,14 +1,16 @@
-"""Linear iron with bodies weaker than air (flux barriers): the surface flux as the unknown.
+"""The flux form: linear iron of any permeability, flux barriers too.
+
+For bodies less permeable than air the surface flux is the unknown.
 
 With stiffness K of the iron, air S and surface means M (`fieldmap.iron.operators.exterior`), both forms solve
-(K + M^T S M) l = r. Where mu_r >= 1, K outweighs S and its factor is a good preconditioner; where mu_r << 1 it is the
-air that counts. Then the outward flux x = S M l is sought instead, from l = K^-1 (r - M^T x):
+(K + M^T S M) l = r. Where mu_r >= 1, K outweighs S and its factor is a good preconditioner. Where mu_r << 1 the
+air outweighs the iron, and the unknown is the outward flux x = S M l, with l = K^-1 (r - M^T x):
 
-    x + S T x = S M K^-1 r + S const,      T = M K^-1 M^T,      sum of x over each magnetic body = 0,
+    x + S T x = S M K^-1 r + S const,      T = M K^-1 M^T,      sum of x over each magnetic body = 0.
 
-which a factor 1 / nu of the faces' own bodies brings close to a multiple of the identity: for a mode of magnetisation
-with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular for constants; they follow from the zero
-net flux.
+A factor 1 / nu of the faces' own bodies brings this operator close to a multiple of the identity: for a mode of
+magnetisation with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular for constants;
+they follow from the zero net flux.
 """
 
 from dataclasses import dataclass
@@ -48,12 +50,12 @@ class SurfaceFluxSystem:
         reluctivity: Array,
     ) -> None:
         self._mean, self._exterior, self._body, self._stiffness = face_mean, exterior, body, stiffness
-        # One unknown of each magnetic body is held at zero; its equation follows from the others.
-        held = np.unique(body.unknowns, return_index=True)[1]
-        self._free = np.setdiff1d(np.arange(len(body.unknowns)), held)
+        # One unknown of each magnetic body is fixed at zero; its equation follows from the others.
+        fixed = np.unique(body.unknowns, return_index=True)[1]
+        self._free = np.setdiff1d(np.arange(len(body.unknowns)), fixed)
         self._factor = SparseFactor(stiffness[self._free][:, self._free])
         self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
-        self._sums = (body.surface[:, None] == np.arange(len(held))).astype(float)
+        self._sums = (body.surface[:, None] == np.arange(len(fixed))).astype(float)
         self._flux_of_constants = exterior.flux(self._sums)
         self._net = np.linalg.inv(self._sums.T @ (self._scale * self._flux_of_constants))
 

@@ -1,7 +1,7 @@
 """Device shapes as solids of the CAD kernel (Open CASCADE through netgen).
 
-Inside the kernel lengths are millimetres: its tolerances are absolute (1e-7), and a model in
-metres would be held against them as if it were a thousand times smaller. Devices are in metres: the factor is
+Inside the kernel lengths are millimetres: its tolerances are absolute (1e-7), too coarse for a
+model in metres. Devices are in metres: the factor is
 applied here.
 """
 

@@ -58,17 +58,17 @@ def _in_wall(face: occ.Face, chamber: Chamber | None) -> bool:
 
 
 def _chamber_solid(chamber: Chamber, whole: occ.TopoDS_Shape) -> occ.TopoDS_Shape:
-    """The chamber as far as the whole reaches, and farther."""
+    """The chamber as a solid, larger than the whole."""
     centre = chamber.group.centre * MILLIMETRES
     corners = np.array([(p.x, p.y, p.z) for p in whole.bounding_box])
-    reach = 3.0 * float(np.linalg.norm(np.abs(corners - centre).max(axis=0)))
+    extent = 3.0 * float(np.linalg.norm(np.abs(corners - centre).max(axis=0)))
     space = None
     for wall in chamber.walls:
         # A cube that stands on the wall; the kernel's own half-spaces crash it.
         side = np.eye(3)[np.abs(wall).argmin()]
         side = side - (side @ wall) * wall
         frame = occ.Axes(point(*centre), n=occ.Dir(*map(float, wall)), h=occ.Dir(*map(float, side)))
-        cube = occ.Box(point(-reach, -reach, 0.0), point(reach, reach, 2 * reach))
+        cube = occ.Box(point(-extent, -extent, 0.0), point(extent, extent, 2 * extent))
         cube = occ.gp_Trsf.Transformation(frame).Inverted()(cube)
         space = cube if space is None else space * cube
     return space

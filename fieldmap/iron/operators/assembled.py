@@ -44,8 +44,8 @@ class AssembledIron:
 
 
 def fits_into_memory(mesh: IronMesh) -> bool:
-    """Whether the mutual potentials and their inverse fit, dense or compressed. Where the machine does not tell its
-    memory, they are let be."""
+    """Whether the mutual potentials and their inverse fit, dense or compressed. True where the
+    memory of the machine is not known."""
     have = _memory_bytes()
     surface = _charged_faces(mesh, build_faces(mesh))
     storage = chosen_storage(len(surface.areas), _operations(mesh))

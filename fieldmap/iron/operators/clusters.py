@@ -63,12 +63,12 @@ class BlockPartition:
     near_leaves: Index
 
     @classmethod
-    def of(cls, clusters: Clusters, separation: float, reach: float) -> "BlockPartition":
+    def of(cls, clusters: Clusters, separation: float, nearness: float) -> "BlockPartition":
         """Two clusters are far where the distance of their boxes is at least `separation` times the smaller one's
-        diagonal and `reach` times the sum of their largest radii, so that they hold no near pair of faces."""
+        diagonal and `nearness` times the sum of their largest radii, so that they hold no near pair of faces."""
         pairs, far = np.zeros((1, 2), np.int64), []
         for level in range(len(clusters.offset)):
-            is_far = _is_far(clusters, level, pairs, separation, reach)
+            is_far = _is_far(clusters, level, pairs, separation, nearness)
             far.append(_ranges(clusters.offset[level], pairs[is_far]))
             pairs = pairs[~is_far]
             if level + 1 < len(clusters.offset):
@@ -76,14 +76,14 @@ class BlockPartition:
         return cls(np.concatenate(far), _ranges(clusters.offset[-1], pairs), pairs)
 
 
-def _is_far(clusters: Clusters, level: int, pairs: Index, separation: float, reach: float):
+def _is_far(clusters: Clusters, level: int, pairs: Index, separation: float, nearness: float):
     lower, upper, radius = clusters.lower[level], clusters.upper[level], clusters.radius[level]
     a, b = pairs.T
     gap = np.maximum(0.0, np.maximum(lower[a] - upper[b], lower[b] - upper[a]))
     distance = np.linalg.norm(gap, axis=1)
     size = np.linalg.norm(upper - lower, axis=1)
     smaller = np.minimum(size[a], size[b])
-    return (distance > separation * smaller) & (distance > reach * (radius[a] + radius[b]))
+    return (distance > separation * smaller) & (distance > nearness * (radius[a] + radius[b]))
 
 
 def _children(pairs: Index) -> Index:

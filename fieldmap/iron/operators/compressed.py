@@ -313,12 +313,12 @@ def _approximated(blocks: Index, points: Coordinates, tolerance: float) -> tuple
     slots = 8 * get_num_threads()
     ranks = approximate_far_blocks(blocks, place, _RANK_LIMIT, *points, tolerance, slots, scratch)
     good = ranks >= 0
-    kept, place = blocks[good], place[:-1][good]
-    rows, columns = _sides(kept)
+    accepted, place = blocks[good], place[:-1][good]
+    rows, columns = _sides(accepted)
     offset = np.concatenate([[0], np.cumsum(ranks[good] * (rows + columns))])
     data = np.empty(offset[-1], np.float32)
-    pack_factors(kept, place, _RANK_LIMIT, ranks[good], offset, scratch, data)
-    return _FarBlocks(kept, ranks[good], offset, data), blocks[~good]
+    pack_factors(accepted, place, _RANK_LIMIT, ranks[good], offset, scratch, data)
+    return _FarBlocks(accepted, ranks[good], offset, data), blocks[~good]
 
 
 def _quarters(blocks: Index) -> Index:

@@ -42,8 +42,8 @@ class Exterior:
         self._mutual = mutual
         self._weight = (_WEIGHT / mutual.diagonal)[:, None]
         self.order = elimination_order(vacuum)
-        held = face_mean.T @ diags(self._weight[:, 0]) @ face_mean
-        self._vacuum = SparseFactor(vacuum + held, self.order)
+        mass = face_mean.T @ diags(self._weight[:, 0]) @ face_mean
+        self._vacuum = SparseFactor(vacuum + mass, self.order)
 
     def charge(self, potential: Array, refinements: int = 2) -> Array:
         """Charges (s, c) of the surface faces for nodal potentials (n, c)."""

@@ -1,4 +1,4 @@
-"""Which element contains a point."""
+"""Points: which element contains them, those in the air, and means over a body."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

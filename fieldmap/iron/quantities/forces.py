@@ -1,4 +1,4 @@
-"""Which bodies touch: the connected pieces of iron, and what belongs to each."""
+"""Forces and torques on bodies and coils, and the connected pieces of iron on which a force is defined."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

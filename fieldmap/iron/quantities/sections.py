@@ -103,8 +103,8 @@ def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> Cut:
     if section.half_widths is not None:
         for axis, side in ((a, s) for a in range(3) for s in (1, -1)):
             x = np.einsum("nkb,nbd->nkd", corners, mesh.points[mesh.tets[element]])
-            room = section.half_widths[axis] - side * (x[..., axis] - section.origin[axis])
-            element, corners = clip_triangles(element, corners, room)
+            margin = section.half_widths[axis] - side * (x[..., axis] - section.origin[axis])
+            element, corners = clip_triangles(element, corners, margin)
     x = np.einsum("nkb,nbd->nkd", corners, mesh.points[mesh.tets[element]])
     area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
     return Cut(element, corners, area)
@@ -129,16 +129,16 @@ def _cut_elements(element: Index, height: Array) -> tuple[Index, Array]:
     return element[np.concatenate([single, double, double])], np.concatenate([lone, *halves])
 
 
-def clip_triangles(element: Index, corners: Array, room: Array) -> tuple[Index, Array]:
-    """The part of triangles (k, 3, 4) where a linear function with corner values room (k, 3) is not negative."""
-    inside = room >= 0
+def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index, Array]:
+    """The part of triangles (k, 3, 4) where a linear function with corner values margin (k, 3) is not negative."""
+    inside = margin >= 0
     count = inside.sum(axis=1)
     order = np.argsort(np.where((count == 2)[:, None], inside, ~inside), axis=1, kind="stable")
-    room = np.take_along_axis(room, order, axis=1)
+    margin = np.take_along_axis(margin, order, axis=1)
     corners = np.take_along_axis(corners, order[:, :, None], axis=1)
 
     def crossing(rows: Index, i: int, j: int) -> Array:
-        a, b = room[rows, i, None], room[rows, j, None]
+        a, b = margin[rows, i, None], margin[rows, j, None]
         return (corners[rows, i] * b - corners[rows, j] * a) / (b - a)
 
     whole, one, two = (np.flatnonzero(count == n) for n in (3, 1, 2))

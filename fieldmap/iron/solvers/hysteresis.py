@@ -173,16 +173,16 @@ class HysteresisSolver:
         if not (np.isfinite(tolerance) and 0 < tolerance < 1):
             must = "must lie between 0 and 1"
             raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
-        return self._reach(values, memory, tolerance * _RESIDUAL_PER_TOLERANCE, _MOST_HALVINGS)
+        return self._step(values, memory, tolerance * _RESIDUAL_PER_TOLERANCE, _MOST_HALVINGS)
 
-    def _reach(self, currents: Array, memory: IronMemory, residual: float, halvings: int) -> HystereticState:
+    def _step(self, currents: Array, memory: IronMemory, residual: float, halvings: int) -> HystereticState:
         try:
             return self._at(currents, memory, residual)
         except NotConverged:
             if halvings == 0:
                 raise
-        first = self._reach(0.5 * (currents + memory.currents), memory, residual, halvings - 1)
-        second = self._reach(currents, first.memory, residual, halvings - 1)
+        first = self._step(0.5 * (currents + memory.currents), memory, residual, halvings - 1)
+        second = self._step(currents, first.memory, residual, halvings - 1)
         return replace(
             second,
             loss=first.loss + second.loss,

@@ -1,4 +1,4 @@
-"""The public door to saturating iron: one state of the device at given currents."""
+"""Saturating iron: a device meshed once, and its states at given currents."""
 
 from collections.abc import Callable
 from dataclasses import replace

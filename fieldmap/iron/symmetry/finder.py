@@ -1,4 +1,4 @@
-"""From matrices that form a group up to rounding in a device file to matrices that form it exactly."""
+"""Mirrors and rotations that map a device onto itself: found from its parts up to rounding, made an exact group."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
