@@ -95,7 +95,7 @@ def _run(words: Sequence[str], maps: Path, path: Path) -> str:
 def figures(folder: Path, maps: Path, rows: Sequence[str]) -> Iterator[Picture]:
     """What the thesis's rows draw; a row that cannot be computed is a picture that cannot be made."""
     with Progress("gallery") as progress:
-        for result in attempt_rows(rows, progress, cached_parts(folder / "finished", maps)):
+        for result in attempt_rows(rows, progress, cached_parts(folder, maps)):
             section, command = (
                 f"{result.row}: {read_rows()[result.row].system}",
                 f"fieldmap thesis {result.row} --report report",

@@ -86,7 +86,7 @@ def reported(rows: Iterable[str], folder: Path, maps: Path, progress: "Progress"
     results: list[PartResult] = []
 
     def collected() -> "Iterator[PartResult]":
-        for result in attempt_rows(rows, progress, cached_parts(folder / "finished", maps)):
+        for result in attempt_rows(rows, progress, cached_parts(folder, maps)):
             results.append(result)
             yield result
 

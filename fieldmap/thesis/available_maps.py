@@ -30,14 +30,14 @@ def map_path(recipe: str, folder: Path = FOLDER) -> Path:
     return path
 
 
-def opened(recipe: str, folder: Path = FOLDER) -> Any:
+def available_map(recipe: str, folder: Path = FOLDER) -> Any:
     """The opened map (FieldMap), read once. Raises MapMissing where it has not been made."""
     path = map_path(recipe, folder).resolve()
-    return _opened(path, path.stat().st_mtime_ns)
+    return _open(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=2)
-def _opened(path: Path, changed: int) -> Any:
+def _open(path: Path, changed: int) -> Any:
     from fieldmap.lookup import open_map
 
     return open_map(path)

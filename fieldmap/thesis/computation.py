@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
-from fieldmap.thesis.available_maps import FOLDER, MapMissing, opened
+from fieldmap.thesis.available_maps import FOLDER, MapMissing, available_map
 from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, filled, read_part, row_of
 from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
 
@@ -166,7 +166,7 @@ def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
 def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     """The numbers, figures and explanations of one part. Raises MapMissing, and what the part itself raises."""
     printed = read_part(part)
-    inputs = printed.inputs | ({"map": opened(printed.map, maps)} if printed.map else {})
+    inputs = printed.inputs | ({"map": available_map(printed.map, maps)} if printed.map else {})
     started = time.process_time()
     answers = function_of(part)(inputs)
     seconds = time.process_time() - started

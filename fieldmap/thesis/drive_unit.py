@@ -10,19 +10,19 @@ from numpy.typing import ArrayLike
 from fieldmap.device import read_device
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.field import FieldLike
+from fieldmap.field import BaseField, Bounds, FieldLike
 from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
-from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint, Grid, MapData
+from fieldmap.thesis.available_maps import FOLDER
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
 DEVICE = "drive_unit"
-ROOMS = ("kernels", "device", "sources", "iron")
-"""Rooms whose code decides a state."""
+PACKAGES = ("kernels", "device", "sources", "iron")
+"""Packages whose code decides a state."""
 FILE = "thesis_states_{:g}.cache"
 TOLERANCE = 1e-3
 SPACING = 4e-3
@@ -32,15 +32,15 @@ _NEGLIGIBLE = 1e-9
 """Two sets of currents that differ by less than this, A, are one."""
 
 
-class UnitStates:
-    """The drive unit at any currents: a `FieldLike` that solves a state for each new set of them.
+class UnitStates(BaseField):
+    """The drive unit at any currents: a field that solves a state for each new set of them.
 
-    refinement divides the mesh sizes of the device file. folder: where solved states are kept (None: in memory only),
-    for the same device, refinement, tolerance, libraries and code of the rooms that solve.
+    refinement divides the mesh sizes of the device file. folder: where solved states are cached (None: in memory
+    only), for the same device, refinement, tolerance, libraries and code of the packages that solve.
     Fields are taken from the solver at the nodes of a grid of 4 mm and interpolated by harmonic polynomials.
     """
 
-    def __init__(self, refinement: float = 1.0, folder: Path | None = OUTPUT_FOLDER) -> None:
+    def __init__(self, refinement: float = 1.0, folder: Path | None = FOLDER) -> None:
         self.refinement, self._folder = refinement, folder
         self._fields: list[tuple[Array, FieldMap]] = []
         self._read = folder is None
@@ -58,59 +58,49 @@ class UnitStates:
         return self.device.coil_names
 
     @property
-    def lower(self) -> Array:
-        """Lower corner of the box, m."""
-        return LOWER
-
-    @property
-    def upper(self) -> Array:
-        """Upper corner of the box, m."""
-        return UPPER
+    def bounds(self) -> Bounds:
+        """The box, m."""
+        return LOWER, UPPER
 
     def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
         """B (n, 3), T."""
-        return self.at(currents).field(points, [1.0])
+        return self._state(currents).field(points, [1.0])
 
     def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
         """dB_i/dx_j (n, 3, 3), T/m."""
-        return self.at(currents).gradient(points, [1.0])
+        return self._state(currents).gradient(points, [1.0])
 
     def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
-        return self.at(currents).second_gradient(points, [1.0])
+        return self._state(currents).second_gradient(points, [1.0])
 
-    def at(self, currents: ArrayLike) -> FieldMap:
+    def _state(self, currents: ArrayLike) -> FieldMap:
         """The field of one state (n_coils,) in A: a map of one "coil", to be taken at 1."""
         amperes = np.asarray(currents, dtype=float)
         if not self._read:
-            self._archive(self._recall)
+            self._with_checkpoint(self._recall)
             self._read = True
-        for known, kept in self._fields:
+        for known, field in self._fields:
             if np.abs(known - amperes).max() < _NEGLIGIBLE:
-                return kept
+                return field
         nodes = self._solve(amperes)
         if self._folder is not None:
             piece = {"currents": amperes, "nodes": nodes}
-            self._archive(lambda archive: archive.put(str(len(archive)), piece))
-        return self._keep(amperes, nodes)
+            self._with_checkpoint(lambda checkpoint: checkpoint.put(str(len(checkpoint)), piece))
+        return self._add(amperes, nodes)
 
-    def knows(self, currents: ArrayLike) -> bool:
-        """Whether the state is at hand already."""
-        return any(np.abs(known - np.asarray(currents)).max() < _NEGLIGIBLE for known, _ in self._fields)
-
-    def _recall(self, archive: Checkpoint) -> None:
-        for key in archive:
-            piece = archive.get(key)
+    def _recall(self, checkpoint: Checkpoint) -> None:
+        for key in checkpoint:
+            piece = checkpoint.get(key)
             if piece is not None:
-                self._keep(piece.arrays["currents"], piece.arrays["nodes"])
+                self._add(piece.arrays["currents"], piece.arrays["nodes"])
 
-    def _archive(self, action: Callable[[Checkpoint], object]) -> None:
+    def _with_checkpoint(self, action: Callable[[Checkpoint], object]) -> None:
         assert self._folder is not None
-        file = self._folder / FILE.format(self.refinement)
-        with Checkpoint(file, self._fingerprint) as archive:
-            action(archive)
+        with Checkpoint(self._folder / FILE.format(self.refinement), self._fingerprint) as checkpoint:
+            action(checkpoint)
 
-    def _keep(self, currents: Array, nodes: Array) -> FieldMap:
+    def _add(self, currents: Array, nodes: Array) -> FieldMap:
         shape = (1, *_grid().shape)
         flux, slope = nodes[: 3 * _grid().size], nodes[3 * _grid().size :]
         data = MapData(
@@ -120,9 +110,9 @@ class UnitStates:
             flux_density=flux.reshape(*shape, 3),
             gradient=slope.reshape(*shape, 3, 3),
         )
-        kept = interpolate(data, kind="harmonic")
-        self._fields.append((currents, kept))
-        return kept
+        field = interpolate(data, kind="harmonic")
+        self._fields.append((currents, field))
+        return field
 
     @cached_property
     def _solver(self) -> NonlinearSolver:
@@ -138,7 +128,7 @@ class UnitStates:
     @property
     def _fingerprint(self) -> str:
         numbers = (self.refinement, TOLERANCE, SPACING, *LOWER, *UPPER)
-        return fingerprint((*self.device.texts, repr(numbers)), ROOMS)
+        return fingerprint((*self.device.texts, repr(numbers)), PACKAGES)
 
 
 def _grid() -> Grid:
@@ -157,15 +147,24 @@ PANELS = (
 _ENDS = (1.558, 3.0, 4.3, 5.2)
 
 
-class UnitRays:
-    """A `FieldLike` of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
+class UnitRays(BaseField):
+    """A field of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
 
     A state whose currents were solved is taken itself. Raises OutsideMapError beyond the levels.
     """
 
     def __init__(self, states: UnitStates) -> None:
         self.states = states
-        self.coil_names, self.lower, self.upper = states.coil_names, LOWER, UPPER
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return self.states.coil_names
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box of the states, m."""
+        return LOWER, UPPER
 
     def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
         """B (n, 3), T."""
@@ -185,7 +184,7 @@ class UnitRays:
         levels = _panel(mean)
         weights = _lagrange(levels, mean)
         fields = [
-            getattr(self.states.at(amperes * (level / mean)), what)(points, [1.0])
+            getattr(self.states, what)(points, amperes * (level / mean))
             for level, weight in zip(levels, weights, strict=True)
             if weight != 0.0
         ]
@@ -194,7 +193,7 @@ class UnitRays:
 
 @cache
 def unit_states() -> UnitStates:
-    """States of the unit at the shipped mesh, kept in maps/out."""
+    """States of the unit at the shipped mesh, cached in maps/out."""
     return UnitStates()
 
 

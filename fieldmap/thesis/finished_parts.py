@@ -1,7 +1,7 @@
-"""Finished parts cached in a folder, so that an interrupted report goes on: one JSON file each, under a fingerprint.
+"""Finished parts of a report, kept in a checkpoint so that an interrupted report goes on.
 
-The fingerprint covers everything that decides the numbers: the package's code (but for `plot` and `cli`, which no
-part imports), the device files, the part's data, its map, and the versions of the numerical libraries.
+The fingerprint of a part covers everything that decides its numbers: the package's code (but for `plot` and `cli`,
+which no part imports), the device files, the part's data, its map, and the versions of the numerical libraries.
 """
 
 import hashlib
@@ -17,30 +17,32 @@ import numpy as np
 from fieldmap import provenance
 from fieldmap.curves import Curves, Series
 from fieldmap.shipped import PACKAGE, shipped_folder
-from fieldmap.store.whole_files import write_whole
+from fieldmap.store import Checkpoint
 from fieldmap.thesis.available_maps import FOLDER, map_path
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
 from fieldmap.thesis.printed import data_files, read_part
 
+FILE = "finished.partial"
 _WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
+_FORMAT = "parts of the thesis, 1"
 
 
 def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
     """`attempt_part` with a cache: it reads a part of the same fingerprint from the folder, and writes what is done."""
 
     def attempt(part: str) -> PartResult:
-        path = folder / f"{part}.json"
         try:
             mark = fingerprint(part, maps)
         except OSError:
             mark = ""
-        finished = read_finished(path, mark) if mark else None
+        with Checkpoint(folder / FILE, _FORMAT) as checkpoint:
+            finished = _finished(checkpoint, part, mark) if mark else None
         if finished is not None:
             return finished
         result = attempt_part(part, maps)
         if mark and result.state == "done":
-            folder.mkdir(parents=True, exist_ok=True)
-            write_whole(path, _as_text(result, mark).encode())
+            with Checkpoint(folder / FILE, _FORMAT) as checkpoint:
+                checkpoint.put(part, about={"fingerprint": mark, "result": _plain(result)})
         return result
 
     return attempt
@@ -55,17 +57,18 @@ def fingerprint(part: str, maps: Path = FOLDER) -> str:
         if not path.is_file():
             return ""
         settings.append(_of_a_map(map_path(printed.map, maps).resolve(), path.stat().st_mtime_ns))
-    rooms = sorted(room.name for room in PACKAGE.iterdir() if room.is_dir())
-    return provenance.fingerprint(settings, [room for room in rooms if room not in _WITHOUT_INFLUENCE])
+    packages = sorted(folder.name for folder in PACKAGE.iterdir() if folder.is_dir())
+    return provenance.fingerprint(settings, [name for name in packages if name not in _WITHOUT_INFLUENCE])
 
 
-def read_finished(path: Path, mark: str) -> PartResult | None:
-    """The part cached in a file, or None if there is none, another fingerprint, or no such file as was written."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return _from_plain(content["result"]) if content["fingerprint"] == mark else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+def _finished(checkpoint: Checkpoint, part: str, mark: str) -> PartResult | None:
+    """The part of this fingerprint, or None."""
+    piece = checkpoint.get(part)
+    return (
+        _from_plain(piece.about["result"])
+        if piece is not None and piece.about["fingerprint"] == mark
+        else None
+    )
 
 
 @cache
@@ -79,9 +82,9 @@ def _of_a_map(path: Path, changed: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _as_text(result: PartResult, mark: str) -> str:
-    plain = asdict(result)
-    return json.dumps({"fingerprint": mark, "result": plain}, default=_list_of_array)
+def _plain(result: PartResult) -> dict[str, Any]:
+    """As JSON holds it."""
+    return dict(json.loads(json.dumps(asdict(result), default=_list_of_array)))
 
 
 def _list_of_array(value: Any) -> Any:

@@ -17,10 +17,10 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.field import as_field
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import StationaryPoint, equilibrium_at
-from fieldmap.maps.generation import OUTPUT_FOLDER
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint
-from fieldmap.thesis.drive_unit import DEVICE, LOWER, ROOMS, UPPER
+from fieldmap.thesis.available_maps import FOLDER
+from fieldmap.thesis.drive_unit import DEVICE, LOWER, PACKAGES, UPPER
 from fieldmap.thesis.equilibrium_shift import Rule, curve
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -203,7 +203,7 @@ def _branch_rows(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
     widths = []
     for coercive in inputs["coercive_A_per_m"]:
         pinning = Pinning(float(coercive), int(inputs["cells"]))
-        shift = 1e3 * kept_shift(pinning, Protocol(axis, z_s=inputs["z_mm"], h=inputs["h_mm"]), signals)
+        shift = 1e3 * cached_shift(pinning, Protocol(axis, z_s=inputs["z_mm"], h=inputs["h_mm"]), signals)
         out, back = shift[:count], shift[count - 1 :][::-1]
         widths.append(back - out)
         for words, places in (("outward", out), ("on the way back", back)):
@@ -222,23 +222,21 @@ def static_places(inputs: dict[str, Any], axis: Axis) -> Array:
     return 1e3 * np.append(0.0, found.along)
 
 
-def kept_shift(
-    pinning: Pinning, protocol: Protocol, signals: Array, folder: Path | None = OUTPUT_FOLDER
-) -> Array:
-    """Shifts (2 k - 1,), m, at signals (k,) out and back from demagnetised iron; computed once, kept in a file."""
+def cached_shift(pinning: Pinning, protocol: Protocol, signals: Array, folder: Path | None = FOLDER) -> Array:
+    """Shifts (2 k - 1,), m, at signals (k,) out and back from demagnetised iron; computed once, cached in a file."""
     way = np.concatenate([signals, signals[-2::-1]])
     axis = float("xy".index(protocol.axis))
     key = np.array([pinning.coercive_field, pinning.cells, axis, protocol.z_s, protocol.h, *way])
     if folder is None:
         return _shift(pinning, protocol, way)
-    mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*ROOMS, "levitation", "thesis"))
-    with Checkpoint(folder / _FILE, mark) as archive:
+    mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*PACKAGES, "levitation", "thesis"))
+    with Checkpoint(folder / _FILE, mark) as checkpoint:
         name = json.dumps(key.tolist())
-        piece = archive.get(name)
+        piece = checkpoint.get(name)
         if piece is not None:
             return piece.arrays["shifts"]
         found = _shift(pinning, protocol, way)
-        archive.put(name, {"shifts": found})
+        checkpoint.put(name, {"shifts": found})
     return found
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from fieldmap.control import MapPlant, continuous, division_slopes, plant_from_map
 from fieldmap.device import read_device
-from fieldmap.device.model import Device
 from fieldmap.field import Field, as_field
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
@@ -19,29 +18,6 @@ from fieldmap.typing import Array
 
 _REFINEMENT = 0.4
 _DEVICE = "drive_unit"
-
-
-class _StatesOnDemand:
-    """Saturating iron as a field that takes any currents: one state for each set of them, from the nearest last one."""
-
-    def __init__(self, device: Device) -> None:
-        self._solver = NonlinearSolver(device, refinement=_REFINEMENT)
-        self._states: dict[bytes, Any] = {}
-        self._last: Any = None
-        self.coil_names = device.coil_names
-
-    def field(self, points: Any, currents: Any) -> Array:
-        return self._at(currents).field(points)
-
-    def gradient(self, points: Any, currents: Any) -> Array:
-        return self._at(currents).gradient(points)
-
-    def _at(self, currents: Any) -> Any:
-        amperes = np.asarray(currents, dtype=float)
-        key = amperes.tobytes()
-        if key not in self._states:
-            self._last = self._states[key] = self._solver.solve(amperes, start=self._last)
-        return self._states[key]
 
 
 def _point(sensor_mm: float, offset_mm: float) -> Array:
@@ -84,7 +60,7 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
 def _states(sensor_mm: float, offset_mm: float) -> Field:
     """The unit with saturating iron around one point, for any currents."""
     point = _point(sensor_mm, offset_mm)
-    return as_field(_StatesOnDemand(read_device(_DEVICE)), (point - 5e-3, point + 5e-3))
+    return as_field(NonlinearSolver(read_device(_DEVICE), _REFINEMENT), (point - 5e-3, point + 5e-3))
 
 
 @cache

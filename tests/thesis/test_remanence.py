@@ -50,7 +50,7 @@ def test_rows_hold_what_was_measured(monkeypatch):
     inputs = dict(read_part("S14_x_remanence").inputs)
     way = np.concatenate([inputs["outward_mm"], inputs["back_mm"][-2::-1]])
     monkeypatch.setattr(
-        "fieldmap.thesis.hysteresis.kept_shift", lambda *_: 1e-3 * (way - inputs["outward_mm"][0])
+        "fieldmap.thesis.hysteresis.cached_shift", lambda *_: 1e-3 * (way - inputs["outward_mm"][0])
     )
     monkeypatch.setattr("fieldmap.thesis.hysteresis.static_places", lambda *_: inputs["outward_mm"])
     width = x_remanence(inputs).numbers["width"]

@@ -1,13 +1,13 @@
 """The report of a few quick rows: its links, its numbers, and what becomes of rows that fail or are interrupted."""
 
 import csv
-import json
 from html.parser import HTMLParser
 
 import pytest
 
 from fieldmap.cli import main
 from fieldmap.errors import InputError
+from fieldmap.store import Checkpoint
 from fieldmap.thesis import Curves, Series, attempt_rows, finished_parts, read_rows
 from fieldmap.thesis.computation import PartResult, attempt_part, compute_part
 from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
@@ -134,8 +134,8 @@ def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
     assert (folder / "numbers.csv").read_text() == before
 
 
-def test_kept_results_come_back_as_they_were(folder):
-    attempt = finished_parts.cached_parts(folder / "finished")
+def test_cached_results_come_back_as_they_were(folder):
+    attempt = finished_parts.cached_parts(folder)
     fresh, again = compute_part("S9_constants"), attempt("S9_constants")
     assert again.comparisons == fresh.comparisons
     assert again.explanations == fresh.explanations
@@ -143,15 +143,30 @@ def test_kept_results_come_back_as_they_were(folder):
     assert again.curves[1].series[2].y.tolist() == fresh.curves[1].series[2].y.tolist()
 
 
-def test_a_kept_result_of_other_code_or_a_broken_file_is_not_taken(tmp_path):
+def test_a_cached_result_of_other_code_or_a_broken_file_is_not_taken(tmp_path, monkeypatch):
+    computed = []
+
+    def counting(part, maps):
+        computed.append(part)
+        return attempt_part(part, maps)
+
+    monkeypatch.setattr(finished_parts, "attempt_part", counting)
     attempt = finished_parts.cached_parts(tmp_path)
     attempt("S3")
-    path = tmp_path / "S3.json"
-    content = json.loads(path.read_text())
-    assert finished_parts.read_finished(path, content["fingerprint"]) is not None
-    assert finished_parts.read_finished(path, "0" * 64) is None
-    path.write_text(path.read_text()[:100])
-    assert finished_parts.read_finished(path, content["fingerprint"]) is None
+    attempt("S3")
+    assert computed == ["S3"]
+    path = tmp_path / finished_parts.FILE
+    path.write_bytes(path.read_bytes()[:-100])
+    attempt("S3")
+    assert computed == ["S3"] * 2
+    monkeypatch.setattr(finished_parts.provenance, "_code", lambda packages: "other code")
+    attempt("S3")
+    assert computed == ["S3"] * 3
+
+
+def finished(folder):
+    with Checkpoint(folder / finished_parts.FILE, finished_parts._FORMAT) as checkpoint:
+        return sorted(checkpoint)
 
 
 def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
@@ -164,7 +179,7 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 130
     assert capsys.readouterr().err
     assert not (tmp_path / "index.html").exists()
-    assert sorted(path.stem for path in (tmp_path / "finished").iterdir()) == ["S3", "S6"]
+    assert finished(tmp_path) == ["S3", "S6"]
     computed = []
 
     def counting(part, maps):
@@ -207,7 +222,7 @@ def test_exit_code_of_a_failing_row(tmp_path, monkeypatch, capsys):
     assert main(["thesis", "S3", "S6", "--report", str(tmp_path)]) == 1
     assert "S6: failed: ZeroDivisionError" in capsys.readouterr().err
     assert (tmp_path / "index.html").is_file()
-    assert not (tmp_path / "finished" / "S6.json").exists()
+    assert finished(tmp_path) == ["S3"]
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):
