@@ -5,5 +5,12 @@ Nothing else talks to magpylib: `magpylib_coil` and `magpylib_tetrahedra` in `fi
 
 from fieldmap.sources.coil_set import CoilSet
 from fieldmap.sources.coils import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.inductance import bare_inductance
 
-__all__ = ["CoilSet", "unit_flux_densities", "unit_flux_density", "unit_flux_density_and_gradient"]
+__all__ = [
+    "CoilSet",
+    "bare_inductance",
+    "unit_flux_densities",
+    "unit_flux_density",
+    "unit_flux_density_and_gradient",
+]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.control import divide_currents
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.levitation import Calibration, LiftReadings, PositionReadings, calibrate
 from fieldmap.thesis.drive_unit import payload
@@ -92,7 +92,7 @@ def _position_readings(axes: str, of_x: Any, of_y: Any, deviation_mm: float) -> 
             continue
         for signal, place in zip(signals[1:], mm[1:], strict=True):
             x, y = (signal, 0.0) if axis == "x" else (0.0, signal)
-            currents.append(divide_currents(thesis_lift_current(10.0), x, y, 1.25))
+            currents.append(LiftAndDirections(1.25).currents([thesis_lift_current(10.0), x, y]))
             moved = 1e-3 * (place - mm[0])
             places.append([moved, np.nan] if axis == "x" else [np.nan, moved])
     sensed = np.full(len(places), magnet_height(10.0))

@@ -18,7 +18,7 @@ from fieldmap.control import (
     zero_order_hold,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.dynamics.scenario.controller_schema import RegulatorKeys
+from fieldmap.dynamics.scenario import RegulatorKeys
 from fieldmap.thesis.coupled_runs import (
     DEPTH,
     VERTICAL_PID,

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.device import read_device
-from fieldmap.device.model import Device, Payload
+from fieldmap.device import Device, Payload, read_device
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.field import BaseField, Bounds, FieldLike
 from fieldmap.iron import NonlinearSolver

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.control import divide_currents
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
@@ -94,7 +94,7 @@ def _first(fields: Sequence[FieldLike], path, about):
 
 def _divided(level: float, signal: float, axis: str, n: float) -> Array:
     x, y = (signal, 0.0) if axis == "x" else (0.0, signal)
-    return divide_currents(level, x, y, n)
+    return LiftAndDirections(n).currents([level, x, y])
 
 
 Axis = Literal["x", "y"]

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from fieldmap.arguments import check_choice
-from fieldmap.control import divide_currents
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.errors import InputError, Problem
@@ -72,7 +72,7 @@ class Protocol:
     def currents(self, level: float, signal: float) -> Array:
         """Currents (6,), A."""
         x, y = (signal, 0.0) if self.axis == "x" else (0.0, signal)
-        return divide_currents(level, x, y, self.n)
+        return LiftAndDirections(self.n).currents([level, x, y])
 
     @property
     def level(self) -> float:

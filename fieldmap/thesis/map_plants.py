@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.control import MapPlant, continuous, division_slopes, plant_from_map
+from fieldmap.control import MapPlant, continuous, plant_from_map
+from fieldmap.currents import LiftAndDirections
 from fieldmap.device import read_device
 from fieldmap.field import Field, as_field
 from fieldmap.iron import NonlinearSolver, solve_linear
@@ -53,7 +54,9 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
     payload = read_device(_DEVICE).payload
     point = _point(sensor_mm, offset_mm)
     lift = lift_current(field, payload, point)
-    return plant_from_map(field, payload, point, lift.currents, division_slopes(lift.current, 0.0, 0.0, n))
+    return plant_from_map(
+        field, payload, point, lift.currents, LiftAndDirections(n).derivative([lift.current, 0.0, 0.0])
+    )
 
 
 @cache
@@ -78,7 +81,7 @@ def _saturating_plant(
     """At equal currents in all coils; signals u (A), x_ctrl, y_ctrl."""
     field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
     currents = np.full(len(field.coil_names), current)
-    signals = division_slopes(current, 0.0, 0.0, n)
+    signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
     at = _point(sensor_mm, offset_mm)
     return plant_from_map(field, payload, at, currents, signals, signal_steps=[0.02, x_step, y_step])
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
-from fieldmap.store.whole_files import write_whole
+from fieldmap.store import write_whole
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
 from fieldmap.thesis.printed import read_rows
 

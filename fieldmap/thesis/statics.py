@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from fieldmap.control import divide_currents, division_slopes
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.errors import OutsideMapError
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
-from fieldmap.sources.inductance import bare_inductance
+from fieldmap.sources import bare_inductance
 from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
@@ -195,12 +195,13 @@ def _scaled(zs: Array, h: float, scale: float) -> Array:
     )
 
 
-def division(inputs: dict[str, Any]) -> dict[str, Any]:
+def current_division(inputs: dict[str, Any]) -> dict[str, Any]:
     """(6-2), (6-3), Table 6-1: the division itself."""
     u, x, y, n = (inputs[name] for name in ("u", "x_signal", "y_signal", "n"))
-    slopes = division_slopes(1.0, 0.0, 0.0, n)
+    division = LiftAndDirections(n)
+    slopes = division.derivative([1.0, 0.0, 0.0])
     return {
-        "sum": float(divide_currents(u, x, y, n).sum() / u),
+        "sum": float(division.currents([u, x, y]).sum() / u),
         "directions": np.sign(np.array([slopes[:, 1], -slopes[:, 1], slopes[:, 2], -slopes[:, 2]])),
     }
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from fieldmap.control import divide_currents
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
@@ -106,7 +106,7 @@ def _all_stable(depths: Array) -> bool:
 
 def _checked_at_half() -> float:
     """Distance, mm, of the equilibria at y = 0.5, u = 2.2 A, of the extrapolated map and of a solved state."""
-    currents = divide_currents(2.2, 0.0, 0.5, 1.25)
+    currents = LiftAndDirections(1.25).currents([2.2, 0.0, 0.5])
     height = magnet_height(11.5, 1e-3 * DRAWN_H)
     window = ([-5e-3, 0.0], [5e-3, 15.9e-3])
     sources: tuple[FieldLike, ...] = (extended_map(), unit_states())

@@ -1,5 +1,6 @@
 """Scenarios: an experiment in a TOML file, and what comes out of it."""
 
+from fieldmap.dynamics.scenario.controller_schema import RegulatorKeys
 from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, prepare, simulate
 from fieldmap.dynamics.scenario.linear_points import LinearPoint, linear_points
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
@@ -9,6 +10,7 @@ __all__ = [
     "AxisMetrics",
     "Experiment",
     "LinearPoint",
+    "RegulatorKeys",
     "RunMetrics",
     "Scenario",
     "ScenarioRun",
