@@ -11,6 +11,7 @@ from fieldmap.control import PID, StepMetrics, TransferFunction, simulate_loop
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
+from fieldmap.thesis.printed import shared_value
 from fieldmap.thesis.rows import Ours
 from fieldmap.typing import Array
 
@@ -18,7 +19,7 @@ X, Y, DEPTH = 0, 1, 2
 LABELS = ("x (mm)", "y (mm)", "depth (mm)")
 VERTICAL_PID: dict[str, Any] = {
     "kind": "pid",
-    "Kc": 0.334,
+    "Kc": shared_value("section_7_2_1.Kc"),
     "Ti_s": 0.42,
     "Td_s": 0.06,
     "lower": 0.0,

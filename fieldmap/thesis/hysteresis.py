@@ -22,6 +22,7 @@ from fieldmap.store import Checkpoint
 from fieldmap.thesis.available_maps import FOLDER
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, PACKAGES, UPPER
 from fieldmap.thesis.equilibrium_shift import Rule, curve
+from fieldmap.thesis.printed import shared_value
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
@@ -32,10 +33,10 @@ HISTORIES: dict[str, str] = {
     "demagnetised": "iron that was never magnetised; currents rise evenly to the level of the origin",
     "cycled": "the same, then the signal has been to the end of the table, to the opposite end and back to 0",
     "restarted": "as cycled, then all currents were switched off and raised evenly again",
-    "wiped": "as cycled, then 3.55 A in all coils, and evenly down to the level of the origin",
-    "saturated": "demagnetised, then 3.55 A in all coils, and evenly down to the level of the origin",
+    "wiped": "as cycled, then the largest current in all coils, and evenly down to the level of the origin",
+    "saturated": "demagnetised, then the largest current in all coils, and evenly down to the level of the origin",
 }
-LARGEST_CURRENT = 3.55
+LARGEST_CURRENT = shared_value("section_3_7.largest_current_A")
 """The amplifier's limit, A."""
 _LIFT_TOLERANCE, _TRIALS = 2e-3, 6
 # d log lift / d log level to begin with: between (7-18) and the level at which the unscaled model lifts.

@@ -54,9 +54,8 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
     payload = read_device(_DEVICE).payload
     point = _point(sensor_mm, offset_mm)
     lift = lift_current(field, payload, point)
-    return plant_from_map(
-        field, payload, point, lift.currents, LiftAndDirections(n).derivative([lift.current, 0.0, 0.0])
-    )
+    signals = LiftAndDirections(n).derivative([lift.current, 0.0, 0.0])
+    return plant_from_map(field, payload, point, lift.currents, signals)
 
 
 @cache

@@ -170,6 +170,15 @@ def _shared_number(path: str) -> tuple[Any, str]:
     return found, _shared()[section]["place"]
 
 
+def shared_value(path: str) -> Any:
+    """A number or array of numbers.toml, for what is not an input of one part.
+
+    >>> shared_value("eq_7_18.slope_A_per_mm")
+    0.0343
+    """
+    return _input({"from": path})
+
+
 def _input(entry: Mapping[str, Any]) -> Any:
     """A number, or an array."""
     value, _ = _value_and_place(entry)

@@ -4,20 +4,21 @@ Fields are in metres, z up, with the origin on the lower face of the pole disk. 
 millimetres, from the zero of a laser micrometer (section 3.3.1).
 """
 
-SENSOR_ZERO_DEPTH = 0.077
-"""Depth of the micrometer's zero below the lower face of the pole disk, m ("approximately 77 mm", section
-3.3.1)."""
+from fieldmap.thesis.printed import shared_value
 
-# (7-18): i = 0.0343 z_mm + 1.215 A in each of the six electromagnets.
-_LIFT_CURRENT_SLOPE = 0.0343
-_LIFT_CURRENT_AT_ZERO = 1.215
+SENSOR_ZERO_DEPTH = shared_value("section_3_3_1.sensor_zero_mm") / 1e3
+"""Depth of the micrometer's zero below the lower face of the pole disk, m."""
+
+# (7-18), in each of the six electromagnets, over the reading in mm.
+_LIFT_CURRENT_SLOPE = shared_value("eq_7_18.slope_A_per_mm")
+_LIFT_CURRENT_AT_ZERO = shared_value("eq_7_18.intercept_A")
 
 
 def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
     """Height z of the magnet's centre, m, when the vertical sensor reads `sensor_mm` (mm, downward).
 
     The sensor sees the top of the levitated body; the magnet's centre lies `magnet_offset` (m) below that
-    point. Thesis section 3.3.1: z = -0.077 - sensor_mm / 1000 - magnet_offset.
+    point. Thesis section 3.3.1.
 
     >>> round(magnet_height(10.0, magnet_offset=0.015), 6)
     -0.102

@@ -16,7 +16,7 @@ from fieldmap.thesis.available_maps import map_path
 from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
 from fieldmap.thesis.equilibrium_shift import DRAWN_H, Axis, Shift, shift
 from fieldmap.thesis.rows import Answers
-from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
+from fieldmap.thesis.vertical_sensor import SENSOR_ZERO_DEPTH, magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
@@ -89,7 +89,7 @@ def _deepest(h: float, limit: float, scaled: bool) -> float:
     at z_s = 10 mm, or as computed."""
     field = extended_map()
     scale = 1.0 / lift_share(field, 10.0, h, thesis_lift_current(10.0)) if scaled else 1.0
-    end = -1e3 * float(field.lower[2]) - 77.0 - h - 0.01
+    end = -1e3 * float(field.lower[2]) - 1e3 * SENSOR_ZERO_DEPTH - h - 0.01
 
     def excess(z_s: float) -> float:
         return scale * lift_share(field, z_s, h, limit) - 1.0

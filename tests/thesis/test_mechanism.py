@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pytest
 
+from fieldmap import thesis
 from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_folder
 from fieldmap.thesis import Answers, Curves, Ours, Series, compare, part_names, read_rows, row_names
 from fieldmap.thesis.available_maps import MapMissing
 from fieldmap.thesis.computation import attempt_part, compute_part
-from fieldmap.thesis.printed import KINDS, PrintedPart, filled, half_unit, read_part, row_of
+from fieldmap.thesis.printed import KINDS, PrintedPart, filled, half_unit, read_part, row_of, shared_value
 from fieldmap.thesis.rows import function_of
+from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
 PARTS = part_names()
 SHARP = [
@@ -77,13 +79,20 @@ def is_number(text):
     return True
 
 
+def test_the_levitation_currents_are_those_of_the_printed_line():
+    depths, currents = shared_value("eq_7_18.depths_mm"), shared_value("eq_7_18.current_A")
+    line = [thesis_lift_current(depth) for depth in depths]
+    assert currents == pytest.approx(line, abs=5.001e-4)
+
+
 def test_every_shared_number_and_sentence_is_used():
     folder = shipped_folder("thesis")
     rows = "".join(path.read_text(encoding="utf-8") for path in folder.glob("S*.toml"))
     numbers = tomllib.loads((folder / "numbers.toml").read_text(encoding="utf-8"))
     texts = tomllib.loads((folder / "texts.toml").read_text(encoding="utf-8"))
+    modules = "".join(path.read_text(encoding="utf-8") for path in Path(thesis.__file__).parent.glob("*.py"))
     shared = [f'"{part}.{name}"' for part, entries in numbers.items() for name in entries if name != "place"]
-    assert [name for name in shared if name not in rows] == []
+    assert [name for name in shared if name not in rows + modules] == []
     assert [name for name in texts if f"{{{name}}}" not in rows] == []
 
 
