@@ -7,9 +7,9 @@ import numpy as np
 
 from fieldmap.control import MapPlant, continuous, plant_from_map
 from fieldmap.currents import LiftAndDirections
-from fieldmap.device import read_device
-from fieldmap.field import Field, as_field
-from fieldmap.iron import NonlinearSolver, solve_linear
+from fieldmap.device import Device, read_device
+from fieldmap.field import BaseField, Field, as_field
+from fieldmap.iron import NonlinearSolution, NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
@@ -19,6 +19,36 @@ from fieldmap.typing import Array
 
 _REFINEMENT = 0.4
 _DEVICE = "drive_unit"
+
+
+class _SolvedOnDemand(BaseField):
+    """Saturating iron at any currents: a new state begins at the one that was solved last, whatever was asked since."""
+
+    def __init__(self, device: Device) -> None:
+        self._solver = NonlinearSolver(device, _REFINEMENT)
+        self._states: dict[bytes, NonlinearSolution] = {}
+        self._last: NonlinearSolution | None = None
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return self._solver.coil_names
+
+    def at(self, currents: Any) -> NonlinearSolution:
+        """The state at these currents."""
+        amperes = np.asarray(currents, dtype=float)
+        key = amperes.tobytes()
+        if key not in self._states:
+            self._last = self._states[key] = self._solver.solve(amperes, start=self._last)
+        return self._states[key]
+
+    def field(self, points: Any, currents: Any) -> Array:
+        """B (n, 3), T."""
+        return self.at(currents).field(points)
+
+    def gradient(self, points: Any, currents: Any) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+        return self.at(currents).gradient(points)
 
 
 def _point(sensor_mm: float, offset_mm: float) -> Array:
@@ -62,7 +92,7 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
 def _states(sensor_mm: float, offset_mm: float) -> Field:
     """The unit with saturating iron around one point, for any currents."""
     point = _point(sensor_mm, offset_mm)
-    return as_field(NonlinearSolver(read_device(_DEVICE), _REFINEMENT), (point - 5e-3, point + 5e-3))
+    return as_field(_SolvedOnDemand(read_device(_DEVICE)), (point - 5e-3, point + 5e-3))
 
 
 @cache
