@@ -7,6 +7,7 @@ import numpy as np
 
 from fieldmap.cli.lift import lift_in_map
 from fieldmap.cli.measured import is_measured_machine, measured_lift_current
+from fieldmap.currents import IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, OutsideMapError
 from fieldmap.levitation import GRAVITY
@@ -73,10 +74,11 @@ def _domain(info: Any) -> dict[str, Any] | None:
     model = info.reduced_model
     if model is None:
         return None
-    names = ("u", "x", "y") if model.division_exponent.size else info.coil_names
+    of = model.parametrisation
+    names = info.coil_names if isinstance(of, IndependentCurrents) else of.signal_names
     ranges = zip(names, model.lower.tolist(), model.upper.tolist(), strict=True)
     return {
-        "division_exponent": float(model.division_exponent[0]) if model.division_exponent.size else None,
+        "division_exponent": of.n if isinstance(of, LiftAndDirections) else None,
         "ranges": {name: (low, high) for name, low, high in ranges},
     }
 

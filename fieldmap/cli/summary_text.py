@@ -61,7 +61,7 @@ def _current_facts(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if exponent is not None:
         words = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in ranges)
         yield "currents", f"division (6-3) with n = {exponent:g}: {words} (u in A)"
-    elif len({bounds for _, bounds in ranges}) == 1:
+    elif len({bounds for _, bounds in ranges}) == 1 and [*domain["ranges"]] == [*summary["coil_names"]]:
         yield "currents", f"{ranges[0][1][0]:g} to {ranges[0][1][1]:g} A in every coil, independently"
     else:
         yield "currents", ", ".join(f"{name}: {low:g} to {high:g} A" for name, (low, high) in ranges)

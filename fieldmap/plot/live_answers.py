@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
-from fieldmap.currents import divide_currents
+from fieldmap.currents import IndependentCurrents
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
@@ -135,12 +135,11 @@ def _controls(
 ) -> tuple[Callable[[Array], Array], tuple[Control, ...]]:
     """What turns the sliders' values into currents, and the sliders."""
     model, count = field_map.info.reduced_model, len(field_map.coil_names)
-    if model is not None and model.division_exponent.size:
-        n = float(model.division_exponent[0])
-        names: tuple[str, ...] = ("lift u", "x signal", "y signal")
-        lower, upper, begin = model.lower, model.upper, np.array([begin.mean(), 0.0, 0.0])
-        controls = _sliders(names, ("A", "1", "1"), lower, upper, begin)
-        return lambda values: divide_currents(values[0], values[1], values[2], n), controls
+    if model is not None and not isinstance(model.parametrisation, IndependentCurrents):
+        of = model.parametrisation
+        signals = tuple(f"signal {name}" for name in of.signal_names)
+        nearest = of.nearest(begin).values
+        return of.currents, _sliders(signals, of.signal_units, model.lower, model.upper, nearest)
     names = tuple(f"coil {name}" for name in field_map.coil_names)
     lower = np.full(count, -limit) if model is None else model.lower
     upper = np.full(count, limit) if model is None else model.upper

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.currents import divide_currents
+from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import find_equilibrium
@@ -94,19 +94,19 @@ def test_bad_arguments(field_map):
 def test_saturating_maps_have_sliders_of_their_domain():
     """Of the division's signals, or of the coils; only the domain of the model is read."""
 
-    def stub(n, lower, upper):
-        model = SimpleNamespace(division_exponent=np.array(n), lower=np.array(lower), upper=np.array(upper))
+    def stub(of, lower, upper):
+        model = SimpleNamespace(parametrisation=of, lower=np.array(lower), upper=np.array(upper))
         return SimpleNamespace(coil_names=tuple("123456"), info=SimpleNamespace(reduced_model=model))
 
     domain = ([1.0, -0.4, -0.3], [2.2, 0.4, 0.3])
-    currents, sliders = _controls(stub([1.25], *domain), np.full(6, 1.5), 3.0)
+    currents, sliders = _controls(stub(LiftAndDirections(1.25), *domain), np.full(6, 1.5), 3.0)
     assert [(s.name, s.lower, s.value) for s in sliders] == [
-        ("lift u", 1.0, 1.5),
-        ("x signal", -0.4, 0.0),
-        ("y signal", -0.3, 0.0),
+        ("signal u", 1.0, 1.5),
+        ("signal x", -0.4, 0.0),
+        ("signal y", -0.3, 0.0),
     ]
     np.testing.assert_array_equal(currents(np.array([1.6, 0.1, 0.2])), divide_currents(1.6, 0.1, 0.2, 1.25))
-    _, sliders = _controls(stub([], [1.0] * 6, [2.0] * 6), np.full(6, 2.5), 9.0)
+    _, sliders = _controls(stub(IndependentCurrents(6), [1.0] * 6, [2.0] * 6), np.full(6, 2.5), 9.0)
     assert {(s.lower, s.upper, s.value, s.unit) for s in sliders} == {(1.0, 2.0, 2.0, "A")}
 
 
