@@ -1,7 +1,7 @@
 """What a machine is: frozen data, SI units, right-handed frame with z up.
 
 Nothing here reads, checks, computes or draws. `fieldmap.device.read_device` makes these from a file
-and checks them; the rooms below only read them.
+and checks them; other packages only read them.
 """
 
 from collections.abc import Mapping

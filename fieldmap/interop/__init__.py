@@ -1,6 +1,6 @@
 """Maps for other programs, and maps from them: C, MuJoCo, mag_manip, measurements.
 
-Depends on: errors, store, lookup. Never on the rooms that make maps.
+Depends on: errors, store, lookup. Never on the packages that make maps.
 """
 
 from fieldmap.interop.c_map import c_header, write_c_files, write_c_map

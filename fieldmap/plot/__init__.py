@@ -1,7 +1,7 @@
 """Pictures of devices and maps, and figures that are given as data.
 
-Depends on: device, levitation (forces), iron (meshes of bodies that are no simple shape), adapters; pyvista and
-matplotlib, of which this room is the only door. Nothing else imports it.
+Depends on: device, levitation (forces), iron (meshes of bodies that are no simple shape), interop; pyvista and
+matplotlib, which no other package imports.
 """
 
 from fieldmap.plot.picture import save_picture
