@@ -1,7 +1,7 @@
 """What a machine is: frozen data, SI units, right-handed frame with z up.
 
-Nothing here reads, checks, computes or draws. `fieldmap.device.read_device` makes these from a file
-and checks them; other packages only read them.
+Coils and materials have folders of their own, `fieldmap.device.coils` and `fieldmap.device.materials`; their shipped
+shapes and laws are offered here too. `fieldmap.device.read_device` makes a device from a file and checks it.
 """
 
 from collections.abc import Mapping

@@ -11,7 +11,7 @@ from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
 from fieldmap.typing import Array
 
-# Rows of the table of distances between two windings that are held at once.
+# Rows of the table of distances between two windings that are in memory at once.
 _ROWS = 500
 
 

@@ -23,7 +23,7 @@ from fieldmap.typing import Array
 
 # Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
 SMALLEST_SLOPE = 0.99 * mu_0
-# Device files are held to the slope of free space. Here stands what the solver bears: formulas in B, such as the law of
+# Device files keep to the slope of free space. The solver bears less: formulas in B, such as the law of
 # tests/reference/axisymmetric_saturated.csv, dip to 0.62 of it.
 _SMALLEST_SLOPE_OF_A_LAW = 0.5 * mu_0
 TOWARDS_SATURATION = "towards saturation"
