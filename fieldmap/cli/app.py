@@ -35,17 +35,20 @@ def app(
     json: Json = False,
 ) -> None:
     """Open a window with sliders for the currents of a map: field, force and equilibrium follow."""
-    from fieldmap.cli.opening import check_map_path, open_device, recorded_driver, recorded_payload
+    from fieldmap.device import recorded_device
+    from fieldmap.io import existing_map, named_device
     from fieldmap.lookup import open_map
     from fieldmap.plot.live_window import LiveWindow
     from fieldmap.plot.scenes import check_format
 
     if save is not None:
         check_format(save, (".png",))
-    opened = open_map(check_map_path(map_file))
+    opened = open_map(existing_map(map_file))
     record = opened.info.provenance
-    payload = recorded_payload(record.device_text) if payload_of is None else open_device(payload_of).payload
-    driver = recorded_driver(record.device_text)
+    recorded = recorded_device(record.device_text) if record.device_text else None
+    payload = None if recorded is None else recorded.payload
+    payload = payload if payload_of is None else named_device(payload_of).payload
+    driver = None if recorded is None else recorded.driver
     limit = current_limit or (3.0 if driver is None else driver.current_limit)
     scaled = "" if force_scale == 1.0 else f", forces times {force_scale:g} (calibration)"
     title = f"{Path(map_file).name}: {record.title}{scaled}"

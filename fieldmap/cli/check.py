@@ -33,17 +33,17 @@ def check(
     Of a map file everything is verified: its seal, every data set, units, provenance, and that its numbers are a
     magnetic field.
     """
-    from fieldmap.cli.opening import check_map_path, is_map, open_device
     from fieldmap.cli.printing import print_result
+    from fieldmap.io import existing_map, is_map_file, named_device
 
-    if is_map(source):
+    if is_map_file(source):
         from fieldmap.store import check_map
 
-        print_result(check_map(check_map_path(source)), partial(_map_page, source), json, map=source)
+        print_result(check_map(existing_map(source)), partial(_map_page, source), json, map=source)
     else:
         from fieldmap.iron.contents import device_contents
 
-        print_result(device_contents(open_device(source)), _device_page, json)
+        print_result(device_contents(named_device(source)), _device_page, json)
 
 
 def _device_page(contents: "DeviceContents") -> Iterator["Section"]:

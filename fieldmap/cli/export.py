@@ -52,13 +52,13 @@ def export(
 ) -> None:
     """Write a map for other programs."""
     from fieldmap.cli.arguments import parse_currents
-    from fieldmap.cli.opening import check_map_path
     from fieldmap.cli.printing import print_json
+    from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
     given = {"--kind": kind != "harmonic", "--currents": bool(currents), "--outside": outside != "nan"}
     _check(to, [option for option, there in given.items() if there])
-    opened = open_map(check_map_path(source), kind, outside)
+    opened = open_map(existing_map(source), kind, outside)
     written = _write(to, opened, output, parse_currents(currents, opened.coil_names) if currents else None)
     if json:
         print_json({"written": written})

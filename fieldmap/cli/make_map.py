@@ -41,8 +41,8 @@ def make_map(
     ] = None,
 ) -> None:
     """Compute the map that a recipe asks for; a run that was stopped goes on where it was."""
-    from fieldmap.cli.opening import refuse_directory
     from fieldmap.cli.progress import Progress
+    from fieldmap.io import refuse_directory
     from fieldmap.maps import generate
 
     refuse_directory(recipe)
@@ -54,7 +54,7 @@ def make_map(
         raise
     _tell_failed_states(path)
     if summary or json:
-        from fieldmap.cli.summary import print_summary
+        from fieldmap.cli.info import print_summary
 
         print_summary(path, json)
     else:

@@ -1,11 +1,19 @@
 """Arguments and options that several commands share, with one wording each, and what the shell completes them to."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fieldmap.shipped import shipped_names
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fieldmap.errors import Problem
+    from fieldmap.field import Field
+    from fieldmap.io import FieldSource, IronOptions
+    from fieldmap.typing import Progress
 
 
 def devices(incomplete: str) -> list[str]:
@@ -63,7 +71,10 @@ ScenarioArgument = Annotated[
     ),
 ]
 ScenarioMap = Annotated[
-    Path | None, typer.Option("--map", metavar="FILE", help="Map file in the place of the scenario's.")
+    Path | None,
+    typer.Option(
+        "--map", metavar="FILE", help="Map file in the place of the scenario's, or a device with linear iron."
+    ),
 ]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
 AtMm = Annotated[
@@ -107,3 +118,105 @@ Form = Annotated[
         rich_help_panel=_IRON,
     ),
 ]
+
+
+def checked_iron(
+    mu_r: float | None, nonlinear: bool, refinement: float, form: str, tolerance: float | None = None
+) -> "IronOptions":
+    """The options of the iron. Raises InputError for everything that is wrong with them."""
+    from fieldmap.errors import InputError, Problem
+    from fieldmap.io import IronOptions
+    from fieldmap.iron.solvers.linear import FORMS
+
+    problems = []
+    if mu_r is not None and not 0.0 < mu_r < float("inf"):
+        remedy = "give the relative permeability"
+        problems.append(Problem("--mu-r", "must be a positive number", f"{mu_r}", remedy))
+    if not 0.0 < refinement < float("inf"):
+        remedy = "try 1.5 for a finer mesh, 0.7 for a coarser one"
+        problems.append(Problem("--refinement", "must be a positive number", f"{refinement}", remedy))
+    if form not in FORMS:
+        problems.append(Problem("--form", f"must be one of {', '.join(FORMS)}", form, "leave it out"))
+    if nonlinear and mu_r is not None:
+        remedy = "leave one of them out: nonlinear iron follows its B-H table, --mu-r makes it linear"
+        problems.append(Problem("--nonlinear", "must not come with --mu-r", f"--mu-r {mu_r:g}", remedy))
+    if nonlinear and form == "flux":
+        remedy = "leave --form out; the flux form is for linear iron"
+        problems.append(Problem("--nonlinear", "must go with the potential form", "--form flux", remedy))
+    if tolerance is not None:
+        problems += _tolerance_problems(tolerance, nonlinear, refinement, form)
+    if problems:
+        raise InputError(*problems)
+    return IronOptions(mu_r, nonlinear, refinement, form, tolerance)
+
+
+def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> "list[Problem]":
+    """--tolerance chooses the mesh and the form itself, and estimates the error of linear iron only."""
+    from fieldmap.errors import Problem
+
+    problems = []
+    if not 0.0 < tolerance < 1.0:
+        problems.append(Problem("--tolerance", "must lie between 0 and 1", f"{tolerance}", "try 1e-3"))
+    others = {
+        "--nonlinear": nonlinear,
+        f"--refinement {refinement:g}": refinement != 1.0,
+        f"--form {form}": form != "auto",
+    }
+    for other in (name for name, given in others.items() if given):
+        remedy = "leave one of them out: --tolerance refines linear iron by itself"
+        problems.append(Problem("--tolerance", "must stand alone", other, remedy))
+    return problems
+
+
+def require_currents(nonlinear: bool, currents: list[str] | None) -> None:
+    """Currents must be given where the answer is not proportional to them."""
+    from fieldmap.errors import InputError, Problem
+
+    if nonlinear and not currents:
+        raise InputError(
+            Problem(
+                "--nonlinear",
+                "must come with --currents: how far iron saturates depends on them",
+                "no --currents",
+                "add --currents A (one number for all coils, or one per coil)",
+            )
+        )
+
+
+def find_named(name: str, options: "IronOptions", progress: "Progress | None" = None) -> "FieldSource":
+    """The map or device of this name. Raises InputError for options of the iron that stand beside a map."""
+    from fieldmap.errors import InputError, Problem
+    from fieldmap.io import find_source, is_map_file
+
+    changed = {
+        "--mu-r": options.mu_r is not None,
+        "--nonlinear": options.nonlinear,
+        "--refinement": options.refinement != 1.0,
+        "--form": options.form != "auto",
+    }
+    given = ", ".join(name for name, differs in changed.items() if differs)
+    if given and is_map_file(name):
+        remedy = "leave it out, or name a device"
+        raise InputError(Problem(given, "must go with a device", "a map, whose iron is fixed", remedy))
+    return find_source(name, options, progress)
+
+
+def field_opener(name: Path | None) -> "Callable[[], Field] | None":
+    """What opens the map of `--map`, for currents beyond its table too, or solves the device that is named there."""
+    if name is None:
+        return None
+    given = str(name)
+
+    def opened() -> "Field":
+        from fieldmap.io import existing_map, is_map_file, open_field
+        from fieldmap.lookup import open_map
+
+        if is_map_file(given) or not _names_device(given):
+            return open_map(existing_map(given), outside_currents="evaluate")
+        return open_field(given)
+
+    return opened
+
+
+def _names_device(name: str) -> bool:
+    return name.endswith(".toml") or name in shipped_names("geometry")

@@ -1,14 +1,32 @@
 """`fieldmap probe`: field, gradient and force at points, of a device or a map."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import At, AtMm, Form, Json, MuR, Nonlinear, Refinement, devices
+from fieldmap.cli.options import (
+    At,
+    AtMm,
+    Form,
+    Json,
+    MuR,
+    Nonlinear,
+    Refinement,
+    checked_iron,
+    devices,
+    find_named,
+)
 
 if TYPE_CHECKING:
-    from fieldmap.cli.opening import Source
+    from collections.abc import Iterator
+
+    from rich.console import RenderableType
+
+    from fieldmap.cli.printing import Section
     from fieldmap.errors import OutsideMapError
+    from fieldmap.io import FieldSource
+    from fieldmap.io.answers import Probe
+    from fieldmap.typing import Array
 
 
 def probe(
@@ -37,37 +55,35 @@ def probe(
 ) -> None:
     """Print B, its gradient and, on request, force and torque at points."""
     from fieldmap.cli.arguments import parse_currents, parse_moment, parse_points
-    from fieldmap.cli.iron import checked_choice
-    from fieldmap.cli.opening import find_source
+    from fieldmap.cli.printing import print_json, print_page
+    from fieldmap.cli.progress import Progress
     from fieldmap.errors import InputError, OutsideMapError, Problem
+    from fieldmap.io.answers import probe as probe_field
 
     points = parse_points(at or [], at_mm or [])
     if not len(points):
         remedy = "add --at X Y Z (m) or --at-mm X Y Z"
         raise InputError(Problem("--at", "must give at least one point", "none", remedy))
-    choice = checked_choice(mu_r, nonlinear, refinement, form)
+    options = checked_iron(mu_r, nonlinear, refinement, form)
     dipole = None if moment is None else parse_moment(moment)
-    found = find_source(source, choice)
-    amperes = parse_currents(currents, found.coil_names)
-    if payload and dipole is None:
-        dipole = _payload_moment(found)
-    field, assumptions = found.open(amperes)
-    try:
-        rows = _rows(field, points, amperes, dipole)
-    except OutsideMapError as error:
-        raise _in_metres(error, at or []) from None
+    with Progress("solving") as progress:
+        found = find_named(source, options, progress)
+        amperes = parse_currents(currents, found.coil_names)
+        if payload and dipole is None:
+            dipole = _payload_moment(found)
+        try:
+            answer = probe_field(found, points, amperes, dipole)
+        except OutsideMapError as error:
+            raise _in_metres(error, at or []) from None
     if json:
-        from fieldmap.cli.printing import print_json
-
-        about = {"source": found.name, "kind": found.kind, "coil_names": found.coil_names}
-        answers = [about | row | {"assumptions": assumptions} for row in rows]
-        print_json(answers[0] if len(answers) == 1 else answers)
+        rows = answer.to_dicts()
+        print_json(rows[0] if len(rows) == 1 else rows)
     else:
-        _print(found, rows, amperes, assumptions)
+        print_page(*_page(answer))
 
 
 def _in_metres(error: "OutsideMapError", at: list[str]) -> "OutsideMapError":
-    """What to do on the command line about points outside a map."""
+    """The error with a remedy for points outside a map that fits the command line."""
     from dataclasses import replace
 
     from fieldmap.errors import OutsideMapError
@@ -78,70 +94,41 @@ def _in_metres(error: "OutsideMapError", at: list[str]) -> "OutsideMapError":
     return OutsideMapError(*problems)
 
 
-def _payload_moment(found: "Source") -> Any:
+def _payload_moment(found: "FieldSource") -> "Array":
     import numpy as np
 
     from fieldmap.errors import InputError, Problem
 
     if found.payload is None:
-        raise InputError(
-            Problem(
-                found.name,
-                "must have a [payload] table for --payload",
-                "none",
-                "add one, or give --moment X Y Z",
-            )
-        )
+        must_hold, remedy = "must have a [payload] table for --payload", "add one, or give --moment X Y Z"
+        raise InputError(Problem(found.name, must_hold, "none", remedy))
     return np.array([0.0, 0.0, found.payload.moment])
 
 
-def _rows(field: Any, points: Any, currents: Any, dipole: Any) -> list[dict[str, Any]]:
-    import numpy as np
-
-    from fieldmap.levitation import dipole_force
-
-    b, g = field.field(points, currents), field.gradient(points, currents)
-    rows = []
-    for point, flux_density, gradient in zip(points, b, g, strict=True):
-        row = {"at": point, "currents": currents, "B": flux_density, "gradient": gradient}
-        if dipole is not None:
-            row |= {
-                "moment": dipole,
-                "force": dipole_force(dipole, gradient),
-                "torque": np.cross(dipole, flux_density),
-            }
-        rows.append(row)
-    return rows
-
-
-def _print(found: "Source", rows: list[dict[str, Any]], currents: Any, assumptions: tuple[str, ...]) -> None:
+def _page(answer: "Probe") -> "Iterator[Section]":
     from fieldmap.cli.fields import field_table
-    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
+    from fieldmap.cli.printing import assumption_lines, facts, heading
 
-    print_page(
-        heading(found.name, found.kind),
-        field_table(rows, found.coil_names, currents),
-        _force_table(rows) if "force" in rows[0] else None,
-        facts(assumption_lines(assumptions)),
-    )
+    yield heading(answer.source.name, answer.source.kind)
+    yield field_table(answer.points, answer.source.coil_names, answer.points[0].currents)
+    yield _force_table(answer) if answer.points[0].moment is not None else None
+    yield facts(assumption_lines(answer.assumptions))
 
 
-def _force_table(rows: list[dict[str, Any]]) -> Any:
+def _force_table(answer: "Probe") -> "RenderableType":
     from rich.console import Group
     from rich.text import Text
 
     from fieldmap.cli.printing import place, table, without_noise
 
-    cells = (
-        (
-            place(row["at"]),
-            *(
-                f"{1e3 * value:.5g}"
-                for value in (*without_noise(row["force"]), *without_noise(row["torque"]))
-            ),
-        )
-        for row in rows
-    )
-    moment = ", ".join(f"{value:.4g}" for value in rows[0]["moment"])
+    cells = []
+    for point in answer.points:
+        assert point.force is not None
+        assert point.torque is not None
+        numbers = (*without_noise(point.force), *without_noise(point.torque))
+        cells.append((place(point.at), *(f"{1e3 * value:.5g}" for value in numbers)))
+    first = answer.points[0].moment
+    assert first is not None
+    moment = ", ".join(f"{value:.4g}" for value in first)
     columns = ("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m")
     return Group(Text(f"Force and torque on a moment of ({moment}) A m2"), table(columns, cells))

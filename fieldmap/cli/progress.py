@@ -5,9 +5,13 @@ import sys
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING
 
 from fieldmap.cli.log import LOG
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
+    from rich.progress import TaskID
 
 _LINE_EVERY_SECONDS = 10.0
 _LINE_EVERY_FRACTION = 0.25
@@ -30,15 +34,13 @@ class Progress:
         self._kernels = kernels
         self._logged = ""
         self.started = time.monotonic()
-        self._bar: Any = None
-        self._task: Any = None
+        self._bar: RichProgress | None = None
+        self._task: TaskID | None = None
         self._last_line = (-1.0, -1.0)
 
     def __enter__(self) -> "Progress":
         if self.shown and must_compile(self._kernels):
-            print(
-                "first run: compiling takes about a minute, once; what is compiled is kept", file=sys.stderr
-            )
+            print("first run: compiling takes about a minute; later runs start at once", file=sys.stderr)
         if self.shown and sys.stderr.isatty():
             self._bar = _bar()
             self._bar.start()
@@ -50,11 +52,14 @@ class Progress:
         if message != self._logged:
             LOG.info("%s: %3.0f %% %s", self.title, 100 * fraction, message)
             self._logged = message
-        if self._bar is not None:
+        if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=fraction, description=f"{self.title}: {message}")
             return
         if not self.shown:
             return
+        if fraction < self._last_line[1]:
+            # Another state or another solve.
+            self.started, self._last_line = time.monotonic(), (-1.0, -1.0)
         now = time.monotonic() - self.started
         seconds, done = self._last_line
         due = fraction >= done + _LINE_EVERY_FRACTION or now >= seconds + _LINE_EVERY_SECONDS
@@ -70,7 +75,7 @@ class Progress:
             self._bar.stop()
 
 
-def _bar() -> Any:
+def _bar() -> "RichProgress":
     from rich.console import Console
     from rich.progress import (
         BarColumn,

@@ -1,13 +1,14 @@
 """`fieldmap show`: look at a device, a map or a run."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json, MuR, Nonlinear, Refinement
+from fieldmap.cli.options import Json, MuR, Nonlinear, Refinement, checked_iron, find_named
 
 if TYPE_CHECKING:
+    from fieldmap.io import IronOptions
     from fieldmap.plot.shown import Shown
 
 
@@ -68,50 +69,71 @@ def show(
     json: Json = False,
 ) -> None:
     """Draw a device, its iron, its field, or a simulated run; a window opens unless --save names a file."""
-    from fieldmap.cli.iron import checked_choice
-    from fieldmap.cli.opening import is_map
-    from fieldmap.cli.shown_sources import Request, gather, gather_run
+    from fieldmap.cli.printing import print_json
+    from fieldmap.io import is_map_file
+    from fieldmap.plot.gather import shown_run
     from fieldmap.plot.scenes import FORMATS, MOVIES, check_format, check_scene
     from fieldmap.store import is_run_file
 
-    of_map = is_map(source)
+    of_map = is_map_file(source)
     recorded = of_map and is_run_file(source)
     if save is not None:
         check_format(save, (*MOVIES, *FORMATS) if recorded else FORMATS)
-    choice = checked_choice(mu_r, nonlinear, refinement, "auto")
-    chosen = what or _usual(of_map, recorded, minus)
+    options = checked_iron(mu_r, nonlinear, refinement, "auto")
+    chosen = what or _default_scene(of_map, recorded, minus)
     check_scene(chosen, quantity)
     if recorded:
-        _refuse_for_runs(
-            chosen, {"--currents": currents, "--minus": minus, **dict.fromkeys(choice.given, True)}
-        )
-        shown = gather_run(source)
+        iron = {"--mu-r": mu_r is not None, "--nonlinear": nonlinear, "--refinement": refinement != 1.0}
+        _refuse_for_runs(chosen, {"--currents": bool(currents), "--minus": minus is not None, **iron})
+        shown = shown_run(source)
     else:
-        shown = gather(Request(source, chosen, tuple(currents or ["1"]), choice, minus, height_mm))
+        height = None if height_mm is None else 1e-3 * height_mm
+        shown = _gather(source, chosen, currents or ["1"], options, minus, height)
     if save is not None and save.suffix in MOVIES:
         ranges = _animate(shown, save)
     else:
         ranges = _draw(shown, chosen, quantity, save)
     if json:
-        from fieldmap.cli.printing import print_json
-        from fieldmap.cli.shown_json import as_json
-
-        print_json({"source": source, "what": chosen, "saved": save, "ranges": ranges} | as_json(shown))
+        print_json({"source": source, "what": chosen, "saved": save, "ranges": ranges} | shown.to_dict())
     elif save is not None:
         print(save)
 
 
-def _usual(of_map: bool, recorded: bool, minus: str | None) -> str:
-    """What is shown where --what does not say."""
+def _gather(
+    source: str,
+    what: str,
+    currents: list[str],
+    options: "IronOptions",
+    minus: str | None,
+    height: float | None,
+) -> "Shown":
+    from fieldmap.cli.arguments import parse_currents
+    from fieldmap.cli.progress import Progress
+    from fieldmap.io import IronOptions, is_map_file, named_device
+    from fieldmap.plot.gather import shown_device, shown_field, shown_mesh
+
+    if not is_map_file(source) and what == "device":
+        return shown_device(named_device(source))
+    if not is_map_file(source) and what == "mesh":
+        return shown_mesh(named_device(source), options.refinement)
+    with Progress("show") as progress:
+        found, other = find_named(source, options, progress), None
+        if minus is not None and what == "difference":
+            other = find_named(minus, IronOptions() if is_map_file(minus) else options, progress)
+        return shown_field(found, parse_currents(currents, found.coil_names), what, other, height)
+
+
+def _default_scene(of_map: bool, recorded: bool, minus: str | None) -> str:
+    """What is shown without --what."""
     if recorded:
         return "path"
     return "difference" if minus else "slices" if of_map else "device"
 
 
-def _refuse_for_runs(what: str, given: dict[str, Any]) -> None:
+def _refuse_for_runs(what: str, given: dict[str, bool]) -> None:
     from fieldmap.errors import InputError, Problem
 
-    wrong = [name for name, value in given.items() if value is not None]
+    wrong = [name for name, there in given.items() if there]
     problems = [Problem(name, "must not come with a run", "given", "leave it out") for name in wrong]
     if what != "path":
         remedy = "leave it out, or name a device or a map"

@@ -1,11 +1,24 @@
 """`fieldmap simulate`: run a scenario, once or many times."""
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap
+from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap, field_opener
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.table import Table
+
+    from fieldmap.cli.printing import Section
+    from fieldmap.dynamics.scenario import Batch, RunMetrics, Simulation
+    from fieldmap.plot.runs import DrawnRun
+    from fieldmap.typing import Array
+
+_PICTURES = (".png", ".svg", ".pdf")
 
 
 def simulate(
@@ -42,19 +55,164 @@ def simulate(
     A run that fails (falls out, leaves the map, hits a wall, saturates) ends with the name of what happened; the exit
     code is 1 if all runs do.
     """
+    from fieldmap.cli.arguments import parse_setting, parse_variation
+    from fieldmap.cli.printing import print_result
     from fieldmap.cli.progress import Progress
-    from fieldmap.cli.simulate_text import as_json, print_runs
-    from fieldmap.cli.simulating import Wanted, check_wanted, simulate_all
+    from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 
-    wanted = Wanted(scenario, map_file, output, save, runs, seed, threads, tuple(changes or ()), vary)
-    check_wanted(wanted)
+    _check_files(output, save, runs, vary)
+    fixed = dict(parse_setting(text, "--set") for text in changes or [])
+    varied = None if vary is None else parse_variation(vary, "--vary")
+    kept = output is not None or save is not None
     with Progress("simulate", kernels="motion") as progress:
-        outcome = simulate_all(wanted, progress)
-    if json:
-        from fieldmap.cli.printing import print_json
+        simulation = simulate_batches(
+            scenario, field_opener(map_file), fixed, varied, runs, seed, threads, kept, progress
+        )
+    written = [] if output is None else [write_simulation(output, simulation)]
+    if save is not None:
+        from fieldmap.plot.runs import save_run_figure
 
-        print_json(as_json(outcome))
-    else:
-        print_runs(outcome)
-    if all(result.metrics.event for batch in outcome.batches for result in batch.results):
+        written.append(save_run_figure(save, simulation.first.scenario.contents.title, _drawn(simulation)))
+    print_result(simulation, partial(_page, scenario, written), json, written=written)
+    if simulation.all_ended_early:
         raise typer.Exit(1)
+
+
+def _check_files(output: Path | None, save: Path | None, runs: int, vary: str | None) -> None:
+    from fieldmap.cli.arguments import output_problems
+    from fieldmap.errors import InputError, Problem
+
+    problems = []
+    if runs < 1:
+        problems.append(Problem("--runs", "must be 1 or more", str(runs), "give a whole number"))
+    problems += output_problems("--output", output, (".h5", ".csv"))
+    if output is not None and output.suffix == ".csv" and (runs > 1 or vary is not None):
+        problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
+    problems += output_problems("--save", save, _PICTURES)
+    if problems:
+        raise InputError(*problems)
+
+
+def _drawn(simulation: "Simulation") -> "list[DrawnRun]":
+    from fieldmap.plot.runs import drawn_run
+
+    return [
+        drawn_run(batch.experiment, one.run, one.metrics.event)
+        for batch in simulation.batches
+        for one in batch.runs
+        if one.run is not None
+    ]
+
+
+def _page(scenario: str, written: list[Path], simulation: "Simulation") -> "Iterator[Section]":
+    from fieldmap.cli.printing import assumption_lines, facts, heading
+
+    yield heading(simulation.first.scenario.contents.title, scenario)
+    for batch in simulation.batches:
+        yield _facts(batch)
+        yield _axes(batch)
+    for batch in simulation.batches:
+        yield _steps(batch)
+    yield facts(assumption_lines(simulation.first.machine.assumptions))
+    yield facts([("written", str(path)) for path in written]) if written else None
+
+
+def _facts(batch: "Batch") -> "Table":
+    from fieldmap.cli.printing import count_of, facts
+
+    rest, contents = batch.experiment.operating_point, batch.experiment.scenario.contents
+    amperes = ", ".join(f"{value:.4g}" for value in rest.currents)
+    # A force that steps between cells of a coarse map has no zero.
+    left = f"; {rest.residual:.0e} of the weight left" if rest.residual > 1e-6 else ""
+    x, y, depth = _reading(batch)
+    simulated = sum(one.metrics.end_s for one in batch.runs)
+    rows = [("value", batch.label)] if batch.label else []
+    rows += [
+        ("at rest", f"x {x:.3f}, y {y:.3f}, depth {depth:.3f} mm; currents {amperes} A{left}"),
+        (
+            "simulated",
+            f"{count_of(len(batch.runs), 'run', 'runs')} of {contents.duration_s:g} s in {batch.seconds:.2f} s of "
+            f"one processor: {simulated / max(batch.seconds, 1e-9):.0f} times as fast as it happens",
+        ),
+    ]
+    rows += [("events", text) for text in _events(batch)]
+    lean = max(one.metrics.largest_lean_deg for one in batch.runs)
+    current = max(one.metrics.largest_current_A for one in batch.runs)
+    rows.append(("largest", f"lean {lean:.2f} degrees, current {current:.3f} A"))
+    return facts(rows)
+
+
+def _reading(batch: "Batch") -> "Array":
+    from fieldmap.dynamics.scenario import reading_mm
+
+    return reading_mm(batch.experiment.scenario, batch.experiment.operating_point.sensed)
+
+
+def _events(batch: "Batch") -> list[str]:
+    names: dict[str, list[RunMetrics]] = {}
+    for one in batch.runs:
+        if one.metrics.event:
+            names.setdefault(one.metrics.event, []).append(one.metrics)
+    lines = [f"{name}: {len(ended)}, {_first(ended)}" for name, ended in names.items()] or ["none"]
+    touched = sorted({name for one in batch.runs for name in one.metrics.touched})
+    words = {"currents": "currents beyond the table of the iron, which was extrapolated"}
+    return lines + [words.get(name, f"touched the {name}") for name in touched]
+
+
+def _first(ended: "list[RunMetrics]") -> str:
+    """When, where, how fast and with which currents the first of them ended."""
+    import numpy as np
+
+    first = min(ended, key=lambda metrics: metrics.end_s)
+    x, y, depth = first.end_mm
+    amperes = ", ".join(f"{value:.3g}" for value in first.end_A)
+    return (
+        f"first at {first.end_s:.3f} s: x {x:.2f}, y {y:.2f}, depth {depth:.2f} mm, "
+        f"{np.linalg.norm(first.end_mm_per_s):.3g} mm/s; currents {amperes} A"
+    )
+
+
+def _axes(batch: "Batch") -> "Table":
+    import numpy as np
+
+    from fieldmap.cli.printing import table
+
+    columns = ("axis", "RMS error mm", "of what is seen mm", "largest mm", "travel mm")
+    lines = []
+    for k, axis in enumerate(("x", "y", "depth")):
+        parts = [one.metrics.axes[k] for one in batch.runs]
+        rms = float(np.mean([part.rms_error_mm for part in parts]))
+        seen = float(np.mean([part.rms_seen_mm for part in parts]))
+        worst = max(part.largest_error_mm for part in parts)
+        lines.append(
+            (axis, f"{rms:.5f}", f"{seen:.5f}", f"{worst:.4f}", f"{max(p.travel_mm for p in parts):.4f}")
+        )
+    return table(columns, lines)
+
+
+def _steps(batch: "Batch") -> "Table | None":
+    """Mean over the runs of the metrics of every axis with a step."""
+    import numpy as np
+
+    from fieldmap.cli.printing import table
+
+    lines = []
+    for k, axis in enumerate(("x", "y", "depth")):
+        steps = [one.metrics.axes[k].step for one in batch.runs]
+        found = [step for step in steps if step is not None]
+        if found:
+            mean = [
+                float(np.mean([getattr(step, name) for step in found]))
+                for name in ("rise_time", "peak_time", "settling_time", "overshoot", "steady_rms")
+            ]
+            cells = (
+                f"{mean[0]:.4f}",
+                f"{mean[1]:.4f}",
+                f"{mean[2]:.4f}",
+                f"{100 * mean[3]:.1f}",
+                f"{mean[4]:.5f}",
+            )
+            lines.append((f"{axis} {batch.label}".strip(), *cells))
+    if not lines:
+        return None
+    return table(("step of", "rise s", "peak s", "settling s", "overshoot %", "steady RMS mm"), lines)

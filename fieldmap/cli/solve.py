@@ -1,14 +1,30 @@
 """`fieldmap solve`: the field of a device, linear or at given currents, beside the known values of its file."""
 
-import dataclasses
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import At, AtMm, DeviceArgument, Form, Json, MuR, Nonlinear, Refinement
+from fieldmap.cli.options import (
+    At,
+    AtMm,
+    DeviceArgument,
+    Form,
+    Json,
+    MuR,
+    Nonlinear,
+    Refinement,
+    checked_iron,
+    require_currents,
+)
 
 if TYPE_CHECKING:
-    from fieldmap.device.model import Device
+    from collections.abc import Iterator
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from fieldmap.cli.printing import Section
+    from fieldmap.iron.summary import ReferenceComparison, SolutionSummary
 
 
 def solve(
@@ -54,84 +70,153 @@ def solve(
     are printed with their mean flux density.
     """
     from fieldmap.cli.arguments import parse_currents, parse_points
-    from fieldmap.cli.iron import checked_choice, require_currents, require_iron
-    from fieldmap.cli.opening import open_device
-    from fieldmap.cli.quantities import checked_groups, checked_sections
+    from fieldmap.cli.printing import print_result
+    from fieldmap.cli.progress import Progress
+    from fieldmap.io import named_device, solve_device
+    from fieldmap.iron.materials import require_soft_bodies
+    from fieldmap.iron.summary import checked_groups, named_sections, summarise_solution
 
-    choice = checked_choice(mu_r, nonlinear, refinement, form, tolerance)
+    options = checked_iron(mu_r, nonlinear, refinement, form, tolerance)
     require_currents(nonlinear, currents)
-    machine = open_device(device)
-    wanted = (checked_groups(machine, force), checked_sections(machine, section))
+    machine = named_device(device)
     if nonlinear:
-        require_iron(machine)
+        require_soft_bodies(machine)
+    points = parse_points(at or [], at_mm or [])
     amperes = parse_currents(currents or ["1"], machine.coil_names) if machine.coils else None
-    answer = _answer(machine, choice, amperes, parse_points(at or [], at_mm or []), wanted)
-    if json:
-        from fieldmap.cli.printing import print_json
-
-        print_json(answer | {"report": dataclasses.asdict(answer["report"])})
-    else:
-        _print(machine, answer)
-
-
-def _answer(machine: "Device", choice: Any, currents: Any, points: Any, wanted: Any) -> dict[str, Any]:
-    from fieldmap.cli.assumptions import beyond_saturation_warnings
-    from fieldmap.cli.iron import States, solve_device
-    from fieldmap.cli.quantities import force_rows, section_rows
-    from fieldmap.cli.references import compare
-    from fieldmap.cli.report_text import body_rows
-    from fieldmap.field import as_field
-
-    solution = States(machine, choice)(currents) if choice.nonlinear else solve_device(machine, choice)
-    field = as_field(solution) if choice.nonlinear else solution
-    groups, sections = wanted
-    at = None if choice.nonlinear else (() if currents is None else currents)
-    return {
-        "device": machine.name,
-        "title": machine.title,
-        "nonlinear": choice.nonlinear,
-        "coil_names": machine.coil_names,
-        "report": solution.report,
-        "currents": currents,
-        "points": _fields(field, points, currents),
-        "bodies": body_rows(solution) if choice.nonlinear else [],
-        "forces": force_rows(solution, groups, at),
-        "sections": section_rows(solution, sections, at),
-        "references": compare(machine, field, choice, currents),
-        "warnings": ()
-        if choice.nonlinear or currents is None
-        else beyond_saturation_warnings(solution, machine, currents),
-    }
+    groups = [[name.strip() for name in text.split(",") if name.strip()] for text in force or []]
+    checked_groups(machine, groups, "--force")
+    sections = named_sections(machine, section, "--section") if section else None
+    with Progress("solving") as progress:
+        solved = solve_device(machine, options, progress)
+        summary = summarise_solution(machine, solved, amperes, points, groups, sections, mu_r)
+    print_result(summary, _page, json)
 
 
-def _fields(field: Any, points: Any, currents: Any) -> list[dict[str, Any]]:
-    if not len(points):
-        return []
-    b, g = field.field(points, currents), field.gradient(points, currents)
-    return [
-        {"at": point, "B": flux_density, "gradient": gradient}
-        for point, flux_density, gradient in zip(points, b, g, strict=True)
-    ]
-
-
-def _print(device: "Device", answer: dict[str, Any]) -> None:
+def _page(summary: "SolutionSummary") -> "Iterator[Section]":
     from fieldmap.cli.fields import currents_text, field_table
-    from fieldmap.cli.printing import assumption_lines, facts, heading, print_page
-    from fieldmap.cli.quantities import force_table, section_table
-    from fieldmap.cli.references import reference_table
-    from fieldmap.cli.report_text import body_table, report_rows
+    from fieldmap.cli.printing import assumption_lines, facts, heading
 
-    report, nonlinear = answer["report"], answer["nonlinear"]
-    rows = list(report_rows(report, device, nonlinear))
-    if nonlinear:
-        rows.insert(0, ("currents", currents_text(device.coil_names, answer["currents"])))
-    points, bodies, references = answer["points"], answer["bodies"], answer["references"]
-    print_page(
-        heading(device.name, device.title),
-        facts([*rows, *assumption_lines((*report.assumptions, *answer["warnings"]))]),
-        body_table(bodies) if bodies else None,
-        section_table(answer["sections"]) if answer["sections"] else None,
-        force_table(answer["forces"]) if answer["forces"] else None,
-        field_table(points, device.coil_names, answer["currents"]) if points else None,
-        reference_table(references) if references else None,
+    device, names = summary.device, summary.device.coil_names
+    currents = () if summary.currents is None else summary.currents
+    rows = list(_report(summary))
+    if summary.nonlinear:
+        rows.insert(0, ("currents", currents_text(names, currents)))
+    yield heading(device.name, device.title)
+    yield facts([*rows, *assumption_lines((*summary.report.assumptions, *summary.warnings))])
+    yield _body_table(summary) if summary.bodies else None
+    yield _section_table(summary) if summary.sections else None
+    yield _force_table(summary) if summary.forces else None
+    yield field_table(summary.points, names, currents) if summary.points else None
+    yield _reference_table(summary) if summary.references else None
+
+
+FORMS_IN_WORDS = {
+    "potential": "second-order potential form",
+    "flux": "second-order flux form",
+    "coils": "none: coils alone",
+}
+
+
+def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
+    from fieldmap.cli.printing import count_of
+    from fieldmap.iron.notes import law_range
+
+    report = summary.report
+    words = FORMS_IN_WORDS.get(report.form, report.form)
+    if report.tetrahedra == 0:
+        yield "iron", words
+        return
+    yield "iron", f"{'nonlinear' if summary.nonlinear else 'linear'}, {words}"
+    pieces = count_of(report.magnetic_bodies, "magnetic body", "magnetic bodies")
+    sizes = f"{report.tetrahedra:,} tetrahedra, {report.surface_faces:,} surface faces"
+    yield "mesh", f"{sizes}, {report.unknowns:,} unknowns, {pieces}"
+    yield "symmetry", report.symmetry
+    steps = "Newton steps" if summary.nonlinear else "iterations"
+    residual = f"a residual of {report.residual:.1e}{report.steps_text}"
+    yield "solution", f"{report.iterations} {steps} to {residual}"
+    if report.error is not None:
+        yield "error", str(report.error)
+    if report.refinement:
+        meshes = (f"{100 * error:.2g} % at {faces:,}" for faces, error in report.refinement)
+        yield "refinement", f"estimates of B: {', '.join(meshes)} surface faces"
+    yield "matrix", f"{report.matrix_bytes / 1e6:,.0f} MB, {report.storage or 'none'}"
+    seconds = ", ".join(f"{step} {seconds:.1f}" for step, seconds in report.seconds.items())
+    yield "seconds", f"{report.total_seconds:.1f}: {seconds}"
+    if summary.nonlinear:
+        yield "B-H law", law_range(report, summary.device)
+
+
+def _body_table(summary: "SolutionSummary") -> "Table":
+    from fieldmap.cli.printing import table
+
+    cells = (
+        (
+            body.body,
+            f"{body.mean_magnitude:.3f}",
+            f"{body.largest_magnitude:.3f}",
+            *(f"{round(float(value), 3) + 0.0:.3f}" for value in body.mean),
+        )
+        for body in summary.bodies
     )
+    return table(("in the iron, T", "mean |B|", "largest |B|", "mean Bx", "mean By", "mean Bz"), cells)
+
+
+def _section_table(summary: "SolutionSummary") -> "Table":
+    from fieldmap.cli.printing import table
+
+    cells = (
+        (
+            section.section,
+            f"{section.flux_density:.5f}",
+            f"{1e6 * section.flux:.5g}",
+            f"{1e6 * section.area:.5g}",
+        )
+        for section in summary.sections
+    )
+    return table(("section", "mean B along its normal, T", "flux uWb", "area mm2"), cells)
+
+
+def _force_table(summary: "SolutionSummary") -> "Table":
+    from fieldmap.cli.printing import table, without_noise
+
+    cells = (
+        (
+            ", ".join(group.names),
+            *(f"{1e3 * value + 0.0:.5g}" for value in without_noise(group.force)),
+            *(f"{1e3 * value + 0.0:.5g}" for value in without_noise(group.torque)),
+        )
+        for group in summary.forces
+    )
+    return table(("force on", "Fx mN", "Fy", "Fz", "torque Tx mN m", "Ty", "Tz"), cells)
+
+
+def _reference_table(summary: "SolutionSummary") -> "RenderableType":
+    """The known values that hold, ours, and their sources; of the others, how many and what they need."""
+    from collections import Counter
+
+    from rich.console import Group, RenderableType
+    from rich.text import Text
+
+    from fieldmap.cli.printing import table
+
+    compared = [one for one in summary.references if one.ours is not None]
+    parts: list[RenderableType] = []
+    if compared:
+        columns = ("known value", "at, mm", "reference", "ours", "deviation", "known to")
+        parts.append(table(columns, (_reference(one) for one in compared), left=2))
+        parts += [
+            Text(f" source: {source}", style="dim") for source in dict.fromkeys(o.source for o in compared)
+        ]
+    for why_not, count in Counter(one.why_not for one in summary.references if one.why_not).items():
+        values = "1 known value of the file holds" if count == 1 else f"{count} known values of the file hold"
+        parts.append(Text(f" Not compared: {values} for {why_not}."))
+    return Group(*parts)
+
+
+def _reference(one: "ReferenceComparison") -> tuple[str, ...]:
+    from fieldmap.cli.printing import place
+
+    unit = "T/m" if "/" in one.quantity else "T"
+    known = "" if one.tolerance is None else f"{100 * one.tolerance:.2g} %"
+    ours = (f"{one.ours:.6g}", f"{100 * (one.deviation or 0.0):+.3f} %", known)
+    return (one.quantity, place(one.at).removesuffix(" mm"), f"{one.reference:.6g} {unit}", *ours)

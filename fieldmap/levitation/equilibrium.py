@@ -12,6 +12,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
 from fieldmap.levitation.balance import Balance, check_payload, check_position
+from fieldmap.plain import Plain, plain_items
 from fieldmap.typing import Array
 
 SEARCH_SHAPE = (7, 7, 15)
@@ -78,6 +79,26 @@ class Equilibrium:
         """Angle between moment and field, degrees. Beyond 90 a free magnet would turn over."""
         cosine = self.moment @ self.field / (np.linalg.norm(self.moment) * np.linalg.norm(self.field))
         return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The result as plain Python, SI units; `directions` as rows."""
+        return plain_items(
+            position=self.position,
+            currents=self.currents,
+            field=self.field,
+            stiffness=self.stiffness,
+            assumptions=self.assumptions,
+            eigenvalues=self.eigenvalues,
+            directions=self.directions.T,
+            stable=self.stable,
+            trace=self.trace,
+            stable_axes=self.stable_axes,
+            moment=self.moment,
+            angle_to_field_deg=self.angle_to_field,
+            others=self.others,
+            force_residual=self.force_residual,
+            report=self.report,
+        )
 
 
 @renamed_argument("field_map", "field")

@@ -13,6 +13,7 @@ from fieldmap.errors import Infeasible, InputError, NotConverged, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import Balance, check_payload, check_position, dipole_force
+from fieldmap.plain import Plain, plain_items
 from fieldmap.typing import Array
 
 MAX_STATES = 15
@@ -42,6 +43,20 @@ class LiftCurrent:
     field: Array
     assumptions: tuple[str, ...]
     history: tuple[tuple[float, float], ...] = ()
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The result as plain Python, SI units; `history` stands under "states"."""
+        return plain_items(
+            position=self.position,
+            currents=self.currents,
+            field=self.field,
+            stiffness=self.stiffness,
+            assumptions=self.assumptions,
+            lift_current=self.current,
+            force=self.force,
+            force_per_ampere=self.force_per_ampere,
+            states=[{"current": current, "lift": newtons} for current, newtons in self.history],
+        )
 
 
 @renamed_argument("field_map", "field")

@@ -16,7 +16,8 @@ from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, add_rulers
 from fieldmap.plot.scene import COLOUR_MAP, IRON, MM, workspace_outline
-from fieldmap.plot.trajectory import ShownRun, body_parts, outline, path_samples
+from fieldmap.plot.shown import ShownRun
+from fieldmap.plot.trajectory import body_parts, outline, path_samples
 from fieldmap.plot.windings import winding_surface
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array

@@ -1,29 +1,32 @@
 """The difference of two fields in the box that they share."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.plot.shown import ShownField
+from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class FieldDifference:
-    """first - second, a field like any other: B (n, 3) in T and its gradient (n, 3, 3) in T/m at the same currents."""
+class FieldDifference(BaseFieldAtCurrents):
+    """first - second at the same currents: a field like any other."""
 
-    first: ShownField
-    second: ShownField
+    def __init__(self, first: FieldAtCurrents, second: FieldAtCurrents) -> None:
+        self.first, self.second = first, second
+        self.currents = first.currents
 
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Those of both."""
+        return self.first.coil_names
+
+    def field(self, points: ArrayLike) -> Array:
         """B of the first less that of the second (n, 3), T."""
-        return np.asarray(self.first.field(points, currents) - self.second.field(points, currents))
+        return np.asarray(self.first.field(points) - self.second.field(points))
 
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+    def gradient(self, points: ArrayLike) -> Array:
         """Gradient of the first less that of the second (n, 3, 3), T/m."""
-        return np.asarray(self.first.gradient(points, currents) - self.second.gradient(points, currents))
+        return np.asarray(self.first.gradient(points) - self.second.gradient(points))
 
 
 def common_box(

@@ -15,6 +15,7 @@ def iron_elements(shown: Shown) -> pv.UnstructuredGrid:
     """Tetrahedra in mm with |B| in T as cell data, if the solution is there."""
     shown.need("mesh")
     mesh = shown.mesh
+    assert mesh is not None
     cells = np.column_stack([np.full(len(mesh.tets), 4), mesh.tets])
     kinds = np.full(len(mesh.tets), pv.CellType.TETRA, dtype=np.uint8)
     grid = pv.UnstructuredGrid(cells.ravel(), kinds, MM * mesh.points)

@@ -7,9 +7,10 @@ import pyvista as pv
 from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
+from fieldmap.field import AnyField
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK
-from fieldmap.plot.scene import SceneField, device_scene, workspace_outline
+from fieldmap.plot.scene import device_scene, workspace_outline
 from fieldmap.plot.windings import winding_surface
 from fieldmap.typing import Array
 
@@ -22,7 +23,7 @@ FROM_ABOVE = np.array([0.42, -1.0, 0.75])
 def save_picture(
     path: str | Path,
     device: Device,
-    field: SceneField | None = None,
+    field: AnyField | None = None,
     currents: ArrayLike | None = None,
     magnet_at: ArrayLike | None = None,
     caption: str = "",

@@ -1,11 +1,16 @@
 """Pictures of simulated runs."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
+import numpy as np
 from matplotlib.figure import Figure
 
+from fieldmap.dynamics.loop_run import LevitationRun
+from fieldmap.dynamics.scenario import Experiment, reading_mm
 from fieldmap.plot.figures import COLOURS
+from fieldmap.typing import Array
 
 _LABELS = ("x, mm", "y, mm", "depth, mm")
 _ABOVE: dict[str, Any] = {
@@ -18,7 +23,35 @@ _ABOVE: dict[str, Any] = {
 }
 
 
-def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
+class DrawnRun(TypedDict):
+    """One run: `time` (r,), s; `wanted`, `true` and `seen` (r, 3), readings in mm; `currents` (r, n), A; `coil_names`;
+    `event`: what ended it, or ""."""
+
+    time: Array
+    wanted: Array
+    true: Array
+    seen: Array
+    currents: Array
+    coil_names: NotRequired[Sequence[str]]
+    event: str
+
+
+def drawn_run(experiment: Experiment, run: LevitationRun, event: str) -> DrawnRun:
+    """What is drawn of a run of an experiment."""
+    scenario, empty = experiment.scenario, np.zeros((1, 3))
+    some = len(run.time) > 0
+    return {
+        "time": run.time if some else np.zeros(1),
+        "wanted": reading_mm(scenario, run.references) if some else empty,
+        "true": reading_mm(scenario, run.sensed) if some else empty,
+        "seen": reading_mm(scenario, run.seen) if some else empty,
+        "currents": run.currents if some else np.zeros((1, run.coils)),
+        "coil_names": experiment.device.coil_names,
+        "event": event,
+    }
+
+
+def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     """References, true and seen positions of each axis, and the currents, over time.
 
     runs: of each run `time` (r,), s, `wanted`, `true` and `seen` (r, 3), mm, `currents` (r, n), A, `event`, what ended
@@ -75,7 +108,7 @@ def run_figure(title: str, runs: list[dict[str, Any]]) -> Figure:
     return figure
 
 
-def save_run_figure(path: str | Path, title: str, runs: list[dict[str, Any]]) -> Path:
+def save_run_figure(path: str | Path, title: str, runs: Sequence[DrawnRun]) -> Path:
     """Draw `run_figure` and save it by the suffix of the path: PNG, SVG or PDF."""
     run_figure(title, runs).savefig(path, dpi=150)
     return Path(path)

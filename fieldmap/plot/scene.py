@@ -1,12 +1,13 @@
 """A device, its workspace and the field in it, as one PyVista scene."""
 
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
+from fieldmap.field import AnyField, Currents, Field, as_field, coil_currents, require_bounds
 from fieldmap.plot.bodies import MM, body_surface
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, add_rulers, label_step
@@ -20,25 +21,10 @@ MAGNET = "#e0402f"
 COLOUR_MAP: Final = "viridis"
 
 
-class SceneField(Protocol):
-    """What can be drawn: a field in a box, such as an opened map."""
-
-    @property
-    def lower(self) -> Array:
-        """Lower corner of the box (3,), m."""
-
-    @property
-    def upper(self) -> Array:
-        """Upper corner of the box (3,), m."""
-
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """B (n, 3), T."""
-
-
 def device_scene(
     device: Device,
-    field: SceneField | None = None,
-    currents: ArrayLike | None = None,
+    field: AnyField | None = None,
+    currents: Currents | None = None,
     magnet_at: ArrayLike | None = None,
     hide: tuple[str, ...] = (),
     axes: bool = True,
@@ -46,9 +32,9 @@ def device_scene(
     window_size: tuple[int, int] = (1200, 1200),
     iron_opacity: float = 1.0,
 ) -> pv.Plotter:
-    """Draw coils with the sense of their current, iron, the workspace box and, if given, |B| on slices of a map.
+    """Draw coils with the sense of their current, iron, the workspace box and, if given, |B| on slices of a field.
 
-    field: an opened map, drawn at currents (n_coils,) in A, 1 A each by default. magnet_at (3,), m: where to
+    field: any field with a box, drawn at currents (n_coils,) in A, 1 A each by default. magnet_at (3,), m: where to
     draw the payload's magnet. hide: names of bodies to leave out. axes: rulers in mm. plotter: draw into this
     one; otherwise a new off-screen plotter. Lengths in the scene are millimetres.
 
@@ -73,8 +59,8 @@ def device_scene(
         outline = workspace_outline(device.workspace)
         scene.add_mesh(outline, color=INK, line_width=2.5, lighting=False)
     if field is not None:
-        amperes = np.ones(len(device.coils)) if currents is None else np.asarray(currents, dtype=float)
-        _add_slices(scene, field, amperes)
+        source = as_field(field)
+        _add_slices(scene, source, coil_currents(1.0 if currents is None else currents, source.coil_names))
     if magnet_at is not None and device.payload is not None:
         add_magnet(scene, device.payload.magnet, MM * np.asarray(magnet_at, dtype=float))
     if axes:
@@ -116,7 +102,7 @@ def workspace_outline(space: Workspace) -> pv.PolyData:
     ).extract_feature_edges(feature_angle=35.0)
 
 
-def _add_slices(scene: pv.Plotter, field: SceneField, currents: Array) -> None:
+def _add_slices(scene: pv.Plotter, field: Field, currents: Array) -> None:
     """|B| in mT on the planes x = middle and y = middle of the map's box."""
     slices = slice_planes(field, currents)
     values = np.concatenate([plane["|B|"] for plane in slices])
@@ -150,9 +136,9 @@ _SCALAR_BAR: dict[str, Any] = {
 }
 
 
-def slice_planes(field: SceneField, currents: Array, points: int = 81) -> list[pv.StructuredGrid]:
+def slice_planes(field: Field, currents: Array, points: int = 81) -> list[pv.StructuredGrid]:
     """Planes x = middle and y = middle of the field's box, in mm, with |B| in mT as point data "|B|"."""
-    lower, upper = np.asarray(field.lower), np.asarray(field.upper)
+    lower, upper = require_bounds(field)
     inset = 1e-9 * (upper - lower)
     x, y, z = (np.linspace(a, b, points) for a, b in zip(lower + inset, upper - inset, strict=True))
     middle = 0.5 * (lower + upper)

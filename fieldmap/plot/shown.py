@@ -1,54 +1,73 @@
-"""What is shown: a device or a map at given currents, and the box in which its field is looked at."""
+"""What a scene shows: a device, a field at given currents in a box, what was found in it, or a recorded run."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import AnyField, FieldAtCurrents, as_field
+from fieldmap.iron import IronMesh
 from fieldmap.levitation import EquilibriumSurface
+from fieldmap.plain import Plain, plain_items
 from fieldmap.typing import Array
 
-if TYPE_CHECKING:
-    from fieldmap.plot.trajectory import ShownRun
 
+@dataclass(frozen=True, eq=False)
+class ShownRun:
+    """Signals of one run: time (r,), s; position of the centre of mass (r, 3), m; quaternion (r, 4), body to map, w
+    first; currents (r, n), A; wanted (r, 3): where the centre of mass should be, m. body: radius and height of a
+    cylinder about the centre of mass, m, or None. event: what ended it, or ""."""
 
-class ShownField(Protocol):
-    """A field that can be asked anywhere in the box: an opened map, or a solution."""
+    title: str
+    device: Device
+    time: Array
+    position: Array
+    quaternion: Array
+    currents: Array
+    wanted: Array
+    body: tuple[float, float] | None
+    event: str
 
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """B (n, 3), T."""
-
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
+    def pose(self, k: int) -> Array:
+        """Matrix (4, 4) that puts the body, drawn about the origin in mm, where it was at sample k."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix()
+        matrix[:3, 3] = 1e3 * self.position[k]
+        return matrix
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
     """Everything a scene may draw; what is None cannot be drawn.
 
-    title: a line of text for the picture. currents (n_coils,), A. lower, upper (3,): corners of the box, m. everywhere:
-    the field also holds outside the box and inside iron (a solution, not a map). flux_density (e, 3): of every element
-    of the iron, T, and mesh: these elements. equilibrium: position of the magnet's centre (3,), m, or None.
-    surface: where it rests over the direction signals. run: a recorded run. assumptions: what the field rests on.
+    title: a line of text for the picture. field: at currents (n_coils,), A; one that takes currents is taken at these.
+    lower, upper (3,): corners of the box, m. everywhere: the field also holds outside the box and inside iron (a
+    solution, not a map). flux_density (e, 3): of every element of the iron, T, and mesh: these elements. equilibrium:
+    position of the magnet's centre (3,), m, or None. surface: its equilibria over the direction signals. run: recorded.
+    assumptions: what the field rests on.
     """
 
     title: str
     device: Device | None = None
-    field: ShownField | None = None
+    field: AnyField | None = None
     currents: Array | None = None
     lower: Array | None = None
     upper: Array | None = None
     everywhere: bool = False
-    mesh: Any = None
+    mesh: IronMesh | None = None
     flux_density: Array | None = None
     payload: Payload | None = None
-    equilibrium: Any = None
+    equilibrium: Array | None = None
     surface: EquilibriumSurface | None = None
-    run: "ShownRun | None" = None
+    run: ShownRun | None = None
     assumptions: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        # A field that takes currents, such as an opened map, is taken at those that are shown.
+        if self.field is not None and not hasattr(self.field, "currents") and self.currents is not None:
+            object.__setattr__(self, "field", as_field(self.field).at(self.currents))
 
     def need(self, *names: str) -> None:
         """Raise InputError for what is None though a scene needs it."""
@@ -67,15 +86,37 @@ class Shown:
 
     def flux_density_at(self, points: Array) -> Array:
         """B (n, 3), T."""
-        assert self.field is not None
-        assert self.currents is not None
-        return np.asarray(self.field.field(points, self.currents))
+        return np.asarray(self._state.field(points))
 
     def gradient_at(self, points: Array) -> Array:
         """dB_i/dx_j (n, 3, 3), T/m."""
-        assert self.field is not None
-        assert self.currents is not None
-        return np.asarray(self.field.gradient(points, self.currents))
+        return np.asarray(self._state.gradient(points))
+
+    @property
+    def _state(self) -> FieldAtCurrents:
+        assert isinstance(self.field, FieldAtCurrents)
+        return self.field
+
+    def to_dict(self) -> dict[str, Plain]:
+        """Title, currents, box, and what was found for the picture, as plain Python; nothing that was not found."""
+        known: dict[str, object] = {
+            "title": self.title,
+            "currents": self.currents,
+            "lower": self.lower,
+            "upper": self.upper,
+            "equilibrium": self.equilibrium,
+            "assumptions": self.assumptions or None,
+            "tetrahedra": None if self.mesh is None else len(self.mesh.tets),
+        }
+        if self.surface is not None:
+            for name in ("x_signals", "y_signals", "positions", "levels", "stable", "field_scale"):
+                known[name] = getattr(self.surface, name)
+            known["assumptions"] = (*self.assumptions, *self.surface.assumptions)
+        if self.run is not None:
+            known["event"] = self.run.event
+            known["duration"] = float(self.run.time[-1] - self.run.time[0])
+            known["last_position"] = self.run.position[-1]
+        return plain_items(**{name: value for name, value in known.items() if value is not None})
 
 
 _NEEDS = {
@@ -85,7 +126,7 @@ _NEEDS = {
     "mesh": "iron with a mesh",
     "payload": "a payload",
     "equilibrium": "an equilibrium",
-    "surface": "places of rest over the direction signals",
+    "surface": "equilibria over the direction signals",
     "run": "a recorded run",
 }
 _REMEDIES = {
@@ -95,12 +136,3 @@ _REMEDIES = {
     "lower": "add a [workspace] table to the device",
     "payload": "add a [payload] table to the device",
 }
-
-
-def element_flux_density(solution: Any, currents: Array) -> Array:
-    """B (e, 3) in T in every element of a solution's iron at currents (n_coils,), A."""
-    state = solution.state
-    if hasattr(state, "iron"):
-        return np.asarray(state.iron.flux_density[0])
-    weights = np.append(currents, 1.0) if solution.has_remanence else currents
-    return np.einsum("c,ced->ed", weights, state.flux_density)

@@ -1,47 +1,19 @@
 """A recorded run: the path of the levitated body, and the body itself where it was. Lengths in mm."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyvista as pv
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from fieldmap.device.model import Device
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.rulers import INK
 from fieldmap.plot.scene import COLOUR_MAP, MAGNET, MM, magnet_surface
-from fieldmap.plot.shown import Shown
-from fieldmap.typing import Array
+from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.typing import Index
 
 TIME = "time, s"
 _POINTS = 2000
 """Of the path that is drawn."""
-
-
-@dataclass(frozen=True, eq=False)
-class ShownRun:
-    """Signals of one run: time (r,), s; position of the centre of mass (r, 3), m; quaternion (r, 4), body to map, w
-    first; currents (r, n), A; wanted (r, 3): where the centre of mass should be, m. body: radius and height of a
-    cylinder about the centre of mass, m, or None. event: what ended it, or ""."""
-
-    title: str
-    device: Device
-    time: Array
-    position: Array
-    quaternion: Array
-    currents: Array
-    wanted: Array
-    body: tuple[float, float] | None
-    event: str
-
-    def pose(self, k: int) -> Array:
-        """Matrix (4, 4) that puts the body, drawn about the origin in mm, where it was at sample k."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix()
-        matrix[:3, 3] = MM * self.position[k]
-        return matrix
 
 
 def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
@@ -60,7 +32,7 @@ def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
     return parts or [(pv.Sphere(radius=1.0), {"color": MAGNET})]
 
 
-def path_samples(run: ShownRun) -> NDArray[np.int64]:
+def path_samples(run: ShownRun) -> Index:
     """Samples of which the drawn path consists."""
     return np.unique(np.linspace(0, len(run.time) - 1, min(_POINTS, len(run.time))).astype(np.int64))
 

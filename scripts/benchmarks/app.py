@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fieldmap.cli.opening import recorded_payload
+from fieldmap.device import recorded_device
 from fieldmap.lookup import open_map
 from fieldmap.plot.live_window import LiveWindow
 from fieldmap.plot.rendering import can_render
@@ -41,7 +41,7 @@ class Row:
 def row(path: Path, moves: int) -> Row:
     """Measure one map."""
     opened = open_map(path)
-    payload = recorded_payload(opened.info.provenance.device_text)
+    payload = recorded_device(opened.info.provenance.device_text).payload
     scale = 1.0 if opened.info.reduced_model is None else 2.1
     window = LiveWindow(opened, payload, LIMIT, scale, path.name, off_screen=True)
     window.scene.screenshot(None)

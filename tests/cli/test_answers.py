@@ -11,7 +11,7 @@ from scipy.constants import g as gravity
 from scipy.constants import mu_0
 
 from fieldmap.cli import main
-from fieldmap.thesis.vertical_sensor import thesis_lift_current
+from fieldmap.device.measured import measured_on
 
 A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
 
@@ -116,31 +116,33 @@ def test_info(capsys, machine):
         assert row["thesis"] is None  # (7-18) was measured on another machine
 
 
-def test_the_thesis_column_is_for_the_drive_unit(machine):
+def test_measured_lift_currents_stand_beside_ours_for_the_machine_they_were_measured_on(machine):
     from fieldmap import open_map, read_device
-    from fieldmap.cli.summary import lift_rows
+    from fieldmap.io.map_summary import lift_by_height
 
     class Named:
         """The loop's map under the coil names of the drive unit."""
+
+        proportional = True
 
         def __init__(self, inner):
             self.inner, self.coil_names = inner, tuple("123456")
             self.lower, self.upper, self.info = inner.lower, inner.upper, inner.info
 
         def __getattr__(self, name):
-            if name not in ("field", "gradient", "second_gradient"):
-                raise AttributeError(name)
             return lambda points, currents: getattr(self.inner, name)(points, [sum(currents)])
 
     payload = read_device("drive_unit").payload
-    rows = lift_rows(Named(open_map(machine.map)), payload, "drive_unit")
+    rows = lift_by_height(Named(open_map(machine.map)), payload, measured_on("drive_unit", 6))
     # Sensor readings whose magnet, 77 + 15 mm further down, is inside the box that ends at -124 mm.
-    assert [row["sensor_mm"] for row in rows] == [10.0, 20.0, 30.0]
+    assert [row.sensor_mm for row in rows] == [10.0, 20.0, 30.0]
     for row in rows:
-        alone = payload.mass * gravity / (payload.moment * slope(row["height"]))
-        assert row["current"] == pytest.approx(alone / 6, rel=1e-3)
-        assert row["thesis"] == thesis_lift_current(row["sensor_mm"])
-        assert row["ratio"] == pytest.approx(row["current"] / row["thesis"])
+        alone = payload.mass * gravity / (payload.moment * slope(row.height))
+        assert row.current == pytest.approx(alone / 6, rel=1e-3)
+        # (7-18)
+        assert row.measured == pytest.approx(0.0343 * row.sensor_mm + 1.215)
+        assert row.to_dict()["thesis"] == row.measured
+        assert row.ratio == pytest.approx(row.current / row.measured)
 
 
 def test_schema_accepts_a_shipped_device(capsys):

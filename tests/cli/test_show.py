@@ -4,16 +4,16 @@ import json
 import os
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.constants import mu_0
 
 from fieldmap.cli import main
-from fieldmap.cli.shown_sources import Request, _height
 from fieldmap.device.model import Payload
+from fieldmap.io import FieldSource
 from fieldmap.lookup import interpolate
+from fieldmap.plot.gather import floating_height
 from fieldmap.plot.rendering import can_render
 from fieldmap.store import Grid, MapData
 
@@ -75,14 +75,14 @@ def test_the_shift_is_shown_where_the_magnet_floats():
     slope[:, 1, 2] = slope[:, 2, 1] = -0.5 * c * y
     arrays = {"flux_density": flux.reshape(1, 5, 5, 5, 3), "gradient": slope.reshape(1, 5, 5, 5, 3, 3)}
     field = interpolate(MapData(grid, ("coil",), [1.0], **arrays), kind="global")
-    found = SimpleNamespace(payload=Payload(0.010, 0.8))
-    asked = Request("a.h5", "shift", ("3",), None)
-    height, why = _height(asked, found, field, np.array([3.0]))
+    bounds = (field.lower, field.upper)
+    about = ("a.h5", "", "map", ("coil",), bounds, Payload(0.010, 0.8), None, None)
+    source = FieldSource(*about, make=lambda: field)
+    height, why = floating_height(source, np.array([3.0]))
     assert height == pytest.approx((0.010 * 9.80665 / (0.8 * 3.0) - b) / c, abs=1e-8)
     assert why == ", where it floats"
-    assert _height(asked, found, field, np.array([0.1]))[0] == pytest.approx(0.0, abs=1e-12)
-    given = Request("a.h5", "shift", ("3",), None, height_mm=-7.0)
-    assert _height(given, found, field, np.array([3.0])) == (-0.007, "")
+    middle = -0.02 + 0.5 * 4 * 0.01
+    assert floating_height(source, np.array([0.1]))[0] == pytest.approx(middle, abs=1e-12)
 
 
 @needs_opengl

@@ -18,7 +18,7 @@ POSITION = np.array([0.002, -0.001, 0.003])
 
 
 @pytest.fixture(scope="module")
-def evaluator():
+def block():
     """Five coils and two fields of iron: random gradients, one constant field each."""
     rng = np.random.default_rng(4)
     grid = Grid([-0.01, -0.01, -0.01], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -30,7 +30,7 @@ def evaluator():
     data = MapData(
         grid, tuple("abcdefg"), np.ones(7), flux_density=flux.reshape(7, 3, 3, 3, 3), gradient=slopes
     )
-    return interpolate(data)._evaluator
+    return interpolate(data).compiled()[1]
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +49,10 @@ def model():
     return SimpleNamespace(model=data, amplitudes=lambda currents: 1.5 * np.tanh(MIX @ currents))
 
 
-def unit_rows(evaluator, demand):
+def unit_rows(block, demand):
     from fieldmap.lookup.inverse import rows_at
 
-    return rows_at(evaluator, POSITION, demand, 7)
+    return rows_at(block, POSITION, demand, 7)
 
 
 def given(rows, currents):
@@ -64,15 +64,15 @@ def derivative(rows, currents):
     return rows @ np.concatenate([np.eye(5), bend])
 
 
-def test_demands_are_met_with_least_power(evaluator, model):
+def test_demands_are_met_with_least_power(block, model):
     rng = np.random.default_rng(8)
     bounds, bound_somewhere = np.tile([-2.5, 2.5], (5, 1)), 0
     for _ in range(40):
         demand = demand_of(None, None, None, np.zeros(3), None)
-        rows = unit_rows(evaluator, demand)
+        rows = unit_rows(block, demand)
         wanted = given(rows, rng.uniform(-2.5, 2.5, 5))
         demand = demand_of(None, None, None, wanted, None)
-        found = currents_of_model(evaluator, NAMES, model, POSITION, demand, 2.5, np.ones(5), None)
+        found = currents_of_model(block, NAMES, model, POSITION, demand, 2.5, np.ones(5), None)
         np.testing.assert_allclose(given(rows, found), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
         assert np.abs(found).max() <= 2.5
         bound_somewhere += np.abs(found).max() > 2.4999
@@ -83,38 +83,36 @@ def test_demands_are_met_with_least_power(evaluator, model):
     assert bound_somewhere
 
 
-def test_a_start_close_by_leads_to_the_same_currents(evaluator, model):
+def test_a_start_close_by_leads_to_the_same_currents(block, model):
     demand = demand_of([0.1, -0.2, 0.5], [0.0, 0.1, 0.4], None, None, None)
-    cold = currents_of_model(evaluator, NAMES, model, POSITION, demand, None, np.ones(5), None)
+    cold = currents_of_model(block, NAMES, model, POSITION, demand, None, np.ones(5), None)
     calls = []
     counting = SimpleNamespace(model=model.model, amplitudes=lambda i: calls.append(0) or model.amplitudes(i))
-    warm = currents_of_model(evaluator, NAMES, counting, POSITION, demand, None, np.ones(5), cold + 1e-3)
+    warm = currents_of_model(block, NAMES, counting, POSITION, demand, None, np.ones(5), cold + 1e-3)
     many = len(calls)
-    again = currents_of_model(
-        evaluator, NAMES, counting, POSITION, demand, None, np.ones(5), [3.0, -3, 3, -3, 3]
-    )
+    again = currents_of_model(block, NAMES, counting, POSITION, demand, None, np.ones(5), [3.0, -3, 3, -3, 3])
     np.testing.assert_allclose(warm, cold, atol=1e-6)
     np.testing.assert_allclose(again, cold, atol=1e-6)
     assert many < len(calls) - many
 
 
-def test_what_cannot_be_reached_says_where_the_search_ended(evaluator, model):
+def test_what_cannot_be_reached_says_where_the_search_ended(block, model):
     demand = demand_of(None, None, None, [5.0, 0.0, 0.0], None)
     with pytest.raises(Infeasible, match=r"reached: B.*move start") as caught:
-        currents_of_model(evaluator, NAMES, model, POSITION, demand, 1.0, np.ones(5), None)
+        currents_of_model(block, NAMES, model, POSITION, demand, 1.0, np.ones(5), None)
     assert caught.value.binding
     assert set(np.abs(list(caught.value.binding.values())).round(5)) == {1.0}
     assert 0 < caught.value.reachable[0] < 5
 
 
-def test_refusals(evaluator, model):
+def test_refusals(block, model):
     demand = demand_of(None, None, None, [1e-3, 0.0, 0.0], None)
     divided = SimpleNamespace(
         model=SimpleNamespace(**{**vars(model.model), "parametrisation": LiftAndDirections(1.0)})
     )
     with pytest.raises(InputError, match="currents_for"):
-        currents_of_model(evaluator, NAMES, divided, POSITION, demand, None, np.ones(5), None)
+        currents_of_model(block, NAMES, divided, POSITION, demand, None, np.ones(5), None)
     with pytest.raises(OutsideMapError):
-        currents_of_model(evaluator, NAMES, model, [0, 0, 1.0], demand, None, np.ones(5), None)
+        currents_of_model(block, NAMES, model, [0, 0, 1.0], demand, None, np.ones(5), None)
     with pytest.raises(InputError, match="currents"):
-        currents_of_model(evaluator, NAMES, model, POSITION, demand, None, np.ones(5), [1.0])
+        currents_of_model(block, NAMES, model, POSITION, demand, None, np.ones(5), [1.0])

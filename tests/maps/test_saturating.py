@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.cli.summary import print_summary
+from fieldmap.cli.info import print_summary
 from fieldmap.currents import CoilGroups, LiftAndDirections, divide_currents
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, RecipeError
 from fieldmap.iron import NonlinearSolver

@@ -10,7 +10,8 @@ from fieldmap.cli import main
 from fieldmap.errors import FieldmapError
 from fieldmap.plot.animation import save_animation
 from fieldmap.plot.rendering import can_render
-from fieldmap.plot.trajectory import TIME, ShownRun, body_parts, outline
+from fieldmap.plot.shown import ShownRun
+from fieldmap.plot.trajectory import TIME, body_parts, outline
 from fieldmap.store import RunRecord, is_run_file, write_runs
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")

@@ -23,8 +23,7 @@ from fieldmap.plot.iron_field import TITLE as IRON_TITLE
 from fieldmap.plot.iron_field import iron_elements
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.scenes import SCENES, axes_of, make_scene, save_scene
-from fieldmap.plot.shown import Shown, element_flux_density
-from fieldmap.plot.trajectory import ShownRun
+from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.plot.volumes import QUANTITIES, sampled_box
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
@@ -47,7 +46,7 @@ def shown():
         UPPER,
         everywhere=True,
         mesh=unit.mesh,
-        flux_density=element_flux_density(unit, currents),
+        flux_density=unit.at(currents).element_flux_density,
         payload=payload,
         equilibrium=np.array([0.0, 0.0, -0.014]),
         surface=tilted_plane(),

@@ -1,19 +1,24 @@
 """Scenarios: an experiment in a TOML file, and what comes out of it."""
 
+from fieldmap.dynamics.scenario.batches import Batch, BatchRun, Simulation, simulate_batches, write_simulation
 from fieldmap.dynamics.scenario.controller_schema import RegulatorKeys
 from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, prepare, simulate
-from fieldmap.dynamics.scenario.linear_points import LinearPoint, linear_points
+from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint, linear_points
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.reading import Scenario, find_scenario, read_scenario
 
 __all__ = [
     "AxisMetrics",
+    "Batch",
+    "BatchRun",
     "Experiment",
     "LinearPoint",
+    "Linearisation",
     "RegulatorKeys",
     "RunMetrics",
     "Scenario",
     "ScenarioRun",
+    "Simulation",
     "find_scenario",
     "linear_points",
     "prepare",
@@ -21,4 +26,6 @@ __all__ = [
     "reading_mm",
     "run_metrics",
     "simulate",
+    "simulate_batches",
+    "write_simulation",
 ]

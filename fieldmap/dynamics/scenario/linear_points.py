@@ -1,9 +1,12 @@
 """The machine of a scenario, linear about its operating point at one height or at several."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmap.dynamics.linearisation import (
     ClosedLoop,
@@ -21,6 +24,7 @@ from fieldmap.dynamics.linearisation import (
 )
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.start import operating_points_at
+from fieldmap.plain import Plain, plain_items
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +73,116 @@ def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> Linea
         loop,
         tuple(margins(loop, linear.inputs, sensors)) if loop.stable else (),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """The linear machine of a scenario at one depth or several."""
+
+    experiment: Experiment
+    points: tuple[LinearPoint, ...]
+
+    @property
+    def stable(self) -> bool:
+        """Whether the closed loop is stable at every depth."""
+        return all(point.loop.stable for point in self.points)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The linearisation as plain Python: SI units, but for names that end in _mm and for margins in degrees. Poles
+        as [real, imaginary]."""
+        first, scenario = self.points[0].linear, self.experiment.scenario
+        return plain_items(
+            scenario=scenario.path.name,
+            title=scenario.contents.title,
+            states=first.states,
+            inputs=first.inputs,
+            outputs=first.outputs,
+            points=[_point_items(point) for point in self.points],
+            assumptions=first.assumptions,
+        )
+
+    def write(self, path: Path) -> Path:
+        """Write the models as .json, the same as `to_dict`, or as .npz, stacks over the depths."""
+        if path.suffix == ".npz":
+            np.savez(path, **_arrays(self.points))  # type: ignore[arg-type]
+        else:
+            found = self.to_dict() | {"written": str(path)}
+            path.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
+        return path
+
+
+def loop_poles(point: LinearPoint) -> NDArray[np.complex128]:
+    """Poles of the closed loop in 1/s, without those of pure delays; the slowest or unstable first."""
+    poles = point.loop.poles
+    there = poles[np.abs(poles) > 1e-6]
+    found = np.log(there.astype(complex)) / point.loop.period
+    return found[np.argsort(-found.real)]
+
+
+def coupling_signals(point: LinearPoint) -> tuple[str, ...]:
+    """Names of the inputs in the order of `LinearPoint.coupling`."""
+    names = point.linear.inputs
+    return (names[1], names[2], names[0]) if names[:1] == ("lift_V",) else names
+
+
+def _point_items(point: LinearPoint) -> dict[str, object]:
+    linear, controllability = point.linear, point.controllability
+    return {
+        "depth_mm": point.depth_mm,
+        "rest": {
+            "sensed": linear.operating_point.sensed,
+            "currents": linear.operating_point.currents,
+            "outputs": linear.operating_point.outputs,
+        },
+        **{name: getattr(linear, name) for name in ("A", "B", "C", "D", "G")},
+        "modes": [
+            {
+                "pole": _pair(mode.pole),
+                "frequency_Hz": mode.frequency,
+                "damping": mode.damping,
+                "moves": mode.named_shares(linear),
+                "reached": mode.input_gains,
+                "seen": mode.output_gains,
+            }
+            for mode in point.modes
+        ],
+        "controllability": controllability.controllability,
+        "observability": controllability.observability,
+        "coupling": {
+            "signals": coupling_signals(point),
+            "gain": point.coupling.gain,
+            "relative": point.coupling.relative,
+        },
+        "loop": {
+            "stable": point.loop.stable,
+            "period_s": point.loop.period,
+            "poles": [_pair(pole) for pole in loop_poles(point)],
+            **{name: getattr(point.loop, name) for name in ("A", "B", "C")},
+        },
+        "margins": point.margins,
+    }
+
+
+def _pair(value: complex) -> list[float]:
+    return [float(value.real), float(value.imag)]
+
+
+def _arrays(points: tuple[LinearPoint, ...]) -> dict[str, object]:
+    """Stacks over the depths: A (k, n, n), B, C, D, G; of the loop loop_A, loop_B, loop_C; names."""
+    first = points[0].linear
+    stacks = {name: np.stack([getattr(p.linear, name) for p in points]) for name in ("A", "B", "C", "D", "G")}
+    loops = {f"loop_{name}": np.stack([getattr(p.loop, name) for p in points]) for name in ("A", "B", "C")}
+    rests = {
+        name: np.stack([getattr(p.linear.operating_point, name) for p in points])
+        for name in ("sensed", "currents", "state")
+    }
+    names = {name: np.array(getattr(first, name)) for name in ("states", "inputs", "outputs")}
+    return {
+        "depth_mm": np.array([p.depth_mm for p in points]),
+        "period_s": points[0].loop.period,
+        **stacks,
+        **loops,
+        **{f"rest_{name}": value for name, value in rests.items()},
+        "rest_outputs": np.stack([p.linear.operating_point.outputs for p in points]),
+        **names,
+    }

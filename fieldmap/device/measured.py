@@ -1,0 +1,92 @@
+"""What was measured on a machine: the frame of its vertical sensor, and the current that lifts its magnet.
+
+The numbers lie in geometry/measured/NAME.toml. A device is a description of the machine if its name begins with that of
+the machine and it has as many coils.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+
+from fieldmap.shipped import shipped_folder
+
+DEFAULT = "drive_unit"
+"""The machine whose sensor frame is used for a device that nothing was measured on."""
+
+
+@dataclass(frozen=True)
+class MeasuredMachine:
+    """Measurements of one machine.
+
+    sensor_zero: z of the point at which the vertical sensor reads 0, m; readings in mm grow downward. readings_mm: at
+    which the lift current is stated. lift_slope, A/mm, and lift_at_zero, A: the current in each coil that lifts, as a
+    line over the reading. lift_source: where that line is printed.
+    """
+
+    device: str
+    coils: int
+    sensor_zero: float
+    readings_mm: tuple[float, ...]
+    lift_slope: float
+    lift_at_zero: float
+    lift_source: str
+
+    def height(self, reading_mm: float, magnet_offset: float = 0.0) -> float:
+        """z of the magnet's centre, m, at a reading in mm. magnet_offset: depth of the centre below the point that the
+        sensor reads, m.
+
+        >>> round(measured_machine().height(10.0, magnet_offset=0.015), 6)
+        -0.102
+        """
+        return self.sensor_zero - 1e-3 * reading_mm - magnet_offset
+
+    def reading_mm(self, height: float, magnet_offset: float = 0.0) -> float:
+        """Reading in mm of a magnet whose centre is at z = height, m: the inverse of `height`."""
+        return 1e3 * (self.sensor_zero - height - magnet_offset)
+
+    def lift_current(self, reading_mm: float) -> float:
+        """Measured current in each coil, A, that lifts the magnet at a reading in mm.
+
+        >>> round(measured_machine().lift_current(10.0), 4)
+        1.558
+        """
+        return self.lift_slope * reading_mm + self.lift_at_zero
+
+    def describes(self, device_name: str, coil_count: int) -> bool:
+        """Whether a device is a description of this machine."""
+        return device_name.startswith(self.device) and coil_count == self.coils
+
+
+def measured_on(device_name: str, coil_count: int) -> MeasuredMachine | None:
+    """The machine that a device describes; None if nothing was measured on it.
+
+    >>> measured_on("drive_unit_no_centre_core", 6).device, measured_on("loop_and_sphere", 1)
+    ('drive_unit', None)
+    """
+    found = (machine for machine in _machines() if machine.describes(device_name, coil_count))
+    return next(found, None)
+
+
+def measured_machine(name: str = DEFAULT) -> MeasuredMachine:
+    """The measurements of a machine by its name. Raises KeyError for a machine without any."""
+    return {machine.device: machine for machine in _machines()}[name]
+
+
+@cache
+def _machines() -> tuple[MeasuredMachine, ...]:
+    machines = []
+    for path in sorted((shipped_folder("geometry") / "measured").glob("*.toml")):
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        sensor, lift = content["vertical_sensor"], content["lift_current"]
+        machines.append(
+            MeasuredMachine(
+                content["device"],
+                content["coils"],
+                1e-3 * sensor["zero_mm"],
+                tuple(sensor["readings_mm"]),
+                lift["slope_A_per_mm"],
+                lift["at_zero_A"],
+                lift["source"],
+            )
+        )
+    return tuple(machines)

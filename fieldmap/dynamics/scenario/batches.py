@@ -1,0 +1,156 @@
+"""Runs of a scenario in batches: one batch for each value of a varied key, and the files that hold them."""
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldmap.dynamics.closed_loop import simulate_many
+from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
+from fieldmap.dynamics.scenario.experiment import Experiment, prepare
+from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
+from fieldmap.dynamics.scenario.reading import read_scenario
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import Field
+from fieldmap.plain import Plain, plain_items
+from fieldmap.store import write_runs
+from fieldmap.typing import Progress
+
+MOST_KEPT = 50
+"""Runs of one batch whose signals are kept, for a file or a picture."""
+
+
+@dataclass(frozen=True, eq=False)
+class BatchRun:
+    """One run: its metrics, and its signals if they are kept."""
+
+    metrics: RunMetrics
+    run: LevitationRun | None
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Runs of one set of values. label: the varied value, or ""; seconds: processor time of the runs alone."""
+
+    label: str
+    experiment: Experiment
+    runs: tuple[BatchRun, ...]
+    seconds: float
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The batch as plain Python; SI units but for names that end in _mm and _deg."""
+        at = self.experiment.operating_point
+        rest = {"sensed": at.sensed, "currents": at.currents, "outputs": at.outputs, "residual": at.residual}
+        runs = [one.metrics for one in self.runs]
+        return plain_items(value=self.label, rest=rest, seconds=self.seconds, runs=runs)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """All batches of a scenario."""
+
+    batches: tuple[Batch, ...]
+
+    @property
+    def first(self) -> Experiment:
+        """The first experiment, which states title and assumptions of all."""
+        return self.batches[0].experiment
+
+    @property
+    def all_ended_early(self) -> bool:
+        """Whether an event ended every run."""
+        return all(one.metrics.event for batch in self.batches for one in batch.runs)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The simulation as plain Python; SI units but for names that end in _mm and _deg."""
+        return plain_items(
+            scenario=self.first.scenario.path.name,
+            title=self.first.scenario.contents.title,
+            batches=[batch.to_dict() for batch in self.batches],
+            assumptions=self.first.machine.assumptions,
+        )
+
+
+def simulate_batches(
+    scenario: str | Path,
+    field: Callable[[], Field] | None = None,
+    changes: Mapping[str, object] | None = None,
+    vary: tuple[str, Sequence[object]] | None = None,
+    runs: int = 1,
+    seed: int | None = None,
+    threads: int = 0,
+    keep_signals: bool = False,
+    progress: Progress = lambda message, fraction: None,
+) -> Simulation:
+    """Run a scenario, once or with noise of its own in each of `runs` runs, for each value of a varied key.
+
+    field: opens a map, or any field, in the place of the scenario's; called once, after the scenario was read. changes:
+    values by dotted key. vary: a key and its values. seed: in the place of the scenario's. threads: 0 for one per
+    processor. keep_signals: of at most MOST_KEPT runs in each batch. Raises as `read_scenario` and `prepare`.
+    """
+    if runs < 1:
+        raise InputError(Problem("runs", "must be 1 or more", str(runs), "give a whole number"))
+    fixed, opened = dict(changes or {}), None
+    key, values = ("", [None]) if vary is None else (vary[0], list(vary[1]))
+    batches = []
+    for number, value in enumerate(values):
+        read = read_scenario(scenario, fixed if value is None else {**fixed, key: value})
+        if field is not None and opened is None:
+            opened = field()
+        label = "" if value is None else f"{key} = {value}"
+
+        def part(message: str, fraction: float, number: int = number, label: str = label) -> None:
+            progress(f"{label} {message}".strip(), (number + fraction) / len(values))
+
+        kept = keep_signals and runs <= MOST_KEPT
+        batches.append(_batch(prepare(read, opened), label, runs, seed, threads, kept, part))
+    return Simulation(tuple(batches))
+
+
+def _batch(
+    experiment: Experiment,
+    label: str,
+    runs: int,
+    seed: int | None,
+    threads: int,
+    kept: bool,
+    progress: Progress,
+) -> Batch:
+    scenario = experiment.scenario
+    chosen = seed if seed is not None else scenario.contents.noise.seed or 0
+
+    def judged(run: LevitationRun) -> BatchRun:
+        return BatchRun(run_metrics(scenario, run), run if kept else None)
+
+    experiment.warm()
+    begin = time.process_time()
+    if runs == 1:
+        found = [judged(experiment.run(chosen))]
+    else:
+        workers = threads or os.cpu_count() or 1
+        found = simulate_many(
+            runs, experiment.run, seed=chosen, threads=workers, keep=judged, progress=progress
+        )
+    return Batch(label, experiment, tuple(found), time.process_time() - begin)
+
+
+def write_simulation(path: Path, simulation: Simulation) -> Path:
+    """Write the kept signals as .h5, or those of a single run as .csv."""
+    records = [
+        recorded(one.run, batch.experiment.device.coil_names, {"value": batch.label})
+        for batch in simulation.batches
+        for one in batch.runs
+        if one.run is not None
+    ]
+    if path.suffix == ".csv":
+        path.write_text(as_csv(records[0]))
+        return path
+    scenario = simulation.first.scenario
+    about = {
+        "device": simulation.first.device.text,
+        "title": scenario.contents.title,
+        "scenario": scenario.text,
+        "changes": str(dict(scenario.changes)),
+    }
+    return write_runs(path, records, about)

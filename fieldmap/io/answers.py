@@ -1,0 +1,192 @@
+"""What is asked of a named field: B at points with force and torque, where a magnet floats, what current lifts it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, cast, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.device.measured import MeasuredMachine, measured_machine, measured_on
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import Bounds, dipole_wrench
+from fieldmap.io.field_source import FieldSource
+from fieldmap.levitation import GRAVITY, Equilibrium, LiftCurrent, find_equilibrium, lift_current
+from fieldmap.levitation.balance import check_position
+from fieldmap.plain import Plain, plain_items
+from fieldmap.typing import Array
+
+Moment: TypeAlias = Literal["fixed", "aligned"]
+MOMENTS = get_args(Moment)
+
+
+@dataclass(frozen=True, eq=False)
+class ProbedPoint:
+    """B (3,), T, and its gradient (3, 3), T/m, at a point (3,), m; force (3,), N, and torque (3,), N m, on a moment
+    (3,), A m^2, or None without one."""
+
+    at: Array
+    currents: Array
+    B: Array
+    gradient: Array
+    moment: Array | None = None
+    force: Array | None = None
+    torque: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A field at points. assumptions: what it rests on at these currents."""
+
+    source: FieldSource
+    points: tuple[ProbedPoint, ...]
+    assumptions: tuple[str, ...]
+
+    def to_dicts(self) -> list[dict[str, Plain]]:
+        """Each point as plain Python, SI units."""
+        found = []
+        for point in self.points:
+            numbers = {
+                name: getattr(point, name)
+                for name in ("at", "currents", "B", "gradient", "moment", "force", "torque")
+                if getattr(point, name) is not None
+            }
+            about = {
+                "source": self.source.name,
+                "kind": self.source.kind,
+                "coil_names": self.source.coil_names,
+            }
+            found.append(plain_items(**about, **numbers, assumptions=self.assumptions))
+        return found
+
+
+def probe(source: FieldSource, points: Array, currents: ArrayLike, moment: Array | None = None) -> Probe:
+    """The field at points (n, 3), m, and what it does to a moment (3,), A m^2. currents (n_coils,), A.
+
+    Raises InputError and OutsideMapError as the field does.
+    """
+    amperes = source.currents(currents)
+    state = source.field.at(amperes)
+    flux, slope = state.field(points), state.gradient(points)
+    if moment is None:
+        probed = [
+            ProbedPoint(*three) for three in zip(points, [amperes] * len(points), flux, slope, strict=True)
+        ]
+    else:
+        wrench = dipole_wrench(flux, slope, moment)
+        probed = [
+            ProbedPoint(at, amperes, b, g, moment, w[:3], w[3:])
+            for at, b, g, w in zip(points, flux, slope, wrench, strict=True)
+        ]
+    return Probe(source, tuple(probed), source.assumptions(amperes))
+
+
+@dataclass(frozen=True, eq=False)
+class Levitation:
+    """Where a payload floats in a named field (`Equilibrium`), or the current that lifts it (`LiftCurrent`).
+
+    assumptions: of the search and of the field.
+    """
+
+    source: FieldSource
+    payload: Payload
+    found: Equilibrium | LiftCurrent
+    assumptions: tuple[str, ...]
+
+    @property
+    def machine(self) -> MeasuredMachine | None:
+        """The machine that the device describes, if something was measured on it."""
+        return measured_on(self.source.device_name, len(self.source.coil_names))
+
+    @property
+    def reading_mm(self) -> float:
+        """What the machine's vertical sensor reads, mm; in the frame of the default machine for any other."""
+        frame = self.machine or measured_machine()
+        return frame.reading_mm(float(self.found.position[2]), self.payload.magnet_offset)
+
+    @property
+    def has_sensor(self) -> bool:
+        """Whether the reading means something: the machine has a sensor, or the payload says what it reads."""
+        return self.payload.magnet_offset != 0 or self.machine is not None
+
+    @property
+    def measured_current(self) -> float | None:
+        """The current in each coil, A, that was measured at this reading; None for other machines."""
+        return None if self.machine is None else self.machine.lift_current(self.reading_mm)
+
+    @property
+    def current_limit(self) -> float | None:
+        """What the driver gives at most, A per coil."""
+        return None if self.source.driver is None else self.source.driver.current_limit
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The answer as plain Python, SI units but for `sensor_mm`."""
+        numbers = self.found.to_dict()
+        if isinstance(self.found, LiftCurrent):
+            measured = self.measured_current
+            ratio = None if measured is None else self.found.current / measured
+            numbers |= plain_items(current_limit=self.current_limit, thesis=measured, ratio=ratio)
+        return {
+            **plain_items(
+                source=self.source.name,
+                kind=self.source.kind,
+                coil_names=self.source.coil_names,
+                sensor_mm=self.reading_mm,
+                has_sensor=self.has_sensor,
+                mass=self.payload.mass,
+                weight=self.payload.mass * GRAVITY,
+                moment_magnitude=self.payload.moment,
+                magnet_offset=self.payload.magnet_offset,
+            ),
+            **numbers,
+            "assumptions": list(self.assumptions),
+        }
+
+
+def floating(
+    source: FieldSource,
+    payload: Payload,
+    currents: ArrayLike,
+    start: Array | None = None,
+    moment: str = "fixed",
+) -> Levitation:
+    """Where the payload floats at currents (n_coils,), A; otherwise as `find_equilibrium`."""
+    bounds, amperes = require_box(source), source.currents(currents)
+    if start is not None:
+        check_position(bounds, start, "start")
+    if moment not in MOMENTS:
+        raise InputError(Problem("moment", "must be fixed or aligned", moment, "choose one"))
+    found = find_equilibrium(source.field, amperes, payload, start, cast(Moment, moment))
+    return Levitation(source, payload, found, (*found.assumptions, *source.assumptions(amperes)))
+
+
+def lifted(
+    source: FieldSource,
+    payload: Payload,
+    height: float,
+    on_state: Callable[[float, float], None] | None = None,
+) -> Levitation:
+    """The common current that carries the payload with its magnet at z = height, m, on the z axis.
+
+    on_state(current, share of the weight): after each state of saturating iron. A map of saturating iron is searched
+    from its reference currents on. Raises Infeasible where the field does not lift, OutsideMapError for a place or a
+    current beyond the map.
+    """
+    point = check_position(require_box(source), [0.0, 0.0, height], "the magnet's centre")
+    first = 1.0
+    if source.is_map and not source.field.proportional:
+        from fieldmap.lookup import FieldMap
+
+        assert isinstance(source.field, FieldMap)
+        first = float(np.mean(source.field.info.reference_current))
+    found = lift_current(source.field, payload, point, first=first, on_state=on_state)
+    return Levitation(source, payload, found, (*found.assumptions, *source.assumptions(found.currents)))
+
+
+def require_box(source: FieldSource) -> Bounds:
+    """The box in which a magnet may be, before anything is solved. Raises InputError for a source without one."""
+    if source.bounds is None:
+        remedy = "add a [workspace] table to the device file"
+        raise InputError(Problem(source.name, "must have a [workspace] to search", "none", remedy))
+    return source.bounds

@@ -1,0 +1,205 @@
+"""From a name to a field: what lies behind it, read and checked before anything is solved."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fieldmap.device import read_device, recorded_device
+from fieldmap.device.model import Device, Driver, Payload
+from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.field import Bounds, Currents, Field, coil_currents
+from fieldmap.typing import Array, PathLike, Progress
+
+if TYPE_CHECKING:
+    from fieldmap.iron import LinearSolution, NonlinearSolver
+
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_MAP_SUFFIXES = {".h5", ".hdf5"}
+
+
+@dataclass(frozen=True)
+class IronOptions:
+    """How the iron of a device is solved.
+
+    mu_r: one relative permeability for all iron; that of the file if None. nonlinear: iron that saturates, one state
+    for each set of currents. refinement divides the mesh sizes of the file. form: "potential", "flux", or "auto".
+    tolerance: refine until the estimated error of B in the workspace is below this (linear iron only).
+    """
+
+    mu_r: float | None = None
+    nonlinear: bool = False
+    refinement: float = 1.0
+    form: str = "auto"
+    tolerance: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSource:
+    """A device or a map, read and checked; a device is solved when `field` is asked for first.
+
+    name: of the device, or the map file. device_name; kind: "map", "device, linear iron" or "device, nonlinear iron".
+    device: None for a map. payload, driver: of the device, or as the map recorded them. bounds: the map's box, or the
+    box around the device's workspace, None without one.
+    """
+
+    name: str
+    device_name: str
+    kind: str
+    coil_names: tuple[str, ...]
+    bounds: Bounds | None
+    payload: Payload | None
+    driver: Driver | None
+    device: Device | None
+    make: Callable[[], Field]
+
+    @cached_property
+    def field(self) -> Field:
+        """The opened map, or the solution of the device."""
+        return self.make()
+
+    @property
+    def is_map(self) -> bool:
+        """Whether the field is a map."""
+        return self.device is None
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether every set of currents needs a solution of its own."""
+        return self.kind.endswith("nonlinear iron")
+
+    def currents(self, currents: Currents) -> Array:
+        """Currents (n_coils,), A, as `coil_currents` takes them. Raises InputError."""
+        return coil_currents(currents, self.coil_names)
+
+    def assumptions(self, currents: Currents | None = None) -> tuple[str, ...]:
+        """What the field rests on; at currents also what must be known of them, such as iron beyond saturation."""
+        if self.device is None or currents is None:
+            return self.field.assumptions
+        from fieldmap.iron.notes import state_notes
+
+        return state_notes(self.device, self.field.at(currents))
+
+
+def open_field(name: PathLike, options: IronOptions | None = None, progress: Progress | None = None) -> Field:
+    """The field behind a name: a map file, a device file, or the name of a shipped device.
+
+    A map is opened. A device is solved: a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`, which
+    solves a state for each set of currents. Raises InputError and MapFileError as the readers and solvers do.
+
+    >>> field = open_field("loop_and_sphere")
+    >>> print(f"{1e3 * field.at(1.0).field([0.0, 0.0, -0.014])[2]:.2f} mT")
+    1.01 mT
+    """
+    return find_source(name, options, progress).field
+
+
+def find_source(
+    name: PathLike, options: IronOptions | None = None, progress: Progress | None = None
+) -> FieldSource:
+    """What lies behind a name, read and checked; nothing is solved yet. options: of a device."""
+    if is_map_file(name):
+        return _map_source(existing_map(name))
+    device, chosen = named_device(name), options or IronOptions()
+    if chosen.nonlinear:
+        from fieldmap.iron.materials import require_soft_bodies
+
+        require_soft_bodies(device)
+    return FieldSource(
+        name=device.name,
+        device_name=device.name,
+        kind="device, nonlinear iron" if chosen.nonlinear else "device, linear iron",
+        coil_names=device.coil_names,
+        bounds=device.bounds,
+        payload=device.payload,
+        driver=device.driver,
+        device=device,
+        make=lambda: solve_device(device, chosen, progress),
+    )
+
+
+def solve_device(
+    device: Device, options: IronOptions, progress: Progress | None = None
+) -> "LinearSolution | NonlinearSolver":
+    """The field of a device: its linear solution, or a solver of states. Raises InputError and GeometryError."""
+    # Attributes of the package, so that a test or a program may replace them.
+    from fieldmap import iron
+
+    if options.nonlinear:
+        tell = None if progress is None else _of_state(progress)
+        return iron.NonlinearSolver(device, options.refinement, tell)
+    if options.tolerance is not None:
+        return iron.solve_to_tolerance(device, options.tolerance, mu_r=options.mu_r, progress=progress)
+    return iron.solve_linear(
+        device, mu_r=options.mu_r, progress=progress, refinement=options.refinement, form=options.form
+    )
+
+
+def _of_state(progress: Progress) -> Progress:
+    """The solver ends a pass when it has assembled, but the first state is still to come."""
+
+    def tell(message: str, fraction: float) -> None:
+        if message != "assembled":
+            progress(message, fraction)
+
+    return tell
+
+
+def _map_source(path: Path) -> FieldSource:
+    from fieldmap.lookup import open_map
+
+    opened = open_map(path)
+    record = opened.info.provenance
+    made_of = recorded_device(record.device_text) if record.device_text else None
+    return FieldSource(
+        name=path.name,
+        device_name=record.device_name,
+        kind="map",
+        coil_names=tuple(opened.coil_names),
+        bounds=(opened.lower, opened.upper),
+        payload=None if made_of is None else made_of.payload,
+        driver=None if made_of is None else made_of.driver,
+        device=None,
+        make=lambda: opened,
+    )
+
+
+def refuse_directory(name: PathLike) -> None:
+    """Raise InputError for a directory: a missing file is reported by its reader."""
+    if Path(name).is_dir():
+        raise InputError(Problem(str(name), "must be a file", "a directory", "name the file inside it"))
+
+
+def is_map_file(name: PathLike) -> bool:
+    """Whether a name is that of a map file (or of recorded runs) rather than of a device. Raises InputError for a
+    directory."""
+    refuse_directory(name)
+    path = Path(name)
+    if path.suffix.lower() in _MAP_SUFFIXES:
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE
+
+
+def existing_map(name: PathLike) -> Path:
+    """The path of an existing HDF5 file. Raises MapFileError."""
+    path = Path(name)
+    if not is_map_file(name):
+        received = "no such file" if not path.exists() else "a file that is not HDF5"
+        must_hold, remedy = "must be a map file made by `fieldmap map`", "make one: fieldmap map RECIPE"
+        raise MapFileError(Problem(str(name), must_hold, received, remedy))
+    if not path.is_file():
+        remedy = "check the name, or make the map: fieldmap map RECIPE"
+        raise MapFileError(Problem(str(name), "must be an existing file", "no such file", remedy))
+    return path
+
+
+def named_device(name: PathLike) -> Device:
+    """The device of a file or a shipped name. Raises InputError for a map, DeviceFileError as `read_device`."""
+    if is_map_file(name):
+        must_hold = "must be a device file or the name of a shipped device"
+        raise InputError(Problem(str(name), must_hold, "a map", "name its device"))
+    return read_device(str(name))

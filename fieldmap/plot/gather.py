@@ -1,0 +1,184 @@
+"""What a scene shows, from names: a device, its mesh, a field at currents, an equilibrium, a difference, a run."""
+
+import sys
+import tomllib
+
+import numpy as np
+
+from fieldmap.device import read_device, recorded_device
+from fieldmap.device.model import Device
+from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.field import Bounds, FieldAtCurrents
+from fieldmap.io import FieldSource
+from fieldmap.io.answers import require_box
+from fieldmap.iron import SolvedState, generate_mesh
+from fieldmap.iron.materials import require_soft_bodies
+from fieldmap.levitation import equilibrium_surface, find_equilibrium
+from fieldmap.plot.difference import FieldDifference, check_same_coils, common_box
+from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.store import read_runs
+from fieldmap.typing import Array, PathLike
+
+SIGNALS = np.linspace(-0.3, 0.3, 13)
+"""Direction signals over which an equilibrium is shown."""
+WITH_FIELD = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium", "difference", "shift")
+"""Scenes that need a field."""
+
+
+def shown_device(device: Device) -> Shown:
+    """A device without a field."""
+    return Shown(device.title, device, payload=device.payload)
+
+
+def shown_mesh(device: Device, refinement: float = 1.0) -> Shown:
+    """The mesh of a device's iron; nothing is solved. Raises InputError for a device without iron."""
+    require_soft_bodies(device)
+    mesh = generate_mesh(device, refinement)
+    return Shown(f"{device.name}: {len(mesh.tets)} tetrahedra", device, mesh=mesh)
+
+
+def shown_field(
+    source: FieldSource,
+    currents: Array,
+    what: str,
+    minus: FieldSource | None = None,
+    height: float | None = None,
+) -> Shown:
+    """A named field at currents (n_coils,), A, for the scene `what`.
+
+    minus: the field that is taken off, for "difference". height: of the magnet's centre, m, for "shift". Raises
+    InputError, before anything is solved, for what does not fit together.
+    """
+    if what == "difference":
+        return _difference(source, minus, currents)
+    title = f"{source.name} ({source.kind}), {amperes_in_words(currents, source.coil_names)}"
+    about = Shown(
+        title,
+        source.device,
+        currents=currents,
+        lower=None if source.bounds is None else source.bounds[0],
+        upper=None if source.bounds is None else source.bounds[1],
+        payload=source.payload,
+    )
+    if what not in WITH_FIELD:
+        return about
+    if what == "shift":
+        return _shift(source, currents, height)
+    return _with_field(source, about, currents, what)
+
+
+def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -> Shown:
+    state = source.field.at(currents)
+    iron = state if isinstance(state, SolvedState) else None
+    found = find_equilibrium(source.field, currents, source.payload) if what == "equilibrium" else None
+    return Shown(
+        about.title,
+        about.device,
+        field=state,
+        currents=currents,
+        lower=about.lower,
+        upper=about.upper,
+        everywhere=iron is not None,
+        mesh=None if iron is None else iron.mesh,
+        flux_density=None if iron is None or iron.mesh is None else iron.element_flux_density,
+        payload=about.payload,
+        equilibrium=None if found is None else found.position,
+        assumptions=_told(source, currents),
+    )
+
+
+def _told(source: FieldSource, currents: Array) -> tuple[str, ...]:
+    """What the field rests on; warnings are printed on stderr too."""
+    assumptions = source.assumptions(currents)
+    for text in assumptions:
+        if text.startswith("warning"):
+            print(text, file=sys.stderr)
+    return assumptions
+
+
+def _difference(source: FieldSource, minus: FieldSource | None, currents: Array) -> Shown:
+    if minus is None:
+        remedy = "add --minus MAP"
+        raise InputError(Problem("--what difference", "must come with --minus", "no --minus", remedy))
+    names = (source.name, minus.name)
+    check_same_coils(source.coil_names, minus.coil_names, names)
+    lower, upper = common_box(_box(source), _box(minus), names)
+    field = FieldDifference(_opened(source, currents), _opened(minus, currents))
+    title = f"{source.name} less {minus.name}, {amperes_in_words(currents, source.coil_names)}"
+    return Shown(title, field=field, currents=currents, lower=lower, upper=upper, payload=source.payload)
+
+
+def _box(source: FieldSource) -> Bounds:
+    if source.bounds is None:
+        remedy = "add a [workspace] table to the device file"
+        raise InputError(Problem(source.name, "must have a [workspace]", "none", remedy))
+    return source.bounds
+
+
+def _opened(source: FieldSource, currents: Array) -> FieldAtCurrents:
+    state = source.field.at(currents)
+    _told(source, currents)
+    return state
+
+
+def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:
+    require_box(source)
+    if np.ptp(currents) > 0:
+        remedy = "give one number: the lift signal, which the direction signals divide"
+        raise InputError(
+            Problem("--currents", "must be the same in every coil for --what shift", f"{currents}", remedy)
+        )
+    at, why = (height, "") if height is not None else floating_height(source, currents)
+    surface = equilibrium_surface(source.field, source.payload, SIGNALS, SIGNALS, float(currents[0]), at)
+    missing = int(np.isnan(surface.levels).sum())
+    words = f", none for {missing} of {surface.levels.size} pairs" if missing else ""
+    place = f"at z = {1e3 * at:.4g} mm{why}"
+    title = f"{source.name}: where the magnet rests {place}, {currents[0]:g} A at signals 0{words}"
+    return Shown(title, surface=surface, assumptions=_told(source, currents))
+
+
+def floating_height(source: FieldSource, currents: Array) -> tuple[float, str]:
+    """z of the magnet's centre, m: where it floats at these currents, or the middle of the box; and which in words."""
+    lower, upper = require_box(source)
+    try:
+        found = find_equilibrium(source.field, currents, source.payload)
+    except NoEquilibrium:
+        return 0.5 * float(lower[2] + upper[2]), ", middle of the box (floats nowhere)"
+    return float(found.position[2]), ", where it floats"
+
+
+def amperes_in_words(currents: Array, names: tuple[str, ...]) -> str:
+    """One number if all currents are the same.
+
+    >>> amperes_in_words(np.array([2.0, 2.0]), ("left", "right"))
+    '2 A in each of 2 coils'
+    """
+    if len(set(currents)) == 1:
+        return f"{currents[0]:g} A in {'the coil' if len(names) == 1 else f'each of {len(names)} coils'}"
+    return ", ".join(f"{name}: {value:g} A" for name, value in zip(names, currents, strict=True))
+
+
+def shown_run(path: PathLike) -> Shown:
+    """The first run of a file that `fieldmap simulate -o` wrote. Raises InputError for a file without samples."""
+    runs, about = read_runs(path)
+    if not runs or not len(runs[0].arrays["time"][0]):
+        remedy = "simulate again, with -o and at most 50 runs"
+        raise InputError(Problem(str(path), "must hold a run with samples", "none", remedy))
+    signals = {name: values for name, (values, _, _) in runs[0].arrays.items()}
+    scenario = tomllib.loads(about["scenario"])
+    body = scenario.get("body", {})
+    sized = {"radius_mm", "height_mm"} <= set(body)
+    # The reference is that of the sensed point, above the centre of mass.
+    above = np.mean(signals["sensed"] - signals["position"], axis=0)
+    run = ShownRun(
+        about["title"],
+        read_device(scenario["device"]) if "device" in scenario else recorded_device(about["device"]),
+        signals["time"],
+        signals["position"],
+        signals["quaternion"],
+        signals["currents"],
+        wanted=signals["reference"] - above,
+        body=(1e-3 * body["radius_mm"], 1e-3 * body["height_mm"]) if sized else None,
+        event=str(runs[0].about.get("event", "")),
+    )
+    return Shown(about["title"], run=run)
