@@ -12,6 +12,7 @@ from scipy.constants import mu_0
 
 from fieldmap.cli import main
 from fieldmap.device.measured import measured_on
+from fieldmap.field import BaseField
 
 A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
 
@@ -120,17 +121,26 @@ def test_measured_lift_currents_stand_beside_ours_for_the_machine_they_were_meas
     from fieldmap import open_map, read_device
     from fieldmap.io.map_summary import lift_by_height
 
-    class Named:
+    class Named(BaseField):
         """The loop's map under the coil names of the drive unit."""
 
-        proportional = True
+        coil_names, proportional = tuple("123456"), True
 
         def __init__(self, inner):
-            self.inner, self.coil_names = inner, tuple("123456")
-            self.lower, self.upper, self.info = inner.lower, inner.upper, inner.info
+            self.inner, self.info = inner, inner.info
 
-        def __getattr__(self, name):
-            return lambda points, currents: getattr(self.inner, name)(points, [sum(currents)])
+        @property
+        def bounds(self):
+            return self.inner.lower, self.inner.upper
+
+        def field(self, points, currents):
+            return self.inner.field(points, [sum(currents)])
+
+        def gradient(self, points, currents):
+            return self.inner.gradient(points, [sum(currents)])
+
+        def second_gradient(self, points, currents):
+            return self.inner.second_gradient(points, [sum(currents)])
 
     payload = read_device("drive_unit").payload
     rows = lift_by_height(Named(open_map(machine.map)), payload, measured_on("drive_unit", 6))
