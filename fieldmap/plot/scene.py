@@ -136,9 +136,10 @@ _SCALAR_BAR: dict[str, Any] = {
 }
 
 
-def slice_planes(field: Field, currents: Array, points: int = 81) -> list[pv.StructuredGrid]:
+def slice_planes(field: AnyField, currents: Array, points: int = 81) -> list[pv.StructuredGrid]:
     """Planes x = middle and y = middle of the field's box, in mm, with |B| in mT as point data "|B|"."""
-    lower, upper = require_bounds(field)
+    source = as_field(field)
+    lower, upper = require_bounds(source)
     inset = 1e-9 * (upper - lower)
     x, y, z = (np.linspace(a, b, points) for a, b in zip(lower + inset, upper - inset, strict=True))
     middle = 0.5 * (lower + upper)
@@ -147,7 +148,7 @@ def slice_planes(field: Field, currents: Array, points: int = 81) -> list[pv.Str
         mesh = np.meshgrid(*across, z, indexing="ij")
         at = np.stack([axis.ravel() for axis in mesh], axis=1)
         grid = pv.StructuredGrid(*(MM * axis for axis in mesh))
-        strength = MM * np.linalg.norm(field.field(at, currents), axis=1)
+        strength = MM * np.linalg.norm(source.field(at, currents), axis=1)
         # VTK counts points with the first index fastest.
         grid["|B|"] = strength.reshape(mesh[0].shape).ravel(order="F")
         planes.append(grid)

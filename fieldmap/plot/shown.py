@@ -68,6 +68,11 @@ class Shown:
         # A field that takes currents, such as an opened map, is taken at those that are shown.
         if self.field is not None and not hasattr(self.field, "currents") and self.currents is not None:
             object.__setattr__(self, "field", as_field(self.field).at(self.currents))
+        held = getattr(self.field, "currents", None)
+        if held is not None and self.currents is not None and not np.array_equal(held, self.currents):
+            received = f"{self.currents.tolist()}, while the field holds {np.asarray(held).tolist()}"
+            remedy = "take the field at the currents that are shown: field.at(currents)"
+            raise InputError(Problem("Shown(currents)", "must be those of the field", received, remedy))
 
     def need(self, *names: str) -> None:
         """Raise InputError for what is None though a scene needs it."""

@@ -21,6 +21,9 @@ class Ramp:
     def field(self, points, currents):
         return currents[0] * np.column_stack([0 * points[:, 0], 0 * points[:, 1], 2.0 * points[:, 2]])
 
+    def gradient(self, points, currents):
+        return np.tile(currents[0] * np.diag([0.0, 0.0, 2.0]), (len(points), 1, 1))
+
 
 @pytest.fixture
 def device():

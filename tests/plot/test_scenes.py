@@ -229,7 +229,7 @@ def test_a_difference_is_that_of_both_fields_in_the_box_they_share():
 
 @needs_opengl
 def test_a_small_difference_is_drawn_in_microtesla(simple):
-    tiny = replace(simple, currents=np.array([1e-3]))
+    tiny = replace(simple, field=Quadratic(), currents=np.array([1e-3]))
     scene = make_scene(tiny, "difference", window=(300, 240))
     (title,) = scene.scalar_bars.keys()
     data = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
@@ -238,6 +238,12 @@ def test_a_small_difference_is_drawn_in_microtesla(simple):
     by_hand = 1e6 * np.linalg.norm(tiny.flux_density_at(1e-3 * np.asarray(plane.points, dtype=float)), axis=1)
     assert title.strip() == "d B, uT"
     np.testing.assert_allclose(plane[title.strip()], by_hand, rtol=1e-5, atol=1e-6)
+
+
+def test_a_field_at_other_currents_than_those_shown_is_refused(simple):
+    with pytest.raises(InputError) as caught:
+        replace(simple, currents=np.array([2.0]))
+    assert caught.value.problems[0].where == "Shown(currents)"
 
 
 def test_what_is_not_there_is_named(simple):
