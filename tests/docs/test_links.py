@@ -151,8 +151,8 @@ def test_equations_are_numbered_once(page):
 
 
 PACKAGES = [
-    "control", "control.identification", "dynamics", "instruments", "interop", "interpolants", "iron", "levitation",
-    "lookup", "maps", "parallel", "planar", "sources", "store", "studies", "plot", "thesis",
+    "control", "control.identification", "dynamics", "instruments", "interop", "interpolants", "io", "iron",
+    "levitation", "lookup", "maps", "parallel", "planar", "sources", "store", "studies", "plot", "thesis",
 ]  # fmt: skip
 
 
