@@ -279,7 +279,7 @@ class LiftAndDirections(CurrentParametrisation):
 
     Signals: u, A, the mean current, which lifts; x and y, 1, which push along the two axes. The four coils at the
     corners get u (1 -+ x)(1 -+ y). The two on the x axis share what is left of 6 u as (1 -+ n x): n > 1 lets them
-    follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are. Source: thesis (6-2), (6-3).
+    follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are: (6-2), (6-3) of docs/recipes.md.
 
     >>> LiftAndDirections(n=1.25).currents([1.0, 0.2, 0.1]).round(3).tolist()
     [0.72, 0.75, 0.88, 1.08, 1.25, 1.32]

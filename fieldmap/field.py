@@ -559,8 +559,8 @@ def _wrong(coil_names: tuple[str, ...], points: int | None, received: str) -> Pr
 def dipole_wrench(flux: Array, slope: Array, moments: ArrayLike) -> Array:
     """(n, 6): force (N) and torque (N m) on moments (3,) or (n, 3), A m^2, in flux (n, 3) and slope (n, 3, 3).
 
-    T = m x B, thesis eq. (2-7), and F = grad(m . B) = (grad B)^T m, which is (m . grad) B of eq. (2-8) where B is
-    curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
+    T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m . grad) B where
+    B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
     """
     dipoles, _ = checked_vectors("moments", moments)
     if len(dipoles) not in (1, len(flux)):

@@ -1,21 +1,19 @@
-"""Data files that come with the package: devices and materials (geometry), recipes (maps), printed numbers (thesis).
+"""Data files that come with the package: devices and materials (geometry), recipes (maps).
 
 Devices and recipes lie in fieldmap/shipped/ in an installed wheel; in a checkout, in the folders of the same name
-beside the package. The printed numbers lie inside the package.
+beside the package.
 """
 
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
-KINDS = ("geometry", "maps", "thesis")
+KINDS = ("geometry", "maps")
 
 
 def shipped_folder(kind: str) -> Path:
-    """Folder of the shipped files of one kind: "geometry", "maps" or "thesis"."""
+    """Folder of the shipped files of one kind: "geometry" or "maps"."""
     if kind not in KINDS:
         raise ValueError(f"shipped_folder: kind must be one of {', '.join(KINDS)}; received {kind!r}")
-    if kind == "thesis":
-        return PACKAGE / "thesis" / "printed_numbers"
     installed = PACKAGE / "shipped" / kind
     return installed if installed.is_dir() else PACKAGE.parent / kind
 

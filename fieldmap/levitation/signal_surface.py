@@ -1,4 +1,4 @@
-"""Where a magnet comes to rest over both direction signals of the thesis's current division."""
+"""Where a magnet comes to rest over two signals of a current parametrisation."""
 
 from collections.abc import Iterator
 from contextlib import suppress

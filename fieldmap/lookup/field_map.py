@@ -316,7 +316,7 @@ class FieldMap(BaseField):
     def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
         """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions.
 
-        T = m x B, thesis eq. (2-7), and F = grad(m . B) = (grad B)^T m, which is (m . grad) B of eq. (2-8)
+        T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m . grad) B
         where B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
         moments (3,) for all positions or (n, 3), A m^2. Singular nowhere in the box.
         """

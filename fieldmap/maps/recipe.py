@@ -108,7 +108,7 @@ Range = Annotated[list[float], BeforeValidator(_range)]
 
 
 class DivisionKeys(Table):
-    """Six currents by the division of one lift and two direction signals, thesis (6-2), (6-3)."""
+    """Six currents from one lift and two direction signals: `fieldmap.currents.LiftAndDirections`."""
 
     u_A: Range = Field(description="range of the mean current")
     x: Range = Field(description="range of the direction signal along x")
@@ -348,7 +348,7 @@ def current_domain(recipe: Recipe, plan: CurrentPlan, coil_names: tuple[str, ...
     coils = len(coil_names)
     if plan.division_n is not None:
         if coils != 6:
-            must_hold = "a division is for six coils, named in the order of the thesis"
+            must_hold = "a division is for six coils: two rows of three, as in docs/recipes.md"
             raise recipe.error("currents.division", must_hold, f"{coils} coils", "give lower_A and upper_A")
         return CurrentDomain(LiftAndDirections(plan.division_n), plan.lower, plan.upper)
     of = IndependentCurrents(coils) if plan.groups is None else _coil_groups(recipe, plan.groups, coil_names)

@@ -15,8 +15,8 @@ FEWEST_DIGITS, MOST_DIGITS = 4, 14
 def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Array:
     """Flux density B (n, 3) of a coil carrying 1 A, T/A, at points (n, 3) or (3,) in m, global frame.
 
-    Turns and polarity are included. The current density is uniform over the winding section: thesis eq. (2-6),
-    docs/theory/coils.md eqs. (15)-(26). Finite and continuous everywhere, inside the winding too. digits: decimal
+    Turns and polarity are included. The current density is uniform over the winding section: docs/theory/coils.md,
+    eqs. (15)-(26). Finite and continuous everywhere, inside the winding too. digits: decimal
     digits wanted, 4 to 14, at any distance of a micrometre or more from the winding's surface; on it nine are had.
     Raises InputError for points of another shape or not finite, and for a path whose roundings do not fit.
 

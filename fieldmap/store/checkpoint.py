@@ -1,7 +1,7 @@
 """Long work that survives a kill: finished pieces in one file, taken up again by the next run.
 
 Everything that takes long is kept in this way: the parts of a map and the states that train it, the variants of a
-study, the states and parts of the report on the thesis. For example::
+study, the states and parts of a report. For example::
 
     with Checkpoint(target.with_name("report.partial"), fingerprint(settings, packages)) as checkpoint:
         for name in parts:

@@ -1,9 +1,9 @@
 """The equilibrium area: where around an equilibrium the horizontal force is too small to matter.
 
-A disk "produces an equilibrium area as opposed to an equilibrium point" (thesis 6.1), in which nothing but drag stops a
-magnet. Here it is the part of the horizontal plane through the equilibrium in which the horizontal force stays below a
-share f of the weight, as far as straight lines from the equilibrium stay inside. While the force is proportional to the
-displacement, with stiffnesses k_x and k_y along the axes, it is an ellipse,
+Below a wide pole piece there is an area, not a point, in which nothing but drag stops a magnet. Here it is the part
+of the horizontal plane through the equilibrium in which the horizontal force stays below a share f of the weight, as
+far as straight lines from the equilibrium stay inside. While the force is proportional to the displacement, with
+stiffnesses k_x and k_y along the axes, it is an ellipse,
 
     A = pi (f m g)^2 / (k_x k_y)                                                          docs/studies.md (1)
 """

@@ -177,7 +177,7 @@ def _of_currents(contents: StudyFile, device: Device) -> Iterator[Finding]:
                     "list as many as there are coils",
                 )
         if entry.division is not None and coils != 6:
-            must_hold = "the division of the thesis is that of six coils"
+            must_hold = "a division is for six coils"
             yield Finding(
                 ("currents", k, "division"), must_hold, f"{coils} coils", "write amperes_A or shares"
             )

@@ -93,7 +93,7 @@ class VariantKeys(Table):
 
 
 class DivisionKeys(Table):
-    """Six currents by the division of one lift and two direction signals, thesis (6-2), (6-3)."""
+    """Six currents from one lift and two direction signals: `fieldmap.currents.LiftAndDirections`."""
 
     u_A: Positive | None = Field(default=None, description="mean current; left out where it is looked for")
     x: float = Field(default=0.0, description="direction signal along x")

@@ -7,8 +7,7 @@ from itertools import groupby
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from fieldmap.shipped import shipped_folder
-from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.printed import PRINTED_NUMBERS, read_part
 from fieldmap.thesis.rows import part_names
 
 
@@ -34,7 +33,7 @@ def thesis_figures() -> dict[str, ThesisFigure]:
     >>> thesis_figures()["2-4"].drawn_by
     ('S4_levitation',)
     """
-    path = shipped_folder("thesis") / "figures.toml"
+    path = PRINTED_NUMBERS / "figures.toml"
     drawn = drawn_by()
     return {
         number: ThesisFigure(number, drawn_by=tuple(drawn.get(number, ())), **entry)

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.shipped import shipped_folder
-
+PRINTED_NUMBERS = Path(__file__).parent / "printed_numbers"
+"""The row files."""
 KINDS = ("sharp", "model", "measured")
 NUMBERS, TEXTS = "numbers", "texts"
 
@@ -88,14 +88,14 @@ def row_of(part: str) -> str:
 
 def data_files(part: str) -> tuple[Path, ...]:
     """The files that hold the data of a part."""
-    folder = shipped_folder("thesis")
+    folder = PRINTED_NUMBERS
     return tuple(folder / f"{name}.toml" for name in (row_of(part), NUMBERS, TEXTS))
 
 
 @cache
 def read_rows() -> dict[str, PrintedRow]:
     """Every row in the order of the numbers, from the files whose names are S and a number."""
-    names = [path.stem for path in shipped_folder("thesis").glob("S*.toml")]
+    names = [path.stem for path in PRINTED_NUMBERS.glob("S*.toml")]
     return {name: _row(name) for name in sorted(names, key=lambda name: int(name[1:]))}
 
 
@@ -130,7 +130,7 @@ def _part(content: dict[str, Any]) -> PrintedPart:
 
 
 def _content(name: str) -> dict[str, Any]:
-    return tomllib.loads((shipped_folder("thesis") / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((PRINTED_NUMBERS / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 @cache

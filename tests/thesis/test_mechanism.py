@@ -10,11 +10,19 @@ import pytest
 from fieldmap import thesis
 from fieldmap.cli import main
 from fieldmap.errors import InputError
-from fieldmap.shipped import shipped_folder
 from fieldmap.thesis import Answers, Curves, Ours, Series, compare, part_names, read_rows, row_names
 from fieldmap.thesis.available_maps import MapMissing
 from fieldmap.thesis.computation import attempt_part, compute_part
-from fieldmap.thesis.printed import KINDS, PrintedPart, filled, half_unit, read_part, row_of, shared_value
+from fieldmap.thesis.printed import (
+    KINDS,
+    PRINTED_NUMBERS,
+    PrintedPart,
+    filled,
+    half_unit,
+    read_part,
+    row_of,
+    shared_value,
+)
 from fieldmap.thesis.rows import function_of
 from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
@@ -46,7 +54,7 @@ def test_texts_of_a_part_speak_of_its_own_numbers(part):
 def test_no_number_of_the_thesis_is_written_twice():
     """A list of three or more, or an input of the same name and place: once, in numbers.toml, and taken from there."""
     found = Counter()
-    for path in sorted(shipped_folder("thesis").glob("*.toml")):
+    for path in sorted(PRINTED_NUMBERS.glob("*.toml")):
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         found.update(spelled(content))
     assert [value for value, count in found.items() if count > 1] == []
@@ -86,7 +94,7 @@ def test_the_levitation_currents_are_those_of_the_printed_line():
 
 
 def test_every_shared_number_and_sentence_is_used():
-    folder = shipped_folder("thesis")
+    folder = PRINTED_NUMBERS
     rows = "".join(path.read_text(encoding="utf-8") for path in folder.glob("S*.toml"))
     numbers = tomllib.loads((folder / "numbers.toml").read_text(encoding="utf-8"))
     texts = tomllib.loads((folder / "texts.toml").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Six currents and the three signals of `fieldmap.currents.LiftAndDirections`, thesis (6-2), (6-3)."""
+"""Six currents and the three signals of `fieldmap.currents.LiftAndDirections`."""
 
 import math
 
