@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from fieldmap import instruments as instruments
     from fieldmap.device import read_device as read_device
     from fieldmap.dynamics import simulate as simulate
+    from fieldmap.io import open_field as open_field
     from fieldmap.iron import solve as solve
     from fieldmap.iron import solve_linear as solve_linear
     from fieldmap.iron import solve_to_tolerance as solve_to_tolerance
@@ -28,6 +29,7 @@ _PUBLIC = {
     "solve": "fieldmap.iron",
     "generate": "fieldmap.maps",
     "open_map": "fieldmap.lookup",
+    "open_field": "fieldmap.io",
     "find_equilibrium": "fieldmap.levitation",
     "simulate": "fieldmap.dynamics",
     "__version__": "fieldmap.provenance",
