@@ -20,8 +20,9 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ FORMAT = 1
 SUFFIX = ".partial"
 # Of a piece's first line: 64 digits of the SHA-256 and two lengths of 16, each with one character behind it.
 _PREFIX = 64 + 1 + 16 + 1 + 16 + 1
+# Longer first lines are another program's.
+_LONGEST_LINE = 1 << 22
 
 
 class Piece(NamedTuple):
@@ -75,7 +78,7 @@ class Checkpoint:
             raise InputError(_cannot_write(self.path, error)) from error
         try:
             if os.fstat(self._file.fileno()).st_size:
-                self.note = self._read(decides) if resume else "begun anew, as asked"
+                self.note = self._find(decides) if resume else "begun anew, as asked"
             if self.note or not self._file.tell():
                 self._begin(decides)
         except BaseException:
@@ -104,11 +107,11 @@ class Checkpoint:
         if place is None:
             return None
         self._file.seek(place.begin + _PREFIX)
-        header = json.loads(self._file.read(place.header))
+        header = json.loads(_read(self._file, place.header))
         arrays = {}
         for name, dtype, shape in header["arrays"]:
             values = np.empty(shape, np.dtype(dtype))
-            raw = self._file.read(values.nbytes)
+            raw = _read(self._file, values.nbytes)
             arrays[name] = np.frombuffer(raw, values.dtype).reshape(shape).copy()
         return Piece(arrays, header["about"])
 
@@ -131,8 +134,7 @@ class Checkpoint:
         begin = self._file.seek(0, os.SEEK_END)
         with disk_errors(self.path):
             try:
-                self._file.write(prefix + header + payload + b"\n")
-                self._to_disk()
+                self._append(prefix + header + payload + b"\n")
             except OSError:
                 with suppress(OSError):
                     self._file.truncate(begin)
@@ -146,22 +148,26 @@ class Checkpoint:
 
     def remove(self) -> None:
         """Close and delete the file: what the pieces are for is done."""
-        self.close()
-        self.path.unlink(missing_ok=True)
+        # Deleted while it is locked, where an open file can be: another run cannot have begun with it.
+        try:
+            self.path.unlink(missing_ok=True)
+            self.close()
+        except PermissionError:
+            self.close()
+            self.path.unlink(missing_ok=True)
 
     def _begin(self, decides: Mapping[str, str]) -> None:
         self._places.clear()
         with disk_errors(self.path):
             self._file.truncate(0)
             self._file.seek(0)
-            self._file.write(json.dumps(_first_line(decides)).encode() + b"\n")
-            self._to_disk()
+            self._append(json.dumps(_first_line(decides)).encode() + b"\n")
 
-    def _read(self, decides: Mapping[str, str]) -> str:
+    def _find(self, decides: Mapping[str, str]) -> str:
         """Find the pieces and cut off what follows the last whole one; why the file cannot be used, or ""."""
         self._file.seek(0)
         try:
-            line = self._file.readline()
+            line = self._file.readline(_LONGEST_LINE)
             there = json.loads(line)["fingerprint"]
             changed = [name for name in decides if there.get(name) != decides[name]]
         except (ValueError, KeyError, TypeError, AttributeError):
@@ -181,9 +187,11 @@ class Checkpoint:
         self._file.seek(0, os.SEEK_END)
         return ""
 
-    def _to_disk(self) -> None:
-        """Everything written so far is on the disk when this returns, not only with the operating system."""
-        self._file.flush()
+    def _append(self, content: bytes) -> None:
+        """Write here; it is on the disk when this returns, not only with the operating system."""
+        left = memoryview(content)
+        while left:
+            left = left[self._file.write(left) :]
         os.fsync(self._file.fileno())
 
 
@@ -191,11 +199,19 @@ def _first_line(decides: Mapping[str, str]) -> dict[str, Any]:
     return {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
 
 
-def _next_piece(file: BinaryIO) -> tuple[str, _Place] | None:
+def _read(file: FileIO, count: int) -> bytes:
+    """The next bytes, fewer only at the end of the file: one call of the operating system may give less."""
+    content = file.read(count)
+    while len(content) < count and (more := file.read(count - len(content))):
+        content += more
+    return content
+
+
+def _next_piece(file: FileIO) -> tuple[str, _Place] | None:
     """Key and place of the piece that begins here, the file then at its end; an empty key if its SHA-256 is wrong,
     None where no whole piece follows."""
     begin = file.tell()
-    prefix = file.read(_PREFIX)
+    prefix = _read(file, _PREFIX)
     try:
         digest, header_length, payload_length = prefix.decode("ascii").split()
         place = _Place(begin, int(header_length, 16), int(payload_length, 16))
@@ -204,29 +220,43 @@ def _next_piece(file: BinaryIO) -> tuple[str, _Place] | None:
     length = place.header + place.payload
     if min(place.header, place.payload) < 0 or begin + _PREFIX + length + 1 > os.fstat(file.fileno()).st_size:
         return None
-    contents = file.read(length)
-    file.read(1)
+    contents = _read(file, length)
+    file.seek(1, os.SEEK_CUR)
     if hashlib.sha256(contents).hexdigest() != digest:
         return "", place
     return str(json.loads(contents[: place.header])["key"]), place
 
 
-def _opened(path: Path) -> BinaryIO:
+def _opened(path: Path) -> FileIO:
     """The file, made if need be, for this process alone where the operating system has such locks."""
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
-    file = os.fdopen(handle, "r+b")
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+        # Without a buffer: what a full disk does not take would be written again on closing.
+        file = FileIO(handle, "r+b")
+        try:
+            _lock(file)
+            # Another run may have deleted the file between the two steps.
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), os.stat(path)):
+                    return file
+        except BaseException:
+            file.close()
+            raise
+        file.close()
+
+
+def _lock(file: FileIO) -> None:
+    """Raise BlockingIOError if another process has the file."""
     try:
         import fcntl
     except ImportError:
-        return file
+        return
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        file.close()
         raise
     except OSError:
         pass  # a file system without locks
-    return file
 
 
 def _cannot_write(path: Path, error: OSError) -> Problem:

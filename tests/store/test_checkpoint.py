@@ -1,6 +1,7 @@
 """Pieces of long work: there again after a kill at any moment, absent where they are not whole."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -220,3 +221,48 @@ def test_a_full_disk_costs_only_the_piece_that_did_not_fit(filled, monkeypatch):
         checkpoint.put("third", about={"again": 1})
     with Checkpoint(filled, "one") as checkpoint:
         assert tuple(checkpoint) == tuple(PIECES)
+
+
+def put_many(checkpoint):
+    for number in range(100):
+        checkpoint.put(str(number), {"values": np.arange(100.0) + number})
+
+
+def test_a_full_disk_costs_only_the_piece_of_which_it_took_a_part(path):
+    resource = pytest.importorskip("resource")  # a limit on the size of files stands for the full disk
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Checkpoint(path, "one") as checkpoint:
+        # Small pieces are what a buffer would hold back until the file is closed.
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+            with pytest.raises(FieldmapError):
+                put_many(checkpoint)
+            written = len(checkpoint)
+            assert 10 < written < 30
+            np.testing.assert_array_equal(checkpoint.get("3").arrays["values"], np.arange(100.0) + 3)
+            checkpoint.close()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with Checkpoint(path, "one") as checkpoint:
+        assert len(checkpoint) == written
+        checkpoint.put("another", about={"one": 1})
+    with Checkpoint(path, "one") as checkpoint:
+        assert len(checkpoint) == written + 1
+        assert "another" in checkpoint
+
+
+def test_a_file_deleted_before_it_was_locked_is_made_again(path, monkeypatch):
+    real, deleted = os.fstat, []
+
+    def fstat(handle):
+        if not deleted:
+            deleted.append(path.unlink())
+        return real(handle)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fstat", fstat)
+        checkpoint = Checkpoint(path, "one")
+    with checkpoint:
+        checkpoint.put("third", about={})
+    with Checkpoint(path, "one") as checkpoint:
+        assert tuple(checkpoint) == ("third",)
