@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from fieldmap.currents import ROUNDING, TOLERANCE, divide_currents
+from fieldmap.currents import ROUNDING, TOLERANCE, LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.current_table import FOUND, table_weights
 from fieldmap.lookup.current_model import CurrentModel
@@ -62,21 +62,22 @@ def tabulate(
     model; wanted: error of the model itself. nodes: of u, x and y, at least four each; unless given, as many as
     make the table's error small beside `wanted`. Raises InputError for any other map and for fewer nodes.
     """
-    if model is None or not model.model.division_exponent.size:
-        received = "a map of linear iron" if model is None else "independent currents"
+    divided = None if model is None else model.model.parametrisation
+    if model is None or not isinstance(divided, LiftAndDirections):
+        received = "a map of linear iron" if divided is None else f"currents by {divided.name}"
         must_hold = "a map of saturating iron whose recipe has [currents] division"
         raise InputError(Problem("table of currents", must_hold, received, "do without a table"))
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"
         raise InputError(Problem("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)"))
     fields = _on_the_surface(evaluator, grid, model.model.coil_count + model.model.field_count)
-    exponent, states = float(model.model.division_exponent[0]), _states(model)
+    states = _states(model, divided)
     truth = np.array([model.amplitudes(currents) for currents in states]) @ model.model.output.T
     for size in SIZES if nodes is None else (nodes,):
-        axes, every, amplitudes = _solved(model, size)
+        axes, every, amplitudes = _solved(model, divided, size)
         values = (amplitudes @ model.model.output.T).reshape(*size, -1)
         # In the table the slopes are not read: they are found once, for the nodes that are kept.
-        arrays = spline_table(axes, exponent, values, np.zeros((0, 0, 0, 0, 0)))
+        arrays = spline_table(axes, float(divided.n), values, np.zeros((0, 0, 0, 0, 0)))
         found = np.array([_weights(arrays, currents) for currents in states])
         error = FieldError(*(_largest(found - truth, values) for values in fields))
         if wanted is None or _within(error, wanted):
@@ -125,12 +126,13 @@ def _weights(arrays: tuple[Any, ...], currents: Array) -> Array:
     return out[6:]
 
 
-def _solved(model: CurrentModel, nodes: tuple[int, int, int]) -> tuple[list[Array], Array, Array]:
+def _solved(
+    model: CurrentModel, divided: LiftAndDirections, nodes: tuple[int, int, int]
+) -> tuple[list[Array], Array, Array]:
     """Nodes of u, x and y, currents (s, 6) of all of them, and the amplitudes (s, r) of the model there."""
     edges = zip(model.model.lower, model.model.upper, nodes, (1.0, _GRADING, _GRADING), strict=True)
     axes = [_nodes(*edge) for edge in edges]
-    u, x, y = np.meshgrid(*axes, indexing="ij")
-    every = divide_currents(u, x, y, float(model.model.division_exponent[0])).reshape(-1, 6)
+    every = divided.currents(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
     return axes, every, np.array([model.amplitudes(currents) for currents in every])
 
 
@@ -143,13 +145,12 @@ def _nodes(lower: float, upper: float, count: int, power: float) -> Array:
     return np.where(shares < 0.0, lower * graded, upper * graded)
 
 
-def _states(model: CurrentModel) -> Array:
+def _states(model: CurrentModel, divided: LiftAndDirections) -> Array:
     """Currents (300, 6) at random, a hundred of them nearly balanced."""
     lower, upper = model.model.lower, model.model.upper
     values = lower + np.random.default_rng(_SEED).random((_STATES + _BALANCED, 3)) * (upper - lower)
     values[_STATES:, 1:] *= 0.1
-    u, x, y = np.clip(values, lower, upper).T
-    return divide_currents(u, x, y, float(model.model.division_exponent[0]))
+    return divided.currents(np.clip(values, lower, upper))
 
 
 def _on_the_surface(evaluator: Evaluator, grid: Grid, sets: int) -> tuple[Array, Array]:

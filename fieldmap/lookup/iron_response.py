@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
@@ -44,9 +45,9 @@ def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
     """Lowest and highest (u, x, y) of a map of saturating iron over a division of six currents, and the exponent n of
     the division; None for any other map."""
     model = field_map._model
-    if model is None or not model.model.division_exponent.size:
+    if model is None or not isinstance(model.model.parametrisation, LiftAndDirections):
         return None
-    return model.model.lower, model.model.upper, float(model.model.division_exponent[0])
+    return model.model.lower, model.model.upper, float(model.model.parametrisation.n)
 
 
 def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import BSpline, RegularGridInterpolator
 
 import fieldmap.lookup.current_table as tables
-from fieldmap.currents import LiftAndDirections, divide_currents, undivide_currents
+from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents, undivide_currents
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.kernels.map.current_table import (
     BEYOND,
@@ -223,6 +223,6 @@ def test_other_maps_have_nothing_to_tabulate(data):
     )
     with pytest.raises(InputError, match="linear iron"):
         interpolate(linear, tabulate_currents=True)
-    box = SimpleNamespace(model=SimpleNamespace(division_exponent=np.empty(0)))
-    with pytest.raises(InputError, match="independent currents"):
+    box = SimpleNamespace(model=SimpleNamespace(parametrisation=IndependentCurrents(6)))
+    with pytest.raises(InputError, match="currents by independent"):
         tables.tabulate(box, np.empty(0), data.grid)
