@@ -225,7 +225,7 @@ class BaseField(ABC):
 
     def at(self, currents: Any) -> FieldAtCurrents:
         """The field at these currents."""
-        return FixedCurrents(self, coil_currents(currents, self.coil_names))
+        return FixedCurrents(self, np.array(coil_currents(currents, self.coil_names)))
 
 
 class BaseFieldAtCurrents(ABC):
@@ -519,6 +519,8 @@ def coil_currents(
     count = len(coil_names)
     if isinstance(currents, Mapping):
         values = _by_name(currents, coil_names)
+    elif currents is None:  # NaN to numpy
+        raise InputError(_wrong(coil_names, points, "none"))
     else:
         try:
             # Writeable too: compiled code would have to be compiled again for a read-only array.

@@ -48,6 +48,10 @@ class ReducedModel:
         ):
             raise _broken("source", "coils' fields at points", "arrays of other dimensions")
         p, r, c, k = len(self.weights), len(self.constant), self.coil_count, len(self.output)
+        # Before its signals are asked for: a file may name any number of coils.
+        if self.parametrisation.coil_count != c:
+            received = f"one of {self.parametrisation.coil_count} coils"
+            raise _broken("parametrisation", f"one of {c} coils", received)
         laws, knots = len(self.law_offset) - 1, len(self.law_knots)
         wanted = {
             "gradients": (3 * p, r),
@@ -71,9 +75,6 @@ class ReducedModel:
                 raise _broken(name, "finite numbers", "NaN or infinity")
             values.flags.writeable = False
             object.__setattr__(self, name, values)
-        if self.parametrisation.coil_count != c:
-            received = f"one of {self.parametrisation.coil_count} coils"
-            raise _broken("parametrisation", f"one of {c} coils", received)
         offset = self.law_offset
         if laws < 1 or offset[0] != 0 or offset[-1] != knots or (np.diff(offset) < 1).any():
             raise _broken("law_offset", "rising from 0 to the number of knots", str(offset.tolist()))
