@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap, field_opener
+from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap, device_of_option, field_opener
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,7 +46,8 @@ def linearise(
     readings = _checked(depths, output)
     read = read_scenario(scenario, dict(parse_setting(text, "--set") for text in changes or []))
     opener = field_opener(map_file)
-    experiment = prepare(read, None if opener is None else opener())
+    device = device_of_option(map_file) if read.contents.device is None else None
+    experiment = prepare(read, None if opener is None else opener(), device)
     found = Linearisation(experiment, tuple(linear_points(experiment, readings)))
     if output is not None:
         found.write(output)

@@ -10,6 +10,7 @@ from fieldmap.shipped import shipped_names
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fieldmap.device.model import Device
     from fieldmap.errors import Problem
     from fieldmap.field import Field
     from fieldmap.io import FieldSource, IronOptions
@@ -126,7 +127,6 @@ def checked_iron(
     """The options of the iron. Raises InputError for everything that is wrong with them."""
     from fieldmap.errors import InputError, Problem
     from fieldmap.io import IronOptions
-    from fieldmap.iron.solvers.linear import FORMS
 
     problems = []
     if mu_r is not None and not 0.0 < mu_r < float("inf"):
@@ -135,8 +135,12 @@ def checked_iron(
     if not 0.0 < refinement < float("inf"):
         remedy = "try 1.5 for a finer mesh, 0.7 for a coarser one"
         problems.append(Problem("--refinement", "must be a positive number", f"{refinement}", remedy))
-    if form not in FORMS:
-        problems.append(Problem("--form", f"must be one of {', '.join(FORMS)}", form, "leave it out"))
+    if form != IronOptions.form:
+        # Not for a map, whose lookup needs no solver.
+        from fieldmap.iron.solvers.linear import FORMS
+
+        if form not in FORMS:
+            problems.append(Problem("--form", f"must be one of {', '.join(FORMS)}", form, "leave it out"))
     if nonlinear and mu_r is not None:
         remedy = "leave one of them out: nonlinear iron follows its B-H table, --mu-r makes it linear"
         problems.append(Problem("--nonlinear", "must not come with --mu-r", f"--mu-r {mu_r:g}", remedy))
@@ -216,6 +220,14 @@ def field_opener(name: Path | None) -> "Callable[[], Field] | None":
         return open_field(given)
 
     return opened
+
+
+def device_of_option(name: Path | None) -> "Device | None":
+    """The device that `--map` names in the place of a map: for scenarios that name none."""
+    from fieldmap.io import is_map_file, named_device
+
+    given = str(name)
+    return None if name is None or is_map_file(given) or not _names_device(given) else named_device(given)
 
 
 def _names_device(name: str) -> bool:

@@ -99,11 +99,11 @@ def _bar() -> "RichProgress":
 
 
 def must_compile(kernels: str = "") -> bool:
-    """Whether no kernel of this folder of fieldmap/kernels has been compiled yet, so that a first run has to wait.
+    """Whether nothing in this folder of fieldmap/kernels has been compiled yet, so that a first run has to wait.
 
     False where compiled kernels lie elsewhere: NUMBA_CACHE_DIR is set, or the package's folder cannot be written.
     """
     folder = Path(__file__).parents[1] / "kernels" / kernels
     if os.environ.get("NUMBA_CACHE_DIR") or not os.access(folder, os.W_OK):
         return False
-    return not any((folder / "__pycache__").glob("*.nbi"))
+    return next(folder.rglob("*.nbi"), None) is None

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap, field_opener
+from fieldmap.cli.options import Json, ScenarioArgument, ScenarioMap, device_of_option, field_opener
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -66,7 +66,16 @@ def simulate(
     kept = output is not None or save is not None
     with Progress("simulate", kernels="motion") as progress:
         simulation = simulate_batches(
-            scenario, field_opener(map_file), fixed, varied, runs, seed, threads, kept, progress
+            scenario,
+            field_opener(map_file),
+            fixed,
+            varied,
+            runs,
+            seed,
+            threads,
+            kept,
+            progress,
+            device_of_option(map_file),
         )
     written = [] if output is None else [write_simulation(output, simulation)]
     if save is not None:

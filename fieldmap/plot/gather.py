@@ -12,7 +12,6 @@ from fieldmap.field import Bounds, FieldAtCurrents
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
 from fieldmap.iron import SolvedState, generate_mesh
-from fieldmap.iron.materials import require_soft_bodies
 from fieldmap.levitation import equilibrium_surface, find_equilibrium
 from fieldmap.plot.difference import FieldDifference, check_same_coils, common_box
 from fieldmap.plot.shown import Shown, ShownRun
@@ -32,7 +31,10 @@ def shown_device(device: Device) -> Shown:
 
 def shown_mesh(device: Device, refinement: float = 1.0) -> Shown:
     """The mesh of a device's iron; nothing is solved. Raises InputError for a device without iron."""
-    require_soft_bodies(device)
+    if not device.bodies:
+        raise InputError(
+            Problem(device.name, "must have iron to mesh", "no bodies", "name a device with iron")
+        )
     mesh = generate_mesh(device, refinement)
     return Shown(f"{device.name}: {len(mesh.tets)} tetrahedra", device, mesh=mesh)
 

@@ -90,8 +90,12 @@ def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
     with Progress("map"):
         pass
     assert "first run" in capsys.readouterr().err
-    (package / "kernels" / "__pycache__" / "loop.f-1.py311.nbi").touch()
+    compiled = package / "kernels" / "coils" / "__pycache__"
+    compiled.mkdir(parents=True)
+    (compiled / "loop.f-1.py311.nbi").touch()
     assert not must_compile()
+    (package / "kernels" / "motion").mkdir()
+    assert must_compile("motion")
 
 
 def test_the_module_is_the_program():

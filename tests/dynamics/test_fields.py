@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
+from fieldmap.cli import main
 from fieldmap.dynamics import prepare, read_scenario, sampled_field, simulate
-from fieldmap.errors import InputError
+from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.field import BaseField, as_field
 
 DEVICE = """
@@ -147,3 +148,22 @@ def test_a_saturating_field_is_refused_with_the_way_out():
     with pytest.raises(InputError) as error:
         prepare(read_scenario("hold"), as_field(Above(False), BOX))
     assert "fieldmap map" in error.value.problems[0].remedy
+
+
+def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_one(tmp_path, monkeypatch):
+    (tmp_path / "device.toml").write_text(DEVICE)
+    taken = []
+
+    def caught(scenario, field, device):
+        taken.append((field, None if device is None else device.name))
+        raise FieldmapError(Problem("here", "must end", "", ""))
+
+    monkeypatch.setattr("fieldmap.dynamics.scenario.batches.prepare", caught)
+    monkeypatch.setattr("fieldmap.iron.solve_linear", lambda device, **options: "solved")
+    for name, text in (
+        ("own", SCENARIO),
+        ("named", SCENARIO.replace("map =", 'device = "drive_unit"\nmap =')),
+    ):
+        (tmp_path / f"{name}.toml").write_text(text)
+        assert main(["simulate", str(tmp_path / f"{name}.toml"), "--map", str(tmp_path / "device.toml")]) == 1
+    assert taken == [("solved", "loop_and_coarse_sphere"), ("solved", None)]

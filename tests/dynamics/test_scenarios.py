@@ -3,12 +3,10 @@
 import contextlib
 import io
 import json
-from importlib import import_module
 
 import numpy as np
 import pytest
 
-from fieldmap import dynamics
 from fieldmap.cli import main
 from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.scenario import find_scenario, reading_mm
@@ -227,14 +225,6 @@ def test_the_zero_of_the_vertical_sensor_is_to_be_given(written):
     with pytest.warns(FutureWarning, match="zero_depth_mm"):
         scenario = read_scenario(path)
     assert scenario.zero_depth_mm == 77.0
-
-
-def test_former_names_of_the_package_work():
-    for old, new in (("Trim", "OperatingPoint"), ("Mixing", "MatrixAllocation"), ("linear", "linearisation")):
-        with pytest.warns(DeprecationWarning, match=new):
-            assert getattr(dynamics, old) is getattr(dynamics, new)
-    with pytest.warns(DeprecationWarning, match="LqgWeights"):
-        assert import_module("fieldmap.dynamics.linked").GaussianWeights is dynamics.coupled.LqgWeights
 
 
 def test_a_reference_from_a_file(written, tmp_path):

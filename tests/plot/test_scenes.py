@@ -20,6 +20,7 @@ from fieldmap.plot.difference import FieldDifference, check_same_coils, common_b
 from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
 from fieldmap.plot.field_lines import TITLE, field_lines
 from fieldmap.plot.forces import magnetic_force, places_in_box
+from fieldmap.plot.gather import shown_mesh
 from fieldmap.plot.iron_field import TITLE as IRON_TITLE
 from fieldmap.plot.iron_field import iron_elements
 from fieldmap.plot.rendering import can_render
@@ -332,3 +333,13 @@ def test_bad_requests_of_the_command(tmp_path, capsys):
     assert main(["show", "loop_and_sphere", "--what", "all", "--save", str(tmp_path / "a.png")]) == 2
     assert main(["show", "nothing_here", "--save", str(tmp_path / "a.png")]) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mesh_is_shown_whatever_the_material():
+    device = fieldmap.read_device("loop_and_sphere")
+    name = device.bodies[0].material
+    weak = replace(device.materials[name], mu_r=0.5)
+    assert len(shown_mesh(replace(device, materials={name: weak}), 0.3).mesh.tets) > 10
+    with pytest.raises(InputError) as error:
+        shown_mesh(replace(device, bodies=()))
+    assert error.value.problems[0].where == device.name

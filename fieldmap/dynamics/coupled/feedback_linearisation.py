@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.control.blocks import ControllerBlock
+from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.coupled.lqg import LqgWeights, lqg_block
 from fieldmap.dynamics.linearisation import LinearMachine
 from fieldmap.dynamics.machine import Machine
@@ -63,6 +64,7 @@ class ForceController:
         )
 
 
+@renamed_argument("rest", "operating_point")
 def force_controller(
     machine: Machine,
     operating_point: OperatingPoint,

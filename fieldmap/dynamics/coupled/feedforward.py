@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.control.blocks import Controller
+from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled.feedback_linearisation import ForceController
 from fieldmap.dynamics.machine import Machine
@@ -30,6 +31,7 @@ class Trajectory:
     left: Array
 
 
+@renamed_argument("rest", "operating_point")
 def trajectory(
     machine: Machine,
     operating_point: OperatingPoint,
@@ -65,6 +67,7 @@ def trajectory(
     return Trajectory(forces, outputs, left)
 
 
+@renamed_argument("rest", "operating_point")
 def outputs_for(
     machine: Machine,
     operating_point: OperatingPoint,

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
 from fieldmap.control import StateSpace
-from fieldmap.deprecated import warn_renamed
+from fieldmap.deprecated import renamed_argument, warn_renamed
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -91,6 +91,7 @@ def _current_name(state: str) -> str:
     return new
 
 
+@renamed_argument("rest", "operating_point")
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
     """The machine, linear about an operating point from `find_operating_point`.
 

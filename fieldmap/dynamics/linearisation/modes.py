@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation.machine import LinearMachine
 from fieldmap.typing import Array
 
 # Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
 _UNITS = {"turn": 0.1, "w": 1.0, "v": 1e-2, "i": 0.1}
 _MILLI = 1e-3
-# What a velocity is the velocity of.
-_AXIS_OF = {f"v{k}": k for k in "xyz"} | {f"w{k}": f"turn_{k}" for k in "xyz"}
 # What a velocity is the velocity of.
 _AXIS_OF = {f"v{k}": k for k in "xyz"} | {f"w{k}": f"turn_{k}" for k in "xyz"}
 
@@ -30,6 +29,18 @@ class Mode:
     shares: Array
     input_gains: Array
     output_gains: Array
+
+    @property
+    def reached(self) -> Array:
+        """The older name of `input_gains`."""
+        warn_renamed("Mode.reached", "Mode.input_gains")
+        return self.input_gains
+
+    @property
+    def seen(self) -> Array:
+        """The older name of `output_gains`."""
+        warn_renamed("Mode.seen", "Mode.output_gains")
+        return self.output_gains
 
     @property
     def frequency(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fieldmap.device import Device
 from fieldmap.dynamics.closed_loop import simulate_many
 from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
@@ -82,12 +83,14 @@ def simulate_batches(
     threads: int = 0,
     keep_signals: bool = False,
     progress: Progress = lambda message, fraction: None,
+    device: Device | None = None,
 ) -> Simulation:
     """Run a scenario, once or with noise of its own in each of `runs` runs, for each value of a varied key.
 
     field: opens a map, or any field, in the place of the scenario's; called once, after the scenario was read. changes:
     values by dotted key. vary: a key and its values. seed: in the place of the scenario's. threads: 0 for one per
-    processor. keep_signals: of at most MOST_KEPT runs in each batch. Raises as `read_scenario` and `prepare`.
+    processor. keep_signals: of at most MOST_KEPT runs in each batch. device: for a scenario that names none, in the
+    place of the map's. Raises as `read_scenario` and `prepare`.
     """
     if runs < 1:
         raise InputError(Problem("runs", "must be 1 or more", str(runs), "give a whole number"))
@@ -104,7 +107,8 @@ def simulate_batches(
             progress(f"{label} {message}".strip(), (number + fraction) / len(values))
 
         kept = keep_signals and runs <= MOST_KEPT
-        batches.append(_batch(prepare(read, opened), label, runs, seed, threads, kept, part))
+        experiment = prepare(read, opened, device if read.contents.device is None else None)
+        batches.append(_batch(experiment, label, runs, seed, threads, kept, part))
     return Simulation(tuple(batches))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation import (
     ClosedLoop,
     Controllability,
@@ -39,6 +40,12 @@ class LinearPoint:
     coupling: Coupling
     loop: ClosedLoop
     margins: tuple[Margins, ...]
+
+    @property
+    def reach(self) -> Controllability:
+        """The older name of `controllability`."""
+        warn_renamed("LinearPoint.reach", "LinearPoint.controllability")
+        return self.controllability
 
 
 def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = None) -> list[LinearPoint]:
