@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from fieldmap.io import FieldSource
     from fieldmap.io.answers import Levitation
     from fieldmap.levitation import Equilibrium, LiftCurrent
+    from fieldmap.typing import Array
 
 
 def equilibrium(
@@ -89,11 +90,24 @@ def equilibrium(
             found.payload if payload_of is None else named_device(payload_of).payload, "equilibrium"
         )
         if amperes is not None:
+            _check_search(found, begin, moment)
             answer = floating(found, payload, amperes, begin, moment)
         else:
             height = _height(found, height_mm, sensor_mm, payload)
             answer = lifted(found, payload, height, _tell_state if nonlinear else None)
     print_result(answer, _page, json)
+
+
+def _check_search(found: "FieldSource", start: "Array | None", moment: str) -> None:
+    """Raise InputError, before anything is solved, for a start or a moment that does not fit, by its option."""
+    from fieldmap.errors import InputError, Problem
+    from fieldmap.io.answers import MOMENTS, require_box
+    from fieldmap.levitation.balance import check_position
+
+    if start is not None:
+        check_position(require_box(found), start, "--start")
+    if moment not in MOMENTS:
+        raise InputError(Problem("--moment", "must be fixed or aligned", moment, "choose one"))
 
 
 def _tell_state(current: float, share: float) -> None:

@@ -7,6 +7,7 @@ Depends on: errors, typing, currents, h5py, numpy.
 
 from fieldmap.deprecated import renamed
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
+from fieldmap.store.former import KeptState, StateArchive
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_check import MapCheck, check_map
 from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
@@ -23,6 +24,7 @@ __all__ = [
     "Chunk",
     "FieldError",
     "Grid",
+    "KeptState",
     "MapCheck",
     "MapData",
     "MapInfo",
@@ -31,6 +33,7 @@ __all__ = [
     "Provenance",
     "ReducedModel",
     "RunRecord",
+    "StateArchive",
     "check_map",
     "checkpoint_path",
     "is_run_file",
