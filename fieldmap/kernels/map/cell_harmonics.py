@@ -22,6 +22,7 @@ from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
     HEADER,
     INLINED,
+    INLINED_EARLY,
     SETS,
     WHOLE,
     InterpolantKernels,
@@ -158,7 +159,8 @@ def _contracted(block, i, j, k, tx, ty, tz):
     return of_cell(block, block[first : first + SIZE], tx, ty, tz)
 
 
-@njit(**INLINED)
+# As a function of its own this multiplies and adds in another order, and results differ in their last bit.
+@njit(**INLINED_EARLY)
 def _superposed(block, weights, i, j, k, tx, ty, tz):
     c = cell_scratch()
     superpose(block, cell_number(block, i, j, k), SIZE, weights, c)

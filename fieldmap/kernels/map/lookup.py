@@ -52,7 +52,28 @@ def _if_kind(kind: int, kernel: Callable[..., Any], other: Callable[..., Any]) -
     return chosen
 
 
-_contracted, _superposed, _unit = of_kind("contracted"), of_kind("superposed"), of_kind("unit")
+def _superposed_of_kind() -> Callable[..., Any]:
+    """As `of_kind("superposed")`, its arguments spelled out: numba does not inline into a function of *arguments, which
+    `fieldmap.kernels.map.map_block.INLINED_EARLY` asks for."""
+    chosen = KERNELS[0].superposed
+    for kind in range(len(KERNELS) - 1, 0, -1):
+        chosen = _if_kind_superposed(kind, KERNELS[kind].superposed, chosen)
+    return chosen
+
+
+def _if_kind_superposed(
+    kind: int, kernel: Callable[..., Any], other: Callable[..., Any]
+) -> Callable[..., Any]:
+    @njit(**{**INLINED, "cache": False})
+    def chosen(block, weights, i, j, k, tx, ty, tz):
+        if block[KIND] == kind:
+            return kernel(block, weights, i, j, k, tx, ty, tz)
+        return other(block, weights, i, j, k, tx, ty, tz)
+
+    return chosen
+
+
+_contracted, _superposed, _unit = of_kind("contracted"), _superposed_of_kind(), of_kind("unit")
 _second_gradient, _potential = of_kind("second_gradient"), of_kind("potential")
 
 

@@ -43,6 +43,13 @@ INLINED: dict[str, Any] = {
     "error_model": "numpy",
     "fastmath": {"contract"},
 }
+# Inlined before types are known, not as a function that was optimised by itself: what takes memory on the stack.
+INLINED_EARLY: dict[str, Any] = {
+    "cache": True,
+    "inline": "always",
+    "error_model": "numpy",
+    "fastmath": {"contract"},
+}
 OUTER: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 # Without counts of references, for functions that neither make arrays nor copy slices: a count is an atomic operation,
 # and a loop over small functions spends half of its time on them. A function takes this from the first that calls it
