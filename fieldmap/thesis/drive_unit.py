@@ -20,8 +20,8 @@ from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
 DEVICE = "drive_unit"
-PACKAGES = ("kernels", "device", "sources", "iron")
-"""Packages whose code decides a state."""
+PACKAGES = ("kernels", "inputs", "device", "field", "currents", "sources", "iron")
+"""Packages and modules whose code decides a state."""
 FILE = "thesis_states_{:g}.cache"
 TOLERANCE = 1e-3
 SPACING = 4e-3

@@ -57,8 +57,8 @@ def fingerprint(part: str, maps: Path = FOLDER) -> str:
         if not path.is_file():
             return ""
         settings.append(_of_a_map(map_path(printed.map, maps).resolve(), path.stat().st_mtime_ns))
-    packages = sorted(folder.name for folder in PACKAGE.iterdir() if folder.is_dir())
-    return provenance.fingerprint(settings, [name for name in packages if name not in _WITHOUT_INFLUENCE])
+    code = sorted({path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"})
+    return provenance.fingerprint(settings, [name for name in code if name not in _WITHOUT_INFLUENCE])
 
 
 def _finished(checkpoint: Checkpoint, part: str, mark: str) -> PartResult | None:
