@@ -19,7 +19,7 @@ from fieldmap.levitation.branches import EquilibriumBranch, equilibrium_at, foll
 from fieldmap.levitation.calibration import Calibration, LiftReadings, PositionReadings, Reading, calibrate
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equilibrium
-from fieldmap.levitation.former import DifferencedField, FixedCurrents, lift_current_nonlinear
+from fieldmap.levitation.former_names import DifferencedField, FixedCurrents, lift_current_nonlinear
 from fieldmap.levitation.lift import LiftCurrent, lift_current
 from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
 from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface

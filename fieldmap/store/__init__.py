@@ -7,7 +7,7 @@ Depends on: errors, typing, currents, h5py, numpy.
 
 from fieldmap.deprecated import renamed
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
-from fieldmap.store.former import KeptState, StateArchive
+from fieldmap.store.former_names import KeptState, StateArchive
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_check import MapCheck, check_map
 from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
