@@ -37,7 +37,7 @@ from fieldmap.dynamics import (
 )
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.instruments import SensorFrame
-from fieldmap.kernels.motion.currents import TABLED
+from fieldmap.kernels.motion.currents import TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, unit_block, volume_rule
 from fieldmap.lookup.current_table import spline_table
 from fieldmap.store import Grid, MapData
@@ -95,7 +95,7 @@ def fields() -> dict[str, FieldOfCurrents]:
     axes = [np.linspace(0.5, 2.9, 5), np.linspace(-0.4, 0.4, 17), np.linspace(-0.3, 0.3, 17)]
     currents = divide_currents(*np.meshgrid(*axes, indexing="ij"), 1.25)
     slopes = np.broadcast_to(share.T, (5, 17, 17, 6, 20))
-    numbers = (TABLED, 1.0, spline_table(axes, 1.25, currents @ share.T, slopes))
+    numbers = Superposition(TABLED, 1.0, spline_table(axes, 1.25, currents @ share.T, slopes))
     return {"linear": linear, "table": FieldOfCurrents(unit_block(both), numbers, ())}
 
 

@@ -30,7 +30,7 @@ def block():
     data = MapData(
         grid, tuple("abcdefg"), np.ones(7), flux_density=flux.reshape(7, 3, 3, 3, 3), gradient=slopes
     )
-    return interpolate(data).compiled()[1]
+    return interpolate(data)._evaluator
 
 
 @pytest.fixture(scope="module")

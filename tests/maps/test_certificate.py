@@ -1,7 +1,5 @@
 """The certificate of a map is a bound, and no loose one: against exact coils at many points, near all its faces too."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -63,7 +61,7 @@ def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig_map):
         flux = 1.01 * unit_flux_densities(coils, points)
         return flux, np.zeros((*flux.shape, 3))
 
-    bounds = certified_bounds(data, SimpleNamespace(unit_fields=louder), data.reference_current)
+    bounds = certified_bounds(data, louder, data.reference_current)
     largest = np.linalg.norm(data.flux_density, axis=-1).reshape(len(coils), -1).sum(axis=0).max()
     assert bounds["harmonic"].flux_density > 0.009 * largest
 
@@ -81,7 +79,7 @@ def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states, 
     for kind in ("harmonic", "global"):
         opened = open_map(path, kind)
         points = dense_points(opened, 2000)
-        flux, slope = evaluated[0].unit_fields(points)
+        flux, slope = evaluated[0](points)
         model = CurrentModel(opened.info.reduced_model, opened.coil_names)
         largest = np.zeros(2)
         draw = np.random.default_rng(8).random((40, 2))
