@@ -122,8 +122,10 @@ def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
     def work(item):
         import os
         import signal
+        import time
 
         if item == 1:
+            time.sleep(0.5)  # the others are done by then, and do not die with it
             os.kill(os.getpid(), signal.SIGKILL)
         return item
 
