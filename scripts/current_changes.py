@@ -62,8 +62,8 @@ def main() -> None:
     follower = CurrentModel(model, data.coil_names, follow=True)
     along = path(model)
     print(f"{len(model.weights)} points, {len(model.constant)} modes, {len(model.output)} fields")
-    foretell = milliseconds(lambda: [current_model._foretold(i) for i in sets], len(sets))
-    print(f"start from known states  {foretell:.3f} ms")
+    predict = milliseconds(lambda: [current_model._predicted(i) for i in sets], len(sets))
+    print(f"start from known states  {predict:.3f} ms")
     for near, words in ((False, "this start"), (True, "the nearest state")):
         mean = np.mean([steps(current_model, currents, near) for currents in sets])
         print(f"Newton steps from {words}: {mean:.2f}")
@@ -80,7 +80,7 @@ def main() -> None:
 def steps(model: CurrentModel, currents: np.ndarray, near: bool) -> int:
     """Newton steps from the usual start, or from the nearest known state."""
     data = model.model
-    begin, factor = model._foretold(currents)
+    begin, factor = model._predicted(currents)
     if near:
         away = (((data.known_currents - currents) / model._range) ** 2).sum(axis=1)
         begin = data.known_amplitudes[away.argmin()]

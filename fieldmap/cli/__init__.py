@@ -1,6 +1,6 @@
 """The command line: `fieldmap COMMAND`, or `python -m fieldmap COMMAND`.
 
-Depends on: typer, rich, and (inside each command, so that `--help` is quick) every other room.
+Depends on: typer, rich, and (inside each command, so that `--help` is quick) every other package.
 """
 
 

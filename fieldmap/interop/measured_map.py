@@ -19,7 +19,7 @@ from fieldmap.typing import Array
 
 HIGHEST_DEGREE = 10
 FOLDS = 5
-# A higher degree must foretell readings that were held out better by this share, or it only follows noise.
+# A higher degree must predict readings that were held out better by this share, or it only follows noise.
 WORTH = 0.02
 
 
@@ -28,7 +28,7 @@ class FitReport:
     """How well harmonic polynomials hold the readings.
 
     degree: of the potential. residual: root mean square of what is left of the readings, per component, T. held_out,
-    held_out_worst: the same, and the largest, for readings foretold by fits without them, T: what to trust.
+    held_out_worst: the same, and the largest, for readings predicted by fits without them, T: what to trust.
     standard_error: of the fit at the map's nodes by the readings' scatter, largest, coils at their reference currents
     summed, T and T/m; what the degree cannot follow is not in it. readings: how many.
     """
@@ -63,7 +63,7 @@ def fit_map(
     """Fit a map to readings, its nodes at most `spacing` (m) apart.
 
     The box from lower to upper (3,), m, is that of the readings unless given. degree: of the potential; unless given,
-    the one from which on readings that were held out are foretold no better. Currents of several coils in one reading
+    the one from which on readings that were held out are predicted no better. Currents of several coils in one reading
     are told apart as long as they were varied. The result's `data` goes into `fieldmap.lookup.interpolate` or
     `fieldmap.store.write_map`, its provenance says what the report says. Raises InputError if the readings cannot
     tell the coils apart or are too few.
@@ -125,7 +125,7 @@ def _map(
     assumptions = (
         "measured: the field is proportional to the currents of its coils",
         "measured: no currents and no iron inside the box",
-        f"measured: readings foretold without them to {report.held_out:.2g} T (rms per component)",
+        f"measured: readings predicted without them to {report.held_out:.2g} T (rms per component)",
     )
     source = Provenance(title="Measured field", solver_report=stated, assumptions=assumptions)
     return MapData(
@@ -157,10 +157,10 @@ def _best_degree(measurements: Measurements, local: Array) -> int:
     for degree in range(2, HIGHEST_DEGREE + 1):
         if ((degree + 1) ** 2 - 1) * len(measurements.coil_names) > 1.5 * len(local):
             break
-        foretold = float(np.mean(_held_out(measurements, local, degree) ** 2))
-        if foretold >= (1 - WORTH) * least:
+        predicted = float(np.mean(_held_out(measurements, local, degree) ** 2))
+        if predicted >= (1 - WORTH) * least:
             break
-        best, least = degree, foretold
+        best, least = degree, predicted
     if not best:
         raise _too_few(f"{len(local)} readings for {len(measurements.coil_names)} coils")
     return best

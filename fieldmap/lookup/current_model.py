@@ -86,8 +86,8 @@ class CurrentModel:
         return np.concatenate([currents, result], axis=-1)
 
     def amplitudes(self, currents: Array) -> Array:
-        """Amplitudes (r,) of the modes at currents (c,), begun from what the known states foretell."""
-        return self._solve(currents, *self._foretold(currents), _TOLERANCE)
+        """Amplitudes (r,) of the modes at currents (c,), begun from what the known states predict."""
+        return self._solve(currents, *self._predicted(currents), _TOLERANCE)
 
     def slopes(self, currents: Array, amplitudes: Array) -> Array:
         """Derivatives (s, n_fields, c) of the iron's weights by the currents, at currents (s, c) and their amplitudes
@@ -97,7 +97,7 @@ class CurrentModel:
         slopes = np.concatenate([self._sensitivities(*part)[0] for part in parts])
         return np.asarray(np.einsum("fr,src->sfc", self.model.output, slopes, optimize=True))
 
-    def _foretold(self, currents: Array) -> tuple[Array, Array]:
+    def _predicted(self, currents: Array) -> tuple[Array, Array]:
         """Amplitudes (r,) to begin with, and the factor (r, r) of the tangent of the nearest known state."""
         slopes, factors = self._tangents
         known = self.model.known_currents
@@ -143,17 +143,17 @@ class CurrentModel:
             return np.full(self.model.field_count, np.nan)
         if self._follow:
             return np.asarray(self.model.output @ self._followed(currents))
-        found = self._solve(currents, *self._foretold(currents), _FOR_LOOKUPS)
+        found = self._solve(currents, *self._predicted(currents), _FOR_LOOKUPS)
         return np.asarray(self.model.output @ found)
 
     def _followed(self, currents: Array) -> Array:
         """The amplitudes, begun from the last ones."""
         path = self._path
-        start, factor = self._foretold(currents) if path is None else path.ahead(currents)
+        start, factor = self._predicted(currents) if path is None else path.ahead(currents)
         try:
             found = self._solve(currents, start, factor, _FOR_LOOKUPS)
         except NotConverged:
-            start, factor = self._foretold(currents)
+            start, factor = self._predicted(currents)
             found = self._solve(currents, start, factor, _FOR_LOOKUPS)
         # One assignment: another thread sees the old path or the new one, never a mixture.
         self._path = (

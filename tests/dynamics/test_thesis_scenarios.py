@@ -1,5 +1,5 @@
 """The rows of the coupled loop on a map made up: six dipoles below which nothing saturates. What must hold on any such
-machine, and what its own statics and the closed forms of its loops foretell."""
+machine, and what its own statics and the closed forms of its loops predict."""
 
 from types import SimpleNamespace
 

@@ -34,7 +34,7 @@ def place(source, currents, height=0.0):
     return point.position
 
 
-def test_the_equilibrium_moves_as_foretold_to_second_order(three_coils):
+def test_the_equilibrium_moves_as_predicted_to_second_order(three_coils):
     at = place(three_coils, CURRENTS)
     found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, at)
     way = np.array([0.3, -0.7, 0.6])

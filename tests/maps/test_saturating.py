@@ -372,7 +372,7 @@ def test_what_newtons_method_leaves_is_far_below_what_the_model_is_off(data):
     reduced = data.reduced_model
     shares = np.random.default_rng(3).random((12, 2))
     for currents in reduced.lower + shares * (reduced.upper - reduced.lower):
-        exact = reduced.output @ model._solve(currents, *model._foretold(currents), 1e-11)
+        exact = reduced.output @ model._solve(currents, *model._predicted(currents), 1e-11)
         left = model.weights(currents)[2:] - exact
         for values, own in (
             (data.flux_density, data.current_error.flux_density),

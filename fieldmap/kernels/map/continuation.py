@@ -50,7 +50,7 @@ def continued(aim, passed, states, weights, nodes, out):
     """out (r,): the state at parameters `aim` (c,), from states (k, r) at parameters `passed` (k, c), newest last.
 
     Of the polynomials through the last one, two and three states, over how far the parameters went along the last
-    step, the one that foretells the parameters themselves best: on a smooth path the highest, after a leap or among
+    step, the one that predicts the parameters themselves best: on a smooth path the highest, after a leap or among
     noise a lower one. weights, nodes (k,): room to work in.
     """
     count, last = passed.shape[0], passed.shape[0] - 1
