@@ -59,6 +59,10 @@ def test_what_is_no_set_of_currents_is_refused(given):
     assert caught.value.problems[0].where == "currents"
 
 
+def test_currents_by_name_follow_the_coils_not_the_alphabet_nor_the_mapping():
+    assert coil_currents({"6": 2.0, "3": 3.0, "5": 1.0}, ("5", "6", "3")).tolist() == [1.0, 2.0, 3.0]
+
+
 def test_currents_for_each_point_only_where_they_are_welcome():
     each = np.ones((7, 2))
     assert coil_currents(each, NAMES, points=7).shape == (7, 2)
