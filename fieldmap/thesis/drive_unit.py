@@ -41,6 +41,8 @@ class UnitStates(BaseField):
 
     def __init__(self, refinement: float = 1.0, folder: Path | None = FOLDER) -> None:
         self.refinement, self._folder = refinement, folder
+        # Maps, not states: `NonlinearSolver.at` would hold every solved state in memory, while one that was read from
+        # the folder has none. A new state begins at the one that was solved last, as those in the folder did.
         self._fields: list[tuple[Array, FieldMap]] = []
         self._read = folder is None
         self._last: object | None = None

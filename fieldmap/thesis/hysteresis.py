@@ -231,12 +231,14 @@ def cached_shift(pinning: Pinning, protocol: Protocol, signals: Array, folder: P
     if folder is None:
         return _shift(pinning, protocol, way)
     mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*PACKAGES, "levitation", "thesis"))
+    name = json.dumps(key.tolist())
     with Checkpoint(folder / _FILE, mark) as checkpoint:
-        name = json.dumps(key.tolist())
         piece = checkpoint.get(name)
-        if piece is not None:
-            return piece.arrays["shifts"]
-        found = _shift(pinning, protocol, way)
+    if piece is not None:
+        return piece.arrays["shifts"]
+    # Minutes, for which the file is left to other runs.
+    found = _shift(pinning, protocol, way)
+    with Checkpoint(folder / _FILE, mark) as checkpoint:
         checkpoint.put(name, {"shifts": found})
     return found
 

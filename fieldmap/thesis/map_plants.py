@@ -21,6 +21,8 @@ _REFINEMENT = 0.4
 _DEVICE = "drive_unit"
 
 
+# Not the cache of `NonlinearSolver.at`, which begins at the state that was asked for last: the numbers of these rows
+# belong to the walk from each solved state to the next, and another start moves them within the solver's tolerance.
 class _SolvedOnDemand(BaseField):
     """Saturating iron at any currents: a new state begins at the one that was solved last, whatever was asked since."""
 

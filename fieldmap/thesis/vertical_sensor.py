@@ -1,17 +1,14 @@
 """The thesis's vertical sensor and its measured levitation current, in the frame of the drive unit's fields.
 
 Fields are in metres, z up, with the origin on the lower face of the pole disk. The thesis reads depth downward, in
-millimetres, from the zero of a laser micrometer (section 3.3.1).
+millimetres, from the zero of a laser micrometer (section 3.3.1). The numbers are those of `fieldmap.device.measured`.
 """
 
-from fieldmap.thesis.printed import shared_value
+from fieldmap.device.measured import measured_machine
 
-SENSOR_ZERO_DEPTH = shared_value("section_3_3_1.sensor_zero_mm") / 1e3
+_UNIT = measured_machine("drive_unit")
+SENSOR_ZERO_DEPTH = -_UNIT.sensor_zero
 """Depth of the micrometer's zero below the lower face of the pole disk, m."""
-
-# (7-18), in each of the six electromagnets, over the reading in mm.
-_LIFT_CURRENT_SLOPE = shared_value("eq_7_18.slope_A_per_mm")
-_LIFT_CURRENT_AT_ZERO = shared_value("eq_7_18.intercept_A")
 
 
 def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
@@ -23,7 +20,7 @@ def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
     >>> round(magnet_height(10.0, magnet_offset=0.015), 6)
     -0.102
     """
-    return -SENSOR_ZERO_DEPTH - 1e-3 * sensor_mm - magnet_offset
+    return _UNIT.height(sensor_mm, magnet_offset)
 
 
 def sensor_reading(height: float, magnet_offset: float = 0.0) -> float:
@@ -33,7 +30,7 @@ def sensor_reading(height: float, magnet_offset: float = 0.0) -> float:
     >>> round(sensor_reading(-0.102, magnet_offset=0.015), 6)
     10.0
     """
-    return 1e3 * (-SENSOR_ZERO_DEPTH - height - magnet_offset)
+    return _UNIT.reading_mm(height, magnet_offset)
 
 
 def thesis_lift_current(sensor_mm: float) -> float:
@@ -46,4 +43,4 @@ def thesis_lift_current(sensor_mm: float) -> float:
     >>> round(thesis_lift_current(10.0), 4)
     1.558
     """
-    return _LIFT_CURRENT_SLOPE * sensor_mm + _LIFT_CURRENT_AT_ZERO
+    return _UNIT.lift_current(sensor_mm)

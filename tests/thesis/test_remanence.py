@@ -6,7 +6,8 @@ import pytest
 from fieldmap.device import read_device
 from fieldmap.errors import InputError
 from fieldmap.iron import HysteresisSolver, Pinning
-from fieldmap.thesis.hysteresis import Protocol, prepared, walk, x_remanence
+from fieldmap.store import Checkpoint
+from fieldmap.thesis.hysteresis import Protocol, cached_shift, prepared, walk, x_remanence
 from fieldmap.thesis.printed import read_part
 
 SIGNALS = np.array([0.0, 0.1, 0.2, 0.1])
@@ -56,3 +57,20 @@ def test_rows_hold_what_was_measured(monkeypatch):
     width = x_remanence(inputs).numbers["width"]
     printed = [float(n.text) for n in read_part("S14_x_remanence").numbers["width"]]
     assert width.ravel() == pytest.approx(printed, abs=1e-9)
+
+
+def test_the_file_is_free_while_a_run_computes(monkeypatch, tmp_path):
+    computed = []
+
+    def compute(*_):
+        (file,) = tmp_path.iterdir()
+        with Checkpoint(file, "of another run", resume=False):
+            pass  # raises where the file is locked
+        computed.append(1)
+        return np.arange(3.0)
+
+    monkeypatch.setattr("fieldmap.thesis.hysteresis._shift", compute)
+    for _ in range(2):
+        found = cached_shift(Pinning(0.0, 1), Protocol(), SIGNALS, tmp_path)
+        assert found.tolist() == [0.0, 1.0, 2.0]
+    assert len(computed) == 1

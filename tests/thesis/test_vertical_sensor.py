@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from fieldmap.thesis.printed import shared_value
 from fieldmap.thesis.vertical_sensor import magnet_height, sensor_reading, thesis_lift_current
 
 
@@ -25,3 +26,10 @@ def test_the_levitation_current_has_the_printed_numbers_of_7_18():
     assert thesis_lift_current(0.0) / 0.355 == pytest.approx(3.4225, abs=1e-4)
     # 1.558 A at z_s = 10 mm.
     assert thesis_lift_current(10.0) == pytest.approx(1.558, abs=1e-12)
+
+
+def test_the_printed_numbers_are_those_of_the_measured_machine():
+    assert -1e3 * magnet_height(0.0) == shared_value("section_3_3_1.sensor_zero_mm")
+    assert thesis_lift_current(0.0) == shared_value("eq_7_18.intercept_A")
+    slope = thesis_lift_current(1.0) - thesis_lift_current(0.0)
+    assert slope == pytest.approx(shared_value("eq_7_18.slope_A_per_mm"), abs=1e-15)
