@@ -18,6 +18,8 @@ from fieldmap.studies.variant_result import Row, Task, VariantResult, solve_vari
 from fieldmap.typing import Array, PathLike, Progress
 
 OUTPUT_FOLDER = Path("maps/out")
+# Stands in the checkpoint for a failed variant that is to be solved again.
+_TRIED_AGAIN = {"tried_again": True}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,9 @@ def run_study(
         Workers(workers, scheduler) as team,
         Checkpoint(checkpoint_path(target), order.fingerprint, resume) as checkpoint,
     ):
-        done = finished_variants(checkpoint, retry)
+        done = finished_variants(checkpoint)
+        if retry:
+            _forget_failed(done, checkpoint)
         _solve(order, done, checkpoint, team, say)
         results = [done[number] for number in range(len(order.variants))]
     data = data_set(order, results)
@@ -133,16 +137,24 @@ def _solve(
         say(f"{len(finished)} of {total} variants: {study.variants[number].name}", share)
 
 
-def finished_variants(checkpoint: Checkpoint, retry: bool = False) -> dict[int, VariantResult]:
-    """The variants in the checkpoint of a study, by number; without those that failed if they are tried again."""
+def finished_variants(checkpoint: Checkpoint) -> dict[int, VariantResult]:
+    """The variants in the checkpoint of a study, by number, without those that a run has begun to try again."""
     found = {}
     for key in checkpoint:
         piece = checkpoint.get(key)
         assert piece is not None
-        rows = tuple(Row(row["numbers"], tuple(row["problems"])) for row in piece.about["rows"])
-        if not retry or not any(row.problems for row in rows):
+        if piece.about != _TRIED_AGAIN:
+            rows = tuple(Row(row["numbers"], tuple(row["problems"])) for row in piece.about["rows"])
             found[int(key)] = VariantResult(rows, tuple(piece.about["assumptions"]))
     return found
+
+
+def _forget_failed(finished: dict[int, VariantResult], checkpoint: Checkpoint) -> None:
+    """Take the variants that failed out of the finished ones and out of the checkpoint, so that a run that is killed
+    before it has tried them again leaves them to the next."""
+    for number in [k for k, result in finished.items() if any(row.problems for row in result.rows)]:
+        checkpoint.put(str(number), about=_TRIED_AGAIN)
+        del finished[number]
 
 
 def task_of(study: Study, number: int) -> Task:

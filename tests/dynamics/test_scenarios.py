@@ -218,6 +218,11 @@ def test_former_names_of_keys_and_files_are_read(written):
     assert read_scenario(path, {"control.linked.designs": 3}).contents.control.coupled.designs == 3
     with pytest.warns(FutureWarning, match="coupled_regulator"):
         assert find_scenario("linked_regulator") == find_scenario("coupled_regulator")
+    # A path is nobody's former name.
+    missing = path.parent / "linked_regulator.toml"
+    with pytest.raises(ScenarioError) as error:
+        find_scenario(missing)
+    assert error.value.problems[0].where == str(missing)
 
 
 def test_the_zero_of_the_vertical_sensor_is_to_be_given(written):

@@ -123,6 +123,20 @@ def test_a_failed_variant_is_recorded_and_the_rest_goes_on(devices, tmp_path):
     assert said[2:] == ["resumed with 1 of 2 variants", "2 of 2 variants: radius = 13", "complete"]
 
 
+def test_a_retry_that_is_killed_is_taken_up_by_the_next_run(devices, tmp_path):
+    study, target = devices.study("failing.toml", FAILING), tmp_path / "failing.nc"
+    run_study(study, target)
+
+    def kill(text, _):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, target, retry=True, progress=kill)
+    said: list[str] = []
+    run_study(study, target, progress=lambda text, _: said.append(text))
+    assert said == ["resumed with 1 of 2 variants", "2 of 2 variants: radius = 13", "complete"]
+
+
 def test_what_cannot_be_found_is_the_only_thing_missing(devices, tmp_path):
     text = """
     format = 1

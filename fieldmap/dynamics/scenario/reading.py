@@ -85,8 +85,9 @@ def find_scenario(path_or_name: str | Path) -> Path:
         raise ScenarioError(
             Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
         )
-    new = _OLDER_FILES.get(Path(path_or_name).stem)
-    if new is not None and not Path(path_or_name).is_file():
+    given = Path(path_or_name)
+    new = _OLDER_FILES.get(given.name.removesuffix(".toml"))
+    if new is not None and given == Path(given.name) and not given.is_file():
         # For whoever runs it, so no DeprecationWarning, which only developers see.
         message = f"scenario {path_or_name} is now {new}; the old name goes with {REMOVAL}"
         warnings.warn(message, FutureWarning, stacklevel=2)
