@@ -21,7 +21,6 @@ from fieldmap.dynamics.allocation import (
     ParametrisedAllocation,
     least_power_allocation,
     lift_and_directions,
-    lift_shares,
 )
 from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop, simulate_many
 from fieldmap.dynamics.drives import CoilDrive, drive_of_device
@@ -58,6 +57,7 @@ from fieldmap.dynamics.scenario import (
 )
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.levitation.least_power import lift_shares
 
 __all__ = [
     "AxisReading",

@@ -15,13 +15,9 @@ from fieldmap.currents import CurrentParametrisation, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, Problem
 from fieldmap.kernels.map.parametrisation import MATRIX
 from fieldmap.kernels.motion.currents import Allocation
+from fieldmap.levitation.least_power import push_shares
 from fieldmap.typing import Array
 
-# A combination of coils weaker than this share of the strongest is taken for none: of currents, it would ask for more
-# than a thousand times as much.
-_WEAKEST = 1e-3
-# Share of a wanted force that coils may leave or put elsewhere and still count as pushing that way.
-_LEFT = 0.1
 SIGNALS = ("lift_V", "x_signal", "y_signal")
 """Names of the outputs that lift and push along x and y."""
 
@@ -140,17 +136,6 @@ class MatrixAllocation(ControlAllocation):
         return Allocation(MATRIX, 1.0, np.ascontiguousarray(self.matrix, float), constant)
 
 
-def lift_shares(force_per_ampere: ArrayLike) -> Array:
-    """Currents (n,) of least power that lift, the largest of size 1, and push sideways as little as they can.
-
-    force_per_ampere (3, n): force of the magnet by the coils' currents, N/A. Raises Infeasible where they do not lift.
-
-    >>> lift_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]]).round(9).tolist()
-    [1.0, 1.0]
-    """
-    return _largest_is_one(_towards(_checked(force_per_ampere), 2))
-
-
 def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts: float) -> MatrixAllocation:
     """Outputs lift (V), x and y become the voltages of n coils.
 
@@ -163,7 +148,7 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     >>> allocation.matrix.round(9).tolist(), allocation.idle
     ([[1.0, 2.0, 0.0], [1.0, -2.0, 0.0]], ('y',))
     """
-    force = _checked(force_per_ampere)
+    force = np.asarray(force_per_ampere, dtype=float)
     check_positive("least_power_allocation", volts=volts)
     lift = check_signal("least_power_allocation(shares)", shares)
     if lift.shape != force.shape[1:]:
@@ -174,7 +159,7 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     columns, idle = [lift], []
     for axis in (0, 1):
         try:
-            columns.append(volts * _largest_is_one(_towards(force, axis)))
+            columns.append(volts * push_shares(force, axis))
         except Infeasible:
             columns.append(np.zeros_like(lift))
             idle.append("xy"[axis])
@@ -184,26 +169,3 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     notes = [f"coils by least power: lift in the shares {shown}{signals}"]
     notes += [f"the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle]
     return MatrixAllocation(np.column_stack(columns), np.zeros(len(lift)), SIGNALS, tuple(idle), tuple(notes))
-
-
-def _checked(force_per_ampere: ArrayLike) -> Array:
-    return check_signal("least_power(force_per_ampere).T", np.transpose(force_per_ampere), columns=3).T
-
-
-def _towards(force: Array, axis: int) -> Array:
-    """Currents (n,) of least power for 1 N along an axis and none along the others; Infeasible where there are none."""
-    wanted = np.eye(3)[axis]
-    currents = np.linalg.pinv(force, rcond=_WEAKEST) @ wanted
-    made = force @ currents
-    # The lift may have a pull aside, which a stiffness or another signal holds; a signal may not.
-    left = abs(made[2] - 1.0) if axis == 2 else float(np.abs(made - wanted).max())
-    if left > (0.5 if axis == 2 else _LEFT):
-        must = f"the coils must push the magnet along {'xyz'[axis]}"
-        received = f"{force[axis].tolist()} N/A along it, of at most {np.abs(force).max():.2g} N/A"
-        remedy = "begin at another place, or turn or add a coil"
-        raise Infeasible(Problem("least_power", must, received, remedy))
-    return np.asarray(currents)
-
-
-def _largest_is_one(currents: Array) -> Array:
-    return currents / np.abs(currents).max()

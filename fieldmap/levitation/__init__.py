@@ -20,6 +20,7 @@ from fieldmap.levitation.calibration import Calibration, LiftReadings, PositionR
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equilibrium
 from fieldmap.levitation.former_names import DifferencedField, FixedCurrents, lift_current_nonlinear
+from fieldmap.levitation.least_power import force_per_ampere, lift_shares, push_shares
 from fieldmap.levitation.lift import LiftCurrent, lift_current
 from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
 from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface
@@ -54,10 +55,13 @@ __all__ = [
     "find_equilibrium",
     "follow_branch",
     "follow_equilibrium",
+    "force_per_ampere",
     "lift_current",
     "lift_current_nonlinear",
+    "lift_shares",
     "magnet_balance",
     "model_assumptions",
+    "push_shares",
     "stationary_points",
 ]
 

@@ -1,21 +1,24 @@
-"""Where a magnet comes to rest over two signals of a current parametrisation."""
+"""Where a magnet comes to rest over two direction signals."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
-from fieldmap.currents import divide_currents
+from fieldmap.currents import LiftAndDirections, divide_currents
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError, Problem
-from fieldmap.field import AnyField, Field, as_field, require_bounds
+from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
+from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.kernels.constants import GRAVITY
-from fieldmap.levitation.balance import check_payload
+from fieldmap.levitation.balance import check_payload, check_position
 from fieldmap.levitation.branches import equilibrium_at
+from fieldmap.levitation.least_power import force_per_ampere, push_shares
+from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.typing import Array
 
@@ -26,7 +29,7 @@ _COILS = ("1", "2", "3", "4", "5", "6")
 class EquilibriumSurface:
     """Places of a magnet over signals x (a,) and y (b,).
 
-    positions (a, b, 3), m, and levels (a, b), A: the mean current; NaN where there is no such place in the map, or no
+    positions (a, b, 3), m, and levels (a, b), A: the lift signal; NaN where there is no such place in the map, or no
     current in its domain. stable (a, b): whether the magnet is pushed back in both horizontal directions there.
     field_scale: what the force was multiplied by so that the lift carries the weight at the signals nearest to 0.
     """
@@ -48,37 +51,48 @@ def equilibrium_surface(
     y_signals: ArrayLike,
     level: float,
     height: float,
-    n: float = 1.25,
+    n: float | None = None,
     hold_height: bool = True,
+    shares: Any = None,
 ) -> EquilibriumSurface:
-    """Points of no horizontal force at one height, for all pairs of direction signals of `divide_currents`.
+    """Points of no horizontal force at one height, for all pairs of direction signals.
 
-    field: any `fieldmap.field.Field` with a box, of six coils named "1" to "6". x_signals (a,), y_signals (b,): of the
-    division, 1. level: lift signal, mean current per coil, A. height: z of the magnet's centre, m. hold_height: the
-    level follows, so that the lift stays what it is at the signals nearest to 0 and at `level`, as a controller of the
-    height makes it; otherwise it is constant and the vertical force is left as it is. Each place is looked for from
-    that of its neighbour nearer to 0, so that one branch is followed.
+    field: any `fieldmap.field.Field` with a box. x_signals (a,), y_signals (b,), 1. level: lift signal, A. height: z
+    of the magnet's centre, m. hold_height: the level follows, so that the lift stays what it is at the signals nearest
+    to 0 and at `level`, as a controller of the height makes it; otherwise it is constant and the vertical force is left
+    as it is. Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed.
 
-    Raises InputError for arguments that do not fit, OutsideMapError for a height beyond the map, and NoEquilibrium
-    where there is none at the signals nearest to 0.
+    A map that was made for `LiftAndDirections`, and any other field of six coils named "1" to "6", takes its signals:
+    n is its parameter, that of the map or 1.25 unless given. Any other field, and every one for which shares (n_coils,)
+    are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere of the level, 1 unless given;
+    c_x pushes along x and nowhere else with least power, its largest current 1, at this height in the middle of the
+    box, and c_y along y (docs/theory/dynamics.md (48)). Along an axis on which the coils do not push by themselves the
+    signal does nothing, and the assumptions say so.
+
+    Raises InputError for arguments that do not fit, OutsideMapError for a height or currents beyond the map,
+    Infeasible where the coils do not lift, and NoEquilibrium where there is none at the signals nearest to 0.
 
     >>> m = open_map("maps/out/division.h5")                                            # doctest: +SKIP
     >>> s = [-0.3, -0.15, 0.0, 0.15, 0.3]                                               # doctest: +SKIP
     >>> equilibrium_surface(m, payload, s, s, level=1.558, height=-0.102).positions     # doctest: +SKIP
     """
     carried = check_payload(payload, "equilibrium_surface")
-    check_positive("equilibrium_surface", level=level, n=n)
+    check_positive("equilibrium_surface", level=level)
     x = np.atleast_1d(check_signal("equilibrium_surface(x_signals)", x_signals))
     y = np.atleast_1d(check_signal("equilibrium_surface(y_signals)", y_signals))
     source = as_field(field)
-    _check_coils(source)
     low, high = require_bounds(source)
+    middle = 0.5 * (low + high)
+    divided = _lift_and_directions(source, n) if shares is None else None
+    if divided is None:
+        point = check_position((low, high), np.append(middle[:2], height), "equilibrium_surface(height)")
+        divided = _least_power(source, carried, point, level, 1.0 if shares is None else shares)
     positions, levels = np.full((len(x), len(y), 3), np.nan), np.full((len(x), len(y)), np.nan)
-    stable, middle = np.zeros(levels.shape, dtype=bool), 0.5 * (low + high)
+    stable = np.zeros(levels.shape, dtype=bool)
 
     def rest(at: tuple[int, int], start: Array, begin: float, held: bool, scale: float) -> StationaryPoint:
         def path(u: float) -> tuple[Array, float]:
-            return divide_currents(u, x[at[0]], y[at[1]], n), height
+            return divided.currents(u, float(x[at[0]]), float(y[at[1]])), height
 
         point, levels[at] = equilibrium_at(source, carried, path, start, begin, held, scale)
         positions[at], stable[at] = point.position, point.kind == "stable"
@@ -91,7 +105,51 @@ def equilibrium_surface(
         if np.isfinite(levels[before]):
             with suppress(NoEquilibrium, OutsideMapError):
                 rest(at, positions[before][:2], float(levels[before]), hold_height, scale)
-    return EquilibriumSurface(x, y, positions, levels, stable, scale, _assumptions(hold_height, n))
+    return EquilibriumSurface(
+        x, y, positions, levels, stable, scale, (divided.words, *_assumptions(hold_height))
+    )
+
+
+class _Division(NamedTuple):
+    """How level and direction signals become currents (n_coils,), and that in words."""
+
+    currents: Callable[[float, float, float], Array]
+    words: str
+
+
+def _lift_and_directions(field: Field, n: float | None) -> _Division | None:
+    """The division of six coils; None for a field of others."""
+    made_for = getattr(field, "parametrisation", None)
+    if isinstance(made_for, LiftAndDirections):
+        exponent = made_for.n if n is None else n
+    elif tuple(field.coil_names) == _COILS:
+        exponent = 1.25 if n is None else n
+    else:
+        return None
+    check_positive("equilibrium_surface", n=exponent)
+    return _Division(
+        lambda u, x, y: divide_currents(u, x, y, exponent),
+        f"currents by the division (6-2), (6-3) with n = {exponent:g}",
+    )
+
+
+def _least_power(field: Field, payload: Payload, point: Array, level: float, shares: Any) -> _Division:
+    lift = coil_currents(shares, field.coil_names)
+    gradient = field.gradient(point[None, :], level * lift)[0]
+    moment = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
+    force = force_per_ampere(field, moment, point, level * lift)
+    pushes, idle = [], []
+    for axis in (0, 1):
+        try:
+            pushes.append(push_shares(force, axis))
+        except Infeasible:
+            pushes.append(np.zeros(len(lift)))
+            idle.append("xy"[axis])
+    words = "direction signals push with least power; a signal of 1 adds the level to a coil"
+    words += "".join(
+        f"; the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle
+    )
+    return _Division(lambda u, x, y: u * (lift + x * pushes[0] + y * pushes[1]), words)
 
 
 def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -106,22 +164,9 @@ def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, i
                 yield (i, j), (i, j - int(np.sign(j - j0)))
 
 
-def _check_coils(field: Field) -> None:
-    if tuple(field.coil_names) != _COILS:
-        raise InputError(
-            Problem(
-                "equilibrium_surface(field)",
-                "must have the six coils of the current division (6-2), (6-3): 1 to 6",
-                ", ".join(field.coil_names),
-                "take a map of a drive unit",
-            )
-        )
-
-
-def _assumptions(hold_height: bool, n: float) -> tuple[str, ...]:
+def _assumptions(hold_height: bool) -> tuple[str, ...]:
     level = "the level follows, so that the lift stays what it is at the signals nearest to 0"
     return (
-        f"currents by the division (6-2), (6-3) with n = {n:g}",
         level if hold_height else "the level is constant; the vertical force is left unbalanced",
         "the magnet is a point dipole that stays upright",
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
+from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, Bounds, coil_currents, dipole_wrench, require_proportional
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
@@ -123,6 +124,12 @@ class FieldMap(BaseField):
     def info(self) -> MapInfo:
         """Grid, coil names, reference currents, provenance and errors of the map."""
         return self._info
+
+    @property
+    def parametrisation(self) -> CurrentParametrisation | None:
+        """The current parametrisation for which a map of saturating iron was made; None for any other map."""
+        reduced = self._info.reduced_model
+        return None if reduced is None else reduced.domain.parametrisation
 
     @property
     def kind(self) -> str:

@@ -124,18 +124,17 @@ def _opened(source: FieldSource, currents: Array) -> FieldAtCurrents:
 
 
 def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:
+    """Equal currents are the level of the field's own signals, others its shares."""
     require_box(source)
-    if np.ptp(currents) > 0:
-        remedy = "give one number: the lift signal, which the direction signals divide"
-        raise InputError(
-            Problem("--currents", "must be the same in every coil for --what shift", f"{currents}", remedy)
-        )
+    equal = not np.ptp(currents)
+    level = float(currents[0] if equal else np.abs(currents).mean())
+    shares = None if equal else currents / level
     at, why = (height, "") if height is not None else floating_height(source, currents)
-    surface = equilibrium_surface(source.field, source.payload, SIGNALS, SIGNALS, float(currents[0]), at)
+    surface = equilibrium_surface(source.field, source.payload, SIGNALS, SIGNALS, level, at, shares=shares)
     missing = int(np.isnan(surface.levels).sum())
     words = f", none for {missing} of {surface.levels.size} pairs" if missing else ""
     place = f"at z = {1e3 * at:.4g} mm{why}"
-    title = f"{source.name}: where the magnet rests {place}, {currents[0]:g} A at signals 0{words}"
+    title = f"{source.name}: where the magnet rests {place}, {level:g} A at signals 0{words}"
     return Shown(title, surface=surface, assumptions=_told(source, currents))
 
 

@@ -13,7 +13,7 @@ from fieldmap.cli import main
 from fieldmap.device.model import Payload
 from fieldmap.io import FieldSource
 from fieldmap.lookup import interpolate
-from fieldmap.plot.gather import floating_height
+from fieldmap.plot.gather import floating_height, shown_field
 from fieldmap.plot.rendering import can_render
 from fieldmap.store import Grid, MapData
 
@@ -83,6 +83,31 @@ def test_the_shift_is_shown_where_the_magnet_floats():
     assert why == ", where it floats"
     middle = -0.02 + 0.5 * 4 * 0.01
     assert floating_height(source, np.array([0.1]))[0] == pytest.approx(middle, abs=1e-12)
+
+
+def test_the_shift_of_a_map_of_four_coils():
+    """Coil k: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere, r_k in the corners of a square of 40 mm.
+
+    The magnet rests at the centroid of the currents, and a signal s along x or y moves it by s times 20 mm.
+    """
+    grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
+    flux, slope = np.zeros((4, 125, 3)), np.zeros((4, 125, 3, 3))
+    for k, place in enumerate(0.02 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])):
+        dx, dy, z = (grid.points() - [*place, 0.0]).T
+        along = -0.05 - 2 * z
+        flux[k] = np.column_stack([along * dx, along * dy, 0.1 * z + 2 * z**2 - dx**2 - dy**2])
+        slope[k, :, 0, 0] = slope[k, :, 1, 1] = along
+        slope[k, :, 2, 2] = 0.1 + 4 * z
+        slope[k, :, 0, 2] = slope[k, :, 2, 0] = -2 * dx
+        slope[k, :, 1, 2] = slope[k, :, 2, 1] = -2 * dy
+    names = ("a", "b", "c", "d")
+    arrays = {"flux_density": flux.reshape(4, 5, 5, 5, 3), "gradient": slope.reshape(4, 5, 5, 5, 3, 3)}
+    field = interpolate(MapData(grid, names, np.ones(4), **arrays), kind="global")
+    about = ("a.h5", "", "map", names, field.bounds, Payload(0.010, 0.8), None, None)
+    shown = shown_field(FieldSource(*about, make=lambda: field), np.full(4, 2.0), "shift", height=-0.01)
+    x, y = np.meshgrid(shown.surface.x_signals, shown.surface.y_signals, indexing="ij")
+    np.testing.assert_allclose(shown.surface.positions[..., 0], 0.02 * x, atol=1e-8)
+    np.testing.assert_allclose(shown.surface.positions[..., 1], 0.02 * y, atol=1e-8)
 
 
 @needs_opengl

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from fieldmap.dynamics import linear_points, prepare, read_scenario, simulate
-from fieldmap.dynamics.allocation import least_power_allocation, lift_shares
+from fieldmap.dynamics.allocation import least_power_allocation
 from fieldmap.errors import Infeasible, InputError, ScenarioError
+from fieldmap.levitation.least_power import lift_shares
 from fieldmap.lookup import open_map, wrench_actuation
 
 # Coils of a device file whose map the test makes by itself: only windings, payload and driver count.

@@ -12,21 +12,25 @@ PAYLOAD = Payload(mass=0.011, moment=0.8)
 SIGNALS = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
 
 
-class SixWells:
-    """Coil k: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere: it draws a moment m to r_k with 2 m per A."""
+class Wells:
+    """Coil k at r_k of places (n, 2), m: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere, so that it draws a moment
+    m there with 2 m per A."""
 
-    coil_names = ("1", "2", "3", "4", "5", "6")
+    def __init__(self, places=PLACES):
+        self.places = np.asarray(places, dtype=float)
+        self.coil_names = tuple(str(k + 1) for k in range(len(places)))
+
     lower, upper = np.array([-0.03, -0.03, -0.04]), np.array([0.03, 0.03, 0.04])
 
     def field(self, points, currents):
         x, y, z = (points[:, k, None] for k in range(3))
-        dx, dy = x - PLACES[:, 0], y - PLACES[:, 1]
+        dx, dy = x - self.places[:, 0], y - self.places[:, 1]
         b = [-0.05 * dx - 2 * z * dx, -0.05 * dy - 2 * z * dy, 0.1 * z + 2 * z**2 - dx**2 - dy**2]
         return np.stack(b, axis=1) @ currents
 
     def gradient(self, points, currents):
         x, y, z = (points[:, k, None] for k in range(3))
-        dx, dy, zero = x - PLACES[:, 0], y - PLACES[:, 1], 0 * x * PLACES[:, 0]
+        dx, dy, zero = x - self.places[:, 0], y - self.places[:, 1], 0 * x * self.places[:, 0]
         along = -0.05 - 2 * z + zero
         rows = [[along, zero, -2 * dx], [zero, along, -2 * dy], [-2 * dx, -2 * dy, 0.1 + 4 * z + zero]]
         return np.moveaxis(np.array(rows), 2, 0) @ currents
@@ -49,7 +53,7 @@ def centroid(x, y, n):
 
 @pytest.mark.parametrize("held", [True, False])
 def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
-    found = equilibrium_surface(SixWells(), PAYLOAD, SIGNALS, SIGNALS[1:], 1.5, -0.01, 1.25, held)
+    found = equilibrium_surface(Wells(), PAYLOAD, SIGNALS, SIGNALS[1:], 1.5, -0.01, 1.25, held)
     assert found.positions.shape == (5, 4, 3)
     for i, x in enumerate(SIGNALS):
         for j, y in enumerate(SIGNALS[1:]):
@@ -63,15 +67,45 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
 
 
 def test_beyond_the_map_there_is_no_place():
-    found = equilibrium_surface(SixWells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, hold_height=False)
+    found = equilibrium_surface(Wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, hold_height=False)
     assert np.isfinite(found.levels).ravel().tolist() == [True, True, False]
     assert centroid(1.5, 0.0, 1.25)[0] > 0.03 > centroid(0.9, 0.0, 1.25)[0]
 
 
+RING = 0.02 * np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(7) / 7])
+SQUARE = 0.02 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+
+
+@pytest.mark.parametrize("places", [SQUARE, RING], ids=["4 coils", "7 coils"])
+def test_any_number_of_coils_pushes_with_least_power(places):
+    """Coils about the axis: c_x is in proportion to their x, and the centroid of the currents moves along x alone."""
+    found = equilibrium_surface(Wells(places), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    largest = np.abs(places).max(axis=0)
+    slope = (places**2).sum(axis=0) / largest / len(places)
+    for i, x in enumerate(SIGNALS):
+        for j, y in enumerate(SIGNALS):
+            np.testing.assert_allclose(found.positions[i, j, :2], slope * [x, y], atol=1e-8)
+    np.testing.assert_allclose(found.levels, 1.5, rtol=1e-6)
+    lift = 0.8 * len(places) * 1.5 * (0.1 - 0.04)
+    assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift)
+
+
+def test_shares_are_the_currents_at_signals_0():
+    shares = np.array([1.0, 1.0, 2.0, 2.0])
+    found = equilibrium_surface(Wells(SQUARE), PAYLOAD, [0.0], [0.0], 1.0, -0.01, shares=shares)
+    np.testing.assert_allclose(found.positions[0, 0, :2], shares @ SQUARE / shares.sum(), atol=1e-8)
+
+
+def test_coils_in_a_row_do_not_push_across_it():
+    """Coils on the x axis: y signals do nothing, and the magnet stays where it is in y."""
+    found = equilibrium_surface(Wells(SQUARE * [1, 0]), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    np.testing.assert_allclose(found.positions[:, :, 0], 0.02 * SIGNALS[:, None] * np.ones(5), atol=1e-8)
+    np.testing.assert_allclose(found.positions[:, :, 1], 0.0, atol=1e-12)
+
+
 def test_what_does_not_fit():
-    wells = SixWells()
-    wells.coil_names = ("a", "b", "c", "d", "e", "f")
-    with pytest.raises(InputError, match="1 to 6"):
-        equilibrium_surface(wells, PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    with pytest.raises(InputError) as error:
+        equilibrium_surface(Wells(SQUARE), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01, shares=[1.0, 2.0])
+    assert error.value.problems[0].where == "currents"
     with pytest.raises(NoEquilibrium):
-        equilibrium_surface(SixWells(), PAYLOAD, [5.0], [0.0], 1.5, -0.01)
+        equilibrium_surface(Wells(), PAYLOAD, [5.0], [0.0], 1.5, -0.01)

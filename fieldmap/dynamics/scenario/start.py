@@ -11,7 +11,6 @@ from fieldmap.dynamics.allocation import (
     ControlAllocation,
     least_power_allocation,
     lift_and_directions,
-    lift_shares,
 )
 from fieldmap.dynamics.drives import drive_of_device
 from fieldmap.dynamics.machine import Machine
@@ -21,14 +20,12 @@ from fieldmap.dynamics.scenario.controller_schema import ConstantKeys, Linearisa
 from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.schema import CircleKeys
 from fieldmap.errors import Infeasible
-from fieldmap.levitation import lift_current
+from fieldmap.levitation import force_per_ampere, lift_current, lift_shares
 from fieldmap.lookup import FieldMap, division_domain, saturates
 from fieldmap.typing import Array
 
 MILLI = 1e-3
 
-# Share of the currents at the operating point over which the force of saturating iron is differenced.
-_STEP = 0.01
 # Share of what amplifiers and supply give for long that a start chosen by the program takes; what is left is for
 # control.
 _EASY = 0.5
@@ -112,18 +109,16 @@ def starting_currents(
         return currents, lift_and_directions(scenario.contents.control.division_n)
     largest = float(np.abs(currents).max())
     gain = 1.0 if device.driver is None else device.driver.gain
-    allocation = least_power_allocation(
-        _force_per_ampere(opened, body, point, currents), currents / largest, largest / gain
-    )
+    force = force_per_ampere(opened, body.magnet.moments.sum(axis=0), point, currents)
+    allocation = least_power_allocation(force, currents / largest, largest / gain)
     _check_idle(scenario, allocation.idle)
     return currents, allocation
 
 
 def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
     """Of linear iron: what carries the weight."""
-    force = scenario.contents.field.scale * _force_per_ampere(
-        opened, body, point, np.ones(len(opened.coil_names))
-    )
+    moment, ones = body.magnet.moments.sum(axis=0), np.ones(len(opened.coil_names))
+    force = scenario.contents.field.scale * force_per_ampere(opened, moment, point, ones)
     try:
         shares = lift_shares(force)
     except Infeasible as error:
@@ -147,17 +142,6 @@ def _equal(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) 
         where = scenario.error("field.scale", must, share, "raise the scale, or begin higher")
         raise Infeasible(where.problems[0])
     return np.full(coils, float(np.interp(weight, lift, levels)))
-
-
-def _force_per_ampere(opened: FieldMap, body: RigidBody, point: Array, currents: Array) -> Array:
-    """(3, n) of the upright magnet as a point dipole about these currents, N/A: central differences."""
-    moment = body.magnet.moments.sum(axis=0)
-    steps = _STEP * np.abs(currents).max() * np.eye(len(currents))
-    force = [
-        (opened.gradient(point, currents + step) - opened.gradient(point, currents - step)).T @ moment
-        for step in steps
-    ]
-    return np.column_stack(force) / (2.0 * steps[0, 0])
 
 
 def _check_idle(scenario: Scenario, idle: tuple[str, ...]) -> None:
