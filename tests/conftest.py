@@ -14,6 +14,72 @@ def valid_text() -> str:
     return (DEVICES / "everything.toml").read_text(encoding="utf-8")
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--rewrite-golden", action="store_true", help="write what the commands print into tests/cli/golden"
+    )
+
+
+def _dipole_field(moment, source, points):
+    """B (n, 3) of a vertical dipole, Jackson eq. (5.56)."""
+    r = points - source
+    d = np.linalg.norm(r, axis=1)[:, None]
+    return 1e-7 * (3 * moment * r[:, 2:] * r / d**5 - np.array([0.0, 0.0, moment]) / d**3)
+
+
+def _dipole_gradient(moment, source, points):
+    r = points - source
+    d2 = np.sum(r**2, axis=1)[:, None, None]
+    m = np.array([0.0, 0.0, moment])
+    along = (r @ m)[:, None, None]
+    outer = m[:, None] * r[:, None, :] + m * r[:, :, None]
+    return 3e-7 * (outer + along * np.eye(3) - 5 * along * r[:, :, None] * r[:, None, :] / d2) / d2**2.5
+
+
+def _write_dipoles(sources, path, device="", **provenance):
+    """A map file of vertical dipoles (n, 3), each of 8 A m^2 per ampere, in the workspace of the drive unit.
+
+    device: text of the device file that the map records; provenance: what else it records.
+    """
+    from fieldmap.store import Grid, MapData, Provenance, write_map
+
+    n = len(sources)
+    lower, upper = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
+    cells = np.array([8, 8, 12])
+    grid = Grid(lower, (upper - lower) / cells, tuple(cells + 1))
+    points = grid.points()
+    flux = [_dipole_field(8.0, s, points) for s in sources]
+    slope = [_dipole_gradient(8.0, s, points) for s in sources]
+    data = MapData(
+        grid,
+        tuple(str(k + 1) for k in range(n)),
+        np.ones(n),
+        flux_density=np.array(flux).reshape(n, *grid.shape, 3),
+        gradient=np.array(slope).reshape(n, *grid.shape, 3, 3),
+        provenance=Provenance(device_text=device, **provenance),
+    )
+    write_map(path, data)
+    return path
+
+
+@pytest.fixture(scope="session")
+def dipole_map():
+    return _write_dipoles
+
+
+@pytest.fixture(scope="session")
+def circle_of_six():
+    """Places (6, 3), m, on the circle of the drive unit's coils, in its order of coils."""
+    angles = np.deg2rad([240.0, 180.0, 120.0, 300.0, 0.0, 60.0])
+    return np.column_stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)])
+
+
+@pytest.fixture(scope="session")
+def six_coils(circle_of_six, tmp_path_factory):
+    """A map file: six dipoles on the circle of the drive unit."""
+    return _write_dipoles(circle_of_six, tmp_path_factory.mktemp("maps") / "six.h5")
+
+
 @pytest.fixture(scope="session")
 def legible():
     """legible(curves): draws each figure off screen, as it is saved, and holds it to what a reader needs: a unit on

@@ -1,7 +1,9 @@
 """A small machine whose answers are known in closed form: a thin loop that carries a dipole below it."""
 
 import contextlib
+import difflib
 import io
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ import pytest
 
 from fieldmap.cli import main
 
+GOLDEN = Path(__file__).parent / "golden"
 DEVICES = Path(__file__).parents[1] / "devices"
 DEVICE = (DEVICES / "thin_loop.toml").read_text()
 
@@ -39,3 +42,41 @@ def machine(tmp_path_factory):
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         assert main(["map", str(recipe), "-o", str(path)]) == 0
     return SimpleNamespace(folder=folder, device=str(device), recipe=str(recipe), map=str(path))
+
+
+VARIES = (
+    # Sizes of residuals, which rounding decides, and how many steps a search took.
+    (re.compile(r"[-+]?\d(\.\d+)?e-(0[7-9]|[1-9]\d)\b|\b0\.0e\+00"), "<tiny>"),
+    # A direction and its opposite are the same eigenvector.
+    (re.compile(r"^ \([-+](.{5}), [-+](.{5}), [-+](.{5})\)", re.MULTILINE), r" (±\1, ±\2, ±\3)"),
+    (re.compile(r"\d+ starts, \d+ field points"), "<n> starts, <n> field points"),
+    (
+        re.compile(r"[\d.]+ s of one processor: \d+ times"),
+        "<seconds> s of one processor: <n> times",
+    ),
+    (re.compile(r"\d+\.\d+ MB"), "<size> MB"),
+)
+
+
+def masked(text):
+    """The text with a placeholder for what differs between machines and runs; no blanks at the ends of lines."""
+    for pattern, placeholder in VARIES:
+        text = pattern.sub(placeholder, text)
+    return "".join(f"{line.rstrip()}\n" for line in text.splitlines())
+
+
+@pytest.fixture
+def golden(request):
+    """golden(name, text): the text must be that of golden/NAME.txt, which `pytest --rewrite-golden` writes anew."""
+
+    def hold(name, text):
+        path, found = GOLDEN / f"{name}.txt", masked(text)
+        if request.config.getoption("--rewrite-golden"):
+            path.write_text(found, encoding="utf-8")
+        expected = path.read_text(encoding="utf-8") if path.is_file() else ""
+        lines = (expected.splitlines(keepends=True), found.splitlines(keepends=True))
+        difference = "".join(difflib.unified_diff(*lines, f"golden/{path.name}", "printed now"))
+        if difference:
+            pytest.fail(f"{difference}\nIf this is meant: pytest --rewrite-golden {request.node.nodeid}")
+
+    return hold

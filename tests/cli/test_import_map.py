@@ -27,12 +27,9 @@ def readings(tmp_path):
     return path
 
 
-def test_a_table_becomes_a_map_and_says_how_good(readings, tmp_path, capsys):
+def test_a_table_becomes_a_map(readings, tmp_path):
     target = tmp_path / "measured.h5"
     assert main(["import", str(readings), "-o", str(target), "--spacing-mm", "4"]) == 0
-    text = capsys.readouterr().out
-    assert "300, coils loop" in text
-    assert "residual" in text
     opened = open_map(target)
     np.testing.assert_allclose(opened.gradient([0.002, 0.001, -0.003], [1.5]), 1.5 * GRADIENT, atol=2e-3)
     assert (opened.upper - opened.lower).max() / (np.array(opened.info.grid.shape) - 1).max() < 0.004

@@ -13,16 +13,6 @@ from fieldmap.cli.progress import Progress, must_compile
 from fieldmap.cli.run import common_first
 
 
-def test_every_command_stands_on_one_line_of_the_help(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    main([])
-    lines = capsys.readouterr().out.splitlines() or []
-    assert all(len(line) <= 80 for line in lines)
-    for name, entry in COMMANDS.items():
-        assert any(re.search(rf"\b{name} +{re.escape(entry.line)}", line) for line in lines), name
-    assert "<bool>" not in "".join(lines)
-
-
 def test_the_first_steps_of_the_help_are_commands_that_exist():
     steps = re.findall(r"^  fieldmap (\w+)", FIRST_STEPS, re.MULTILINE)
     assert len(steps) >= 4
@@ -61,24 +51,13 @@ def test_verbose_tells_every_step_on_stderr(capsys, machine):
     assert main(["map", machine.recipe, "-o", machine.map, "--verbose"]) == 0
     caught = capsys.readouterr()
     assert "complete already" in caught.err
-    assert re.search(r"^\d{4}-.* INFO +exit code 0", caught.err, re.MULTILINE)
+    assert re.search(r"^\d{4}-.* INFO .* 0 after \d", caught.err, re.MULTILINE)
     assert "INFO" not in caught.out
 
 
 def test_a_log_that_cannot_be_written_is_bad_input(tmp_path, capsys):
     assert main(["schema", "--log", str(tmp_path / "none" / "run.log")]) == 2
     assert "--log" in capsys.readouterr().err
-
-
-def test_a_problem_shows_the_line_that_it_is_about(tmp_path, capsys):
-    (tmp_path / "unit.toml").write_text(
-        'format = 1\nname = "unit"\ntitle = "A unit"\n[[coil]]\nname = "1"\nkind = "circular"\n'
-        "inner_radius_mm = 11\nouter_radius_mm = 21\nheight_mm = 39\nturns = -840\n"
-    )
-    assert main(["check", str(tmp_path / "unit.toml")]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    at = next(i for i, line in enumerate(lines) if "unit.toml:10: coil.1.turns" in line)
-    assert lines[at + 1].split() == ["10", "|", "turns", "=", "-840"]
 
 
 def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):

@@ -84,7 +84,7 @@ def test_every_problem_of_a_file_is_printed_and_counted(capsys, broken):
 
 def test_no_balance_ends_with_1(capsys, machine):
     assert main(["equilibrium", machine.map, "--currents", "0.001"]) == 1
-    assert "raise the currents" in capsys.readouterr().err
+    assert capsys.readouterr().err.count("\nremedy ") == 1
 
 
 @pytest.mark.parametrize("words", [["frobnicate"], ["probe"], ["probe", "x", "--nonsense"]])
@@ -148,7 +148,7 @@ def test_an_interrupted_map_says_how_to_go_on(capsys, machine, monkeypatch):
     monkeypatch.setattr("fieldmap.maps.generate", interrupted)
     assert main(["map", machine.recipe]) == 130
     err = capsys.readouterr().err
-    assert "goes on from here" in err
+    assert "--fresh" in err
     assert err.endswith("interrupted\n")
 
 
@@ -163,11 +163,9 @@ def test_progress_without_a_terminal_is_a_few_plain_lines(capsys):
     assert "\x1b" not in "".join(lines)
 
 
-def test_summary_is_printed_with_its_reservations(capsys, machine):
+def test_the_summary_of_a_map_is_what_info_prints(capsys, machine):
     assert main(["map", machine.recipe, "-o", machine.map, "--summary"]) == 0
     caught = capsys.readouterr()
     assert "complete already" in caught.err
-    assert "A per coil (linear)" in caught.out
-    assert "magnet_offset 5 mm" in caught.out
-    assert all(len(line) <= 100 for line in caught.out.splitlines())
-    assert len(caught.out.splitlines()) <= 28
+    assert main(["info", machine.map]) == 0
+    assert capsys.readouterr().out == caught.out

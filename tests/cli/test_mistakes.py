@@ -37,21 +37,21 @@ def test_a_file_of_another_kind_is_named(files, capsys, command, given, wanted, 
     assert main([command, files[given]]) == 2
     told = " ".join(capsys.readouterr().err.split())
     assert f"must be a {wanted} file" in told
-    assert f"a {given} file, by its key" in told
+    assert f"a {given} file" in told
     assert takes in told
     assert "1 problem found" in told
 
 
 def test_a_map_in_the_place_of_a_scenario(files, capsys):
     assert main(["simulate", files["map"]]) == 2
-    assert f"fieldmap simulate hold --map {files['map']}" in " ".join(capsys.readouterr().err.split())
+    assert f"--map {files['map']}" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_map_in_the_place_of_a_text(files, capsys):
     assert main(["map", files["map"]]) == 2
-    assert "an HDF5 file, such as a map" in capsys.readouterr().err
+    assert "HDF5" in capsys.readouterr().err
 
 
 def test_millimetres_in_the_place_of_metres(files, capsys):
     assert main(["probe", files["map"], "--at", "0", "0", "-80", "--currents", "1"]) == 2
-    assert "--at-mm in mm" in capsys.readouterr().err
+    assert "--at-mm" in capsys.readouterr().err

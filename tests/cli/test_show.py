@@ -11,6 +11,7 @@ from scipy.constants import mu_0
 
 from fieldmap.cli import main
 from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
 from fieldmap.io import FieldSource
 from fieldmap.lookup import interpolate
 from fieldmap.plot.gather import floating_height, shown_field
@@ -80,9 +81,25 @@ def test_the_shift_is_shown_where_the_magnet_floats():
     source = FieldSource(*about, make=lambda: field)
     height, why = floating_height(source, np.array([3.0]))
     assert height == pytest.approx((0.010 * 9.80665 / (0.8 * 3.0) - b) / c, abs=1e-8)
-    assert why == ", where it floats"
+    assert "nowhere" not in why
     middle = -0.02 + 0.5 * 4 * 0.01
-    assert floating_height(source, np.array([0.1]))[0] == pytest.approx(middle, abs=1e-12)
+    height, why = floating_height(source, np.array([0.1]))
+    assert height == pytest.approx(middle, abs=1e-12)
+    assert "nowhere" in why
+
+
+@pytest.mark.parametrize(("words", "height"), [(["--height-mm", "-87"], -0.087), ([], None)])
+def test_the_height_of_the_shift_is_passed_on_in_metres(machine, monkeypatch, words, height):
+    """The shift itself takes a map of six coils: tests/plot/test_scenes.py."""
+    asked = []
+
+    def gathered(source, currents, what, minus, z):
+        asked.append((source.name, what, z))
+        raise InputError(Problem("shown_field", "asked", "enough", "stop"))
+
+    monkeypatch.setattr("fieldmap.plot.gather.shown_field", gathered)
+    assert main(["show", machine.map, "--what", "shift", "--save", "shift.png", *words]) == 2
+    assert asked == [("loop.h5", "shift", height if height is None else pytest.approx(height, abs=1e-15))]
 
 
 def test_the_shift_of_a_map_of_four_coils():

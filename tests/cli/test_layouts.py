@@ -1,0 +1,445 @@
+"""What people read: one golden file for each layout, from small fields and made-up results.
+
+The numbers themselves are judged by the tests of what computes them. Here all differ, so that none can take the
+place of another.
+"""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fieldmap.cli import main
+from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
+from fieldmap.device.model import Payload
+from fieldmap.io.answers import Levitation
+from fieldmap.io.map_summary import LiftAtHeight, MapSummary, MiddleField
+from fieldmap.iron.error.estimate import ErrorEstimate
+from fieldmap.iron.report import SolverReport
+from fieldmap.iron.summary import (
+    BodyFlux,
+    GroupForce,
+    PointField,
+    ReferenceComparison,
+    SectionMean,
+    SolutionSummary,
+)
+from fieldmap.levitation import LiftCurrent
+from fieldmap.store import FieldError, Grid, Provenance
+from fieldmap.thesis import Comparison, PartResult
+
+DEVICES = Path(__file__).parents[1] / "devices"
+
+# The map of six dipoles records this device; something was measured on a machine of this name.
+RECORDED = """
+format = 1
+name = "drive_unit"
+title = "Six dipoles"
+
+[material.steel]
+kind = "froehlich"
+mu_r = 400
+saturation_polarisation_T = 1.6
+
+[[body]]
+name = "yoke"
+material = "steel"
+shape = "sphere"
+radius_mm = 3
+mesh_size_mm = 1.5
+
+[[coil]]
+name = "1"
+kind = "circular"
+inner_radius_mm = 11
+outer_radius_mm = 21
+height_mm = 39
+turns = 840
+position_mm = [0, 0, 60]
+
+[payload]
+mass_g = 11.19
+moment_A_m2 = 0.81
+magnet_offset_mm = 15
+
+[driver]
+gain_A_per_V = 0.355
+current_limit_A = 3.55
+"""
+
+SCENARIO = """
+format = 1
+title = "A step of a magnet below six dipoles"
+map = "six.h5"
+device = "drive_unit"
+duration_s = 0.5
+
+[body]
+turning = "upright"
+radius_mm = 5.9
+height_mm = 25.0
+
+[drag]
+linear_N_s_per_m = [0.3, 0.4, 0.5]
+
+[sensors]
+zero_depth_mm = 77.0
+angle_deg = 45.0
+
+[control]
+delay_ms = 0.5
+
+[control.z]
+kind = "pid"
+Kc = 0.5
+Ti_s = 0.4
+Td_s = 0.06
+lower = 0.0
+upper = 10.0
+
+[control.x]
+kind = "constant"
+
+[control.y]
+kind = "constant"
+
+[start]
+depth_mm = 10.0
+
+[[reference]]
+kind = "step"
+axis = "depth"
+at_s = 0.1
+by_mm = 0.5
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, circle_of_six, dipole_map, machine):
+    """Where the commands run, so that no path depends on the machine."""
+    place = tmp_path_factory.mktemp("layouts")
+    report = {"form": "potential", "tetrahedra": 12345, "surface_faces": 2468, "seconds": {"solve": 12.3}}
+    about = {
+        "title": "Field of six dipoles",
+        "device_name": "drive_unit",
+        "versions": {"fieldmap": "0.1.0", "numpy": "2.0.0"},
+        "created": "2026-01-02 03:04:05 +0000",
+        "solver_report": report,
+        "assumptions": ("dipoles in the place of coils", "no remanence"),
+    }
+    dipole_map(circle_of_six, place / "six.h5", RECORDED, **about)
+    (place / "everything.toml").write_text((DEVICES / "everything.toml").read_text())
+    (place / "thin_loop.toml").write_text((DEVICES / "thin_loop_with_driver.toml").read_text())
+    (place / "step.toml").write_text(SCENARIO)
+    return place
+
+
+@pytest.fixture
+def printed(folder, monkeypatch, capsys):
+    """printed(*words): what a command prints, in the folder, 80 columns wide where it asks the terminal."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def run(*words, code=0):
+        assert main([str(word) for word in words]) == code
+        caught = capsys.readouterr()
+        return caught.err if code == 2 else caught.out
+
+    return run
+
+
+def test_help(printed, golden):
+    golden("help", printed("--help"))
+
+
+def test_help_of_a_command(printed, golden):
+    golden("help_of_equilibrium", printed("equilibrium", "--help"))
+
+
+def test_check_of_a_device(printed, golden):
+    golden("check_device", printed("check", "everything.toml"))
+
+
+def test_check_of_a_map(printed, golden):
+    golden("check_map", printed("check", "six.h5"))
+
+
+def test_info_beside_what_was_measured(printed, golden):
+    golden("info_measured", printed("info", "six.h5"))
+
+
+def summary_of(domain, names):
+    """A made-up summary of a map over currents."""
+    tried = {"flux_density_share": 0.0012, "gradient_share": 0.0034, "states": 56, "solved": 7}
+    report = {
+        "form": "potential",
+        "tetrahedra": 12345,
+        "surface_faces": 2468,
+        "modes": 31,
+        "sample_points": 250,
+        "states_trained_on_solved": 16,
+        "corners_trained_on": 8,
+        "states_trained_on": 64,
+        "states_tried": {"at random": tried},
+        "states_solved": 23,
+        "generation_seconds": 754.0,
+        "generation_processor_seconds": 2345.0,
+        "states_failed": {"5": "no convergence"},
+        "seconds": {"solve": 12.3},
+    }
+    record = Provenance(
+        title="A map over currents",
+        device_name="rig",
+        created="2026-01-02 03:04:05 +0000",
+        solver_report=report,
+        assumptions=("no remanence",),
+    )
+    n = len(names)
+    info = SimpleNamespace(
+        provenance=record,
+        grid=Grid([-0.01, -0.01, -0.12], [0.002, 0.002, 0.0025], (11, 11, 21)),
+        coil_names=names,
+        reference_current=np.arange(1.0, n + 1),
+        interpolation_error=FieldError(1.2e-6, 3.4e-4),
+        error_bounds={"harmonic": FieldError(5.6e-6, 7.8e-4)},
+        reduced_model=SimpleNamespace(domain=domain),
+    )
+    device = SimpleNamespace(payload=Payload(0.010, 0.8))
+    middle = MiddleField(np.array([0.0, 0.0, -0.095]), (0.0123456,), (-0.345678,))
+    lift = (LiftAtHeight(-0.08, 1.234), LiftAtHeight(-0.10, 2.345), LiftAtHeight(-0.12, None))
+    return MapSummary(Path("over_currents.h5"), 1_230_000, info, device, middle, lift, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "domain", "names"),
+    [
+        (
+            "info_over_currents",
+            CurrentDomain(IndependentCurrents(2), np.array([0.5, -1.0]), np.array([2.0, 3.0])),
+            ("left", "right"),
+        ),
+        (
+            "info_over_lift_and_directions",
+            CurrentDomain(LiftAndDirections(1.25), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])),
+            tuple("123456"),
+        ),
+    ],
+)
+def test_info_of_a_map_over_currents(printed, golden, monkeypatch, name, domain, names):
+    monkeypatch.setattr("fieldmap.io.map_summary.summarise_map", lambda path: summary_of(domain, names))
+    golden(name, printed("info", "over_currents.h5"))
+
+
+def test_probe(printed, golden):
+    words = ("--at-mm", "1 2 -90", "--at-mm", "0 0 -80", "--currents", "1,1.1,1.2,1.3,1.4,1.5", "--payload")
+    golden("probe", printed("probe", "six.h5", *words))
+
+
+def test_equilibrium_at_currents(printed, golden):
+    golden("equilibrium_at_currents", printed("equilibrium", "six.h5", "--currents", "4.4,4.2,4,4.1,4,3.9"))
+
+
+def test_equilibrium_at_a_height(printed, golden):
+    golden("equilibrium_at_a_height", printed("equilibrium", "six.h5", "--sensor-mm", "10"))
+
+
+def test_equilibrium_of_states(printed, golden, monkeypatch):
+    """The states on the way, and a driver that gives less than the lift current."""
+
+    def lifted(source, payload, height, on_state):
+        found = LiftCurrent(
+            current=4.2,
+            currents=np.array([4.2]),
+            position=np.array([0.0, 0.0, height]),
+            force=np.array([0.0011, 0.0022, 0.0981]),
+            force_per_ampere=np.array([0.001, 0.002, 0.0335]),
+            stiffness=np.diag([1.1, 1.2, -2.3]),
+            field=np.array([0.001, 0.002, 0.0123]),
+            assumptions=("states of saturating iron",),
+            history=((1.0, 0.0335), (4.0, 0.0971), (4.2, 0.0981)),
+        )
+        return Levitation(source, payload, found, found.assumptions)
+
+    monkeypatch.setattr("fieldmap.io.answers.lifted", lifted)
+    golden("equilibrium_of_states", printed("equilibrium", "thin_loop.toml", "--height-mm", "-87"))
+
+
+REPORT = SolverReport(
+    form="potential",
+    tetrahedra=12345,
+    surface_faces=2468,
+    charged_faces=2000,
+    unknowns=9876,
+    magnetic_bodies=2,
+    iterations=17,
+    residual=1.25e-4,
+    matrix_bytes=43_000_000,
+    seconds={"mesh": 1.25, "solve": 3.5},
+    assumptions=("no current flows in the iron", "no remanence"),
+    symmetry="mirror x = 0, used: 2 dense blocks",
+    storage="dense",
+    error=ErrorEstimate(0.012, 0.034, (0.0056, 0.0078), (0.0091, 0.011)),
+    refinement=((1234, 0.05), (2468, 0.012)),
+)
+
+
+def solution_of(device, nonlinear):
+    """A made-up summary, whose numbers all differ."""
+    at = np.array([0.001, 0.002, -0.014])
+    gradient = np.arange(1.0, 10.0).reshape(3, 3) / 100.0
+    report = REPORT
+    if nonlinear:
+        law = {
+            "largest_flux_density": 1.98,
+            "beyond_table": 2469,
+            "below_table": 0,
+            "continuation": (0.25, 0.5),
+        }
+        report = SolverReport(**{**vars(REPORT), **law, "error": None, "refinement": ()})
+    values = {"at": at, "currents": np.array([1.0, 0.0, 0.0]), "source": "a closed form"}
+    other = {"ours": None, "deviation": None, "tolerance": None}
+    references = (
+        ReferenceComparison("Bz", reference=0.00123, mu_r=None, ours=0.00124, deviation=0.0081301, why_not="",
+                            tolerance=1e-3, **values),
+        ReferenceComparison("dBz/dz", reference=0.123, mu_r=4000.0, why_not="linear iron, --mu-r 4000",
+                            **other, **values),
+        ReferenceComparison("Bx", reference=0.1, mu_r=None, why_not="other currents than this state's",
+                            **other, **values),
+        ReferenceComparison("By", reference=0.2, mu_r=None, why_not="other currents than this state's",
+                            **other, **values),
+    )  # fmt: skip
+    return SolutionSummary(
+        device=device,
+        nonlinear=nonlinear,
+        report=report,
+        currents=np.array([1.0, 2.0, 3.0]),
+        points=(PointField(at, np.array([0.001, -0.002, 0.0031]), gradient),),
+        bodies=(BodyFlux("disk", 1.234, 1.987, np.array([0.1, -0.2, 1.2])),) if nonlinear else (),
+        forces=(GroupForce(("disk", "collar"), np.array([0.1, 0.2, -3.4]), np.array([0.005, 0.006, 0.007])),),
+        sections=(SectionMean("across", 1.234567, 8.9e-5, 7.2e-5),),
+        references=references,
+        warnings=() if nonlinear else ("warning: iron up to 3.9 T",),
+    )
+
+
+@pytest.mark.parametrize("words", [(), ("--nonlinear", "--currents", "1,2,3")], ids=["linear", "state"])
+def test_solve(printed, golden, monkeypatch, words):
+    def summarised(device, *rest):
+        return solution_of(device, bool(words))
+
+    monkeypatch.setattr("fieldmap.io.solve_device", lambda *given: None)
+    monkeypatch.setattr("fieldmap.iron.materials.require_soft_bodies", lambda device: None)
+    monkeypatch.setattr("fieldmap.iron.summary.summarise_solution", summarised)
+    golden("solve_state" if words else "solve_linear", printed("solve", "everything.toml", *words))
+
+
+def test_solve_coils_alone(printed, golden):
+    words = ("--currents", "2", "--at-mm", "1 0 -90")
+    golden("solve_coils", printed("solve", "thin_loop.toml", *words))
+
+
+def test_simulate(printed, golden):
+    words = ("--vary", "control.z.Kc=0.4,0.6", "-o", "runs.h5")
+    golden("simulate", printed("simulate", "step.toml", *words))
+
+
+def test_simulate_runs_that_end_early(printed, golden):
+    words = (
+        "--set",
+        "control.z.Kc=0.0",
+        "--set",
+        "start.shift_mm=[0.0, 0.0, 1.0]",
+        "--set",
+        "duration_s=20.0",
+    )
+    golden("simulate_ended_early", printed("simulate", "step.toml", *words, code=1))
+
+
+def test_linearise(printed, golden):
+    golden("linearise", printed("linearise", "step.toml", "--depths", "9,11", "-o", "linear.npz"))
+
+
+STUDY = """
+format = 1
+title = "Turns of a thin loop"
+device = "thin_loop.toml"
+vary = [{ name = "turns", key = "coil.loop.turns", values = [500, 1000] }]
+record = { quantities = ["currents", "equilibrium", "equilibrium_area"] }
+
+[[currents]]
+name = "carries low"
+carries_at_mm = [0, 0, -90]
+
+[[currents]]
+name = "carries higher"
+carries_at_mm = [0, 0, -80]
+"""
+
+
+def test_study(printed, golden, folder):
+    (folder / "turns.toml").write_text(STUDY)
+    golden("study", printed("study", "turns.toml", "-o", "turns.nc", "--no-plot"))
+
+
+def comparison(name, thesis, ours, kind, agrees=None, misprint="", place="Table 2-2"):
+    return Comparison(
+        "S3", name, f"the {name}", "A m2", thesis, ours, ours / thesis - 1, kind, agrees, misprint, place,
+        "Magnets", ("a cylinder", "no remanence"),
+    )  # fmt: skip
+
+
+def test_thesis(printed, golden, monkeypatch):
+    numbers = (
+        comparison("sphere_moment", 0.000542, 0.0005419, "sharp", agrees=True),
+        comparison(
+            "lift", 1.25, 1.375, "model", place="Fig. 4-7, read from the plot at the middle of its x axis"
+        ),
+        comparison("mass", 2.0, 25.0, "measured"),
+        comparison("volume", 3.0, 4.0, "sharp", agrees=False, misprint="its exponent is wrong"),
+    )
+    results = [
+        PartResult("S3", "Magnets", numbers, explanations={"": "All of it.", "lift": "Iron."}),
+        PartResult("S10", "A map", problem="map missing", remedy="fieldmap map quick", map="quick"),
+    ]
+    monkeypatch.setattr("fieldmap.thesis.attempt_rows", lambda *given: iter(results))
+    golden("thesis", printed("thesis"))
+
+
+def readings():
+    """A table of B = G r per ampere at 2 A, of a quadrupole, with an error that changes its sign from row to row."""
+    steps = np.linspace(-10.0, 10.0, 6)
+    points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    flux = 2.0 * points @ np.diag([200.0, 200.0, -400.0])
+    flux[:, 0] += 10.0 * (-1.0) ** np.arange(len(flux))
+    rows = [",".join(f"{value:.6f}" for value in (*p, 2.0, *b)) for p, b in zip(points, flux, strict=True)]
+    return "\n".join(["x_mm,y_mm,z_mm,I_loop_A,Bx_uT,By_uT,Bz_uT", *rows])
+
+
+def test_import(printed, golden, folder):
+    (folder / "readings.csv").write_text(readings())
+    words = ("-o", "measured.h5", "--spacing-mm", "5", "--degree", "2")
+    golden("import", printed("import", "readings.csv", *words))
+
+
+MISTAKES = """
+format = 1
+name = 3
+title = "Several mistakes"
+
+[[coil]]
+name = "1"
+kind = "circular"
+inner_radius_mm = 11
+outer_radius_mm = 21
+height_mm = 39
+turns = -840
+
+[payload]
+mass = 11.19
+"""
+
+
+def test_mistakes_of_a_device(printed, golden, folder):
+    (folder / "mistakes.toml").write_text(MISTAKES)
+    golden("mistakes", printed("check", "mistakes.toml", code=2))
