@@ -31,6 +31,8 @@ TOLERANCE = 1e-6
 ROUNDING = 1e-9
 """Signals lie in a domain if they are beyond it by no more than this share of its range."""
 MOST_CORNERS = 64
+ASSUMED_N = 1.25
+"""n of `LiftAndDirections` where six coils are divided and nothing says how: an assumption, of one rig."""
 
 
 class NearestSignals(NamedTuple):

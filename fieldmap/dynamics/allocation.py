@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
-from fieldmap.currents import CurrentParametrisation, LiftAndDirections
+from fieldmap.currents import ASSUMED_N, CurrentParametrisation, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, Problem
 from fieldmap.kernels.map.parametrisation import MATRIX
 from fieldmap.kernels.motion.currents import Allocation
@@ -92,7 +92,7 @@ class ParametrisedAllocation(ControlAllocation):
         return Allocation(kernel.kind, kernel.exponent, kernel.matrix, np.zeros(self.coils))
 
 
-def lift_and_directions(n: float = 1.25) -> ParametrisedAllocation:
+def lift_and_directions(n: float = ASSUMED_N) -> ParametrisedAllocation:
     """Outputs lift (V), x and y become the voltages of six coils in two rows of three: `LiftAndDirections`."""
     return ParametrisedAllocation(LiftAndDirections(n), SIGNALS)
 

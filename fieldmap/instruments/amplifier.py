@@ -6,19 +6,23 @@ import numpy as np
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_ordered, check_positive
 
+USUAL_RANGE = 10.0
+"""V, to both sides: of the analogue signals of sensors, converters and amplifiers. It is assumed where no other range
+is given, in Python and in scenario files."""
+
 
 @dataclass(frozen=True)
 class Amplifier:
     """i = gain v + offset, limited.
 
-    gain: A/V. lower, upper: range of the input, V. offset: A. deviation: standard deviation of the current, A, taken
-    as white and Gaussian. current_lower, current_upper: limits of the current, A; those of the input times the gain
-    unless given.
+    gain: A/V. lower, upper: range of the input, V; `USUAL_RANGE` is assumed unless given. offset: A. deviation: standard
+    deviation of the current, A, taken as white and Gaussian. current_lower, current_upper: limits of the current, A;
+    those of the input times the gain unless given.
     """
 
     gain: float
-    lower: float = -10.0
-    upper: float = 10.0
+    lower: float = -USUAL_RANGE
+    upper: float = USUAL_RANGE
     offset: float = 0.0
     deviation: float = 0.0
     current_lower: float = -np.inf

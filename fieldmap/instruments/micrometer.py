@@ -1,5 +1,6 @@
 """A scanning position sensor with an analogue output."""
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +14,14 @@ from fieldmap.arguments import (
     check_positive,
     check_signal,
 )
+from fieldmap.deprecated import REMOVAL
 from fieldmap.errors import InputError, Problem
+from fieldmap.instruments.amplifier import USUAL_RANGE
 from fieldmap.kernels.control.instruments import held_scans
 from fieldmap.typing import Array
+
+# Of one rig; what a sensor without a rate has been taken to have.
+_FORMER_SCAN_RATE = 1200.0
 
 
 @dataclass(frozen=True)
@@ -23,23 +29,26 @@ class Micrometer:
     """A sensor that scans a position and shows it as a voltage: position = scale voltage + zero.
 
     zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: none). lower, upper:
-    its range, V. scan_rate: scans per second. averages: scans whose mean is shown. latency: scans between the end of
+    its range, V; `USUAL_RANGE` is assumed unless given. scan_rate: scans per second, which `measuring_time` and `watch`
+    need. averages: scans whose mean is shown. latency: scans between the end of
     a mean and its appearance. deviation: standard deviation of one scan, m, taken as white and Gaussian.
     """
 
     zero: float
     scale: float
     voltage_step: float = 0.0
-    lower: float = -10.0
-    upper: float = 10.0
-    scan_rate: float = 1200.0
+    lower: float = -USUAL_RANGE
+    upper: float = USUAL_RANGE
+    scan_rate: float | None = None
     averages: int = 1
     latency: int = 0
     deviation: float = 0.0
 
     def __post_init__(self) -> None:
         check_numbers("Micrometer", zero=self.zero)
-        check_positive("Micrometer", scale=self.scale, scan_rate=self.scan_rate)
+        check_positive("Micrometer", scale=self.scale)
+        if self.scan_rate is not None:
+            check_positive("Micrometer", scan_rate=self.scan_rate)
         check_not_negative(
             "Micrometer", voltage_step=self.voltage_step, deviation=self.deviation, latency=self.latency
         )
@@ -54,7 +63,7 @@ class Micrometer:
     @property
     def measuring_time(self) -> float:
         """Time for one mean, s."""
-        return self.averages / self.scan_rate
+        return self.averages / _scan_rate(self)
 
     @property
     def shown_deviation(self) -> float:
@@ -94,16 +103,24 @@ def watch(
     """
     moments, places = _motion(times, positions)
     check_positive("watch", Ts=Ts)
-    span = moments[-1] - moments[0]
-    scan_times = (
-        moments[0] + np.arange(int(np.floor(span * micrometer.scan_rate + 1e-9)) + 1) / micrometer.scan_rate
-    )
+    span, rate = moments[-1] - moments[0], _scan_rate(micrometer)
+    scan_times = moments[0] + np.arange(int(np.floor(span * rate + 1e-9)) + 1) / rate
     scans = np.interp(scan_times, moments, places)
     if generator is not None:
         scans = scans + generator.normal(scale=micrometer.deviation, size=scans.size)
     shown = np.empty(int(np.floor(span / Ts + 1e-9)) + 1)
-    held_scans(scans, micrometer.averages, micrometer.latency, Ts * micrometer.scan_rate, shown)
+    held_scans(scans, micrometer.averages, micrometer.latency, Ts * rate, shown)
     return shown
+
+
+def _scan_rate(micrometer: Micrometer) -> float:
+    if micrometer.scan_rate is not None:
+        return micrometer.scan_rate
+    message = (
+        f"Micrometer(scan_rate) is {_FORMER_SCAN_RATE:g} unless given, and must be given from {REMOVAL} on"
+    )
+    warnings.warn(message, FutureWarning, stacklevel=3)
+    return _FORMER_SCAN_RATE
 
 
 def _motion(times: ArrayLike, positions: ArrayLike) -> tuple[Array, Array]:

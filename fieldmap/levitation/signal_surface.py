@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
-from fieldmap.currents import LiftAndDirections, divide_currents
+from fieldmap.currents import ASSUMED_N, LiftAndDirections, divide_currents
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
@@ -63,11 +63,11 @@ def equilibrium_surface(
     as it is. Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed.
 
     A map that was made for `LiftAndDirections`, and any other field of six coils named "1" to "6", takes its signals:
-    n is its parameter, that of the map or 1.25 unless given. Any other field, and every one for which shares (n_coils,)
-    are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere of the level, 1 unless given;
-    c_x pushes along x and nowhere else with least power, its largest current 1, at this height in the middle of the
-    box, and c_y along y (docs/theory/dynamics.md (48)). Along an axis on which the coils do not push by themselves the
-    signal does nothing, and the assumptions say so.
+    n is its parameter, that of the map or `fieldmap.currents.ASSUMED_N` unless given. Any other field, and every one
+    for which shares (n_coils,) are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere of
+    the level, 1 unless given; c_x pushes along x and nowhere else with least power, its largest current 1, at this
+    height in the middle of the box, and c_y along y (docs/theory/dynamics.md (48)). Along an axis on which the coils
+    do not push by themselves the signal does nothing, and the assumptions say so.
 
     Raises InputError for arguments that do not fit, OutsideMapError for a height or currents beyond the map,
     Infeasible where the coils do not lift, and NoEquilibrium where there is none at the signals nearest to 0.
@@ -123,7 +123,7 @@ def _lift_and_directions(field: Field, n: float | None) -> _Division | None:
     if isinstance(made_for, LiftAndDirections):
         exponent = made_for.n if n is None else n
     elif tuple(field.coil_names) == _COILS:
-        exponent = 1.25 if n is None else n
+        exponent = ASSUMED_N if n is None else n
     else:
         return None
     check_positive("equilibrium_surface", n=exponent)

@@ -26,6 +26,11 @@ STEPLESS = Rig(
 )
 
 
+def test_a_sensor_whose_rate_is_asked_for_must_state_it():
+    with pytest.warns(FutureWarning, match="scan_rate"):
+        assert SENSOR.measuring_time == 1 / 1200.0
+
+
 def test_what_is_seen_of_a_still_position():
     """Round to 5 mV, then to the card's step; by numpy."""
     positions = np.random.default_rng(1).uniform(0.001, 0.039, 500)

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
+from fieldmap.currents import ASSUMED_N
 from fieldmap.dynamics.scenario.controller_schema import AxisController, CoupledController, FeedforwardKeys
 from fieldmap.errors import ScenarioError
 from fieldmap.inputs.kinds import FileKind, register
@@ -18,7 +19,10 @@ from fieldmap.inputs.tables import (
     broken,
     chosen_by,
 )
+from fieldmap.instruments.amplifier import USUAL_RANGE
 
+ASSUMED_MM_PER_V = 2.0
+"""Of the sensors' outputs in a scenario that has a converter and does not say: an assumption, of one rig."""
 Count = Annotated[int, Field(ge=1)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -99,7 +103,9 @@ class CoilKeys(Table):
     output_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
         default=None, description="of the output converter"
     )
-    output_range_V: Positive = Field(default=10.0, description="of the output converter, to both sides")
+    output_range_V: Positive = Field(
+        default=USUAL_RANGE, description="of the output converter, to both sides; assumed unless given"
+    )
     end_beyond_table: bool = Field(
         default=False, description="currents beyond the table of the iron end the run"
     )
@@ -124,8 +130,13 @@ class SensorKeys(Table):
     input_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
         default=None, description="of the input converter"
     )
-    input_range_V: Positive = Field(default=10.0, description="of the input converter, to both sides")
-    mm_per_V: Positive = Field(default=2.0, description="of the sensors' outputs")
+    input_range_V: Positive = Field(
+        default=USUAL_RANGE, description="of the input converter, to both sides; assumed unless given"
+    )
+    mm_per_V: Positive = Field(
+        default=ASSUMED_MM_PER_V,
+        description="of the sensors' outputs, for input_bits; assumed unless given",
+    )
     input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
     scan_rate_Hz: NotNegative = Field(default=0.0, description="0: shows what is at each sample")
     averages: Count | Annotated[list[Count], Field(min_length=3, max_length=3)] = Field(
@@ -157,7 +168,8 @@ class ControlKeys(Table):
         "start; the division for six coils unless given",
     )
     division_n: Positive = Field(
-        default=1.25, description="n of that division: how much more its two middle coils take"
+        default=ASSUMED_N,
+        description="n of that division: how much more its two middle coils take; assumed unless given",
     )
     z: AxisController | None = Field(default=None, description="depth in mm to lift voltage")
     x: AxisController | None = Field(default=None, description="x in mm to x signal")
