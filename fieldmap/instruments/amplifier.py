@@ -15,8 +15,8 @@ is given, in Python and in scenario files."""
 class Amplifier:
     """i = gain v + offset, limited.
 
-    gain: A/V. lower, upper: range of the input, V; `USUAL_RANGE` is assumed unless given. offset: A. deviation: standard
-    deviation of the current, A, taken as white and Gaussian. current_lower, current_upper: limits of the current, A;
+    gain: A/V. lower, upper: range of the input, V; `USUAL_RANGE` is assumed unless given. offset: A. deviation:
+    standard deviation of the current, A, taken as white and Gaussian. current_lower, current_upper: limits of it, A;
     those of the input times the gain unless given.
     """
 
