@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from fieldmap.control.blocks import ControllerBlock
 from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.coupled.lqg import LqgWeights, lqg_block
-from fieldmap.dynamics.linearisation import LinearMachine
+from fieldmap.dynamics.linearisation import VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.kernels.control.block import Block
@@ -91,7 +91,7 @@ def force_controller(
         np.eye(3, 6),
         np.zeros((3, 3)),
         np.hstack([push, np.zeros((6, 3))]),
-        ("x", "y", "z", "vx", "vy", "vz"),
+        ("x", "y", "z", *VELOCITIES),
         ("Fx", "Fy", "Fz"),
         ("x", "y", "z"),
         OperatingPoint(

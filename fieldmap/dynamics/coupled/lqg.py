@@ -8,7 +8,7 @@ import scipy.linalg
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.control import zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
-from fieldmap.dynamics.linearisation import LinearMachine, sampled_machine
+from fieldmap.dynamics.linearisation import ABOUT_Z, LinearMachine, sampled_machine
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.block import SIGNALS
 from fieldmap.typing import Array
@@ -54,7 +54,7 @@ def lqg_block(
     point of the linear machine is where its memory begins. limits: lowest and highest outputs, which the estimator is
     told of. Raises InputError for a machine that is not controllable or not observable, as upward where nothing lifts.
     """
-    felt = linear.only(tuple(name for name in linear.states if name not in ("turn_z", "wz")))
+    felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
     m = felt.B.shape[1]
     if len(weights.output) != m:
         must = f"must have one number for each of {m} outputs"
@@ -101,9 +101,12 @@ def _regulator(model: _Model, linear: LinearMachine, weights: LqgWeights, period
 
 
 def _cost(name: str, weights: LqgWeights) -> float:
-    if name.startswith("v"):
-        return 1.0 / weights.speed["xyz".index(name[1])] ** 2
-    return {"t": 1.0 / weights.lean**2, "w": 1.0 / weights.angular_velocity**2}.get(name[0], 0.0)
+    quantity, _, axis = name.rpartition("_")
+    if quantity == "velocity":
+        return 1.0 / weights.speed["xyz".index(axis)] ** 2
+    return {"turn": 1.0 / weights.lean**2, "angular_velocity": 1.0 / weights.angular_velocity**2}.get(
+        quantity, 0.0
+    )
 
 
 def _estimator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:

@@ -9,7 +9,14 @@ from fieldmap.dynamics.linearisation.loop import (
     sampled_machine,
     sensor_answer,
 )
-from fieldmap.dynamics.linearisation.machine import LinearMachine, linearise, moved_state
+from fieldmap.dynamics.linearisation.machine import (
+    ABOUT_Z,
+    MOTION,
+    VELOCITIES,
+    LinearMachine,
+    linearise,
+    moved_state,
+)
 from fieldmap.dynamics.linearisation.modes import (
     Controllability,
     Coupling,
@@ -20,6 +27,9 @@ from fieldmap.dynamics.linearisation.modes import (
 )
 
 __all__ = [
+    "ABOUT_Z",
+    "MOTION",
+    "VELOCITIES",
     "ClosedLoop",
     "Controllability",
     "Coupling",

@@ -26,6 +26,15 @@ from fieldmap.typing import Array
 _STEPS = {"position": 2e-4, "turn": 2e-3, "velocity": 1e-4, "angular velocity": 1e-3, "current": 5e-3}
 # Shares of a step at which a function is taken, and what they count: central differences of fourth order.
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
+VELOCITIES = ("velocity_x", "velocity_y", "velocity_z")
+MOTION = (
+    *("x", "y", "z", "turn_x", "turn_y", "turn_z"),
+    *VELOCITIES,
+    *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+)
+"""Names of the states of a body that may turn, in their order; of one that may not, positions and velocities."""
+ABOUT_Z = ("turn_z", "angular_velocity_z")
+"""The states of a body's turn about its magnet's axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +43,7 @@ class LinearMachine:
 
     x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, and at the end the angular
     velocity (3), rad/s, of a body that may turn; velocity (3), m/s; currents, A, of amplifiers with a time constant.
+    states: their names, "x", "turn_x", "velocity_x", "angular_velocity_x" and so on (`MOTION`), and "i1" of a current.
     u: the controller's outputs, such as lift (V), x and y. w: force (3), N, and torque (3), N m, in the frame of
     the map. y: the sensed point (3), m. operating_point: what it is linear about. assumptions: what it rests on.
     """
@@ -83,12 +93,13 @@ class LinearMachine:
 
 
 def _current_name(state: str) -> str:
-    """Of a state that had another name."""
-    if not state.startswith("spin_"):
+    """Of a state that had another name: "vx" for "velocity_x", "spin_x" for "angular_velocity_x"."""
+    start, axis = state[:-1], state[-1:]
+    quantity = {"v": "velocity_", "spin_": "angular_velocity_"}.get(start)
+    if quantity is None or axis not in "xyz":
         return state
-    new = state.replace("spin_", "w")
-    warn_renamed(f"state {state}", f"state {new}", level=4)
-    return new
+    warn_renamed(f"state {state}", f"state {quantity}{axis}", level=4)
+    return quantity + axis
 
 
 @renamed_argument("rest", "operating_point")
@@ -142,12 +153,11 @@ def _assumptions(time_constant: float) -> tuple[str, ...]:
 def _coordinates(machine: Machine) -> tuple[tuple[str, ...], list[tuple[int, float]], bool]:
     """Names of the states; number and step of every one that moves; whether the body turns."""
     free = not machine.body.upright
-    groups = [("position", ("x", "y", "z"), 0)]
-    groups += [("turn", ("turn_x", "turn_y", "turn_z"), 3)] if free else []
-    groups += [("velocity", ("vx", "vy", "vz"), 6)]
-    groups += [("angular velocity", ("wx", "wy", "wz"), 9)] if free else []
-    names = tuple(name for _, members, _ in groups for name in members)
-    steps = [(first + k, _STEPS[kind]) for kind, _, first in groups for k in range(3)]
+    groups = [("position", 0), ("turn", 3), ("velocity", 6), ("angular velocity", 9)]
+    if not free:
+        groups = [groups[0], groups[2]]
+    names = tuple(name for _, first in groups for name in MOTION[first : first + 3])
+    steps = [(first + k, _STEPS[kind]) for kind, first in groups for k in range(3)]
     if machine.drive.time_constant:
         names += tuple(f"i{k + 1}" for k in range(machine.drive.coils))
     return names, steps, free
@@ -247,10 +257,9 @@ def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
     """The state (13,) of the machine that a deviation (states,) of the linear model stands for."""
     given = check_signal("moved_state(deviation)", deviation)
     twelve = np.zeros(12)
-    order = ("x", "y", "z", "turn_x", "turn_y", "turn_z", "vx", "vy", "vz", "wx", "wy", "wz")
     for name, value in zip(linear.states, given, strict=True):
-        if name in order:
-            twelve[order.index(name)] = value
+        if name in MOTION:
+            twelve[MOTION.index(name)] = value
     return _moved(linear.operating_point.state, twelve)
 
 

@@ -10,10 +10,10 @@ from fieldmap.dynamics.linearisation.machine import LinearMachine
 from fieldmap.typing import Array
 
 # Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
-_UNITS = {"turn": 0.1, "w": 1.0, "v": 1e-2, "i": 0.1}
+_UNITS = {"turn": 0.1, "angular_velocity": 1.0, "velocity": 1e-2, "i": 0.1}
 _MILLI = 1e-3
 # What a velocity is the velocity of.
-_AXIS_OF = {f"v{k}": k for k in "xyz"} | {f"w{k}": f"turn_{k}" for k in "xyz"}
+_AXIS_OF = {f"velocity_{k}": k for k in "xyz"} | {f"angular_velocity_{k}": f"turn_{k}" for k in "xyz"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation import (
+    ABOUT_Z,
+    VELOCITIES,
     ClosedLoop,
     Controllability,
     Coupling,
@@ -63,13 +65,13 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 
 
 def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> LinearPoint:
-    mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in ("vx", "vy", "vz")]
+    mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in VELOCITIES]
     block = experiment.controller.at(
         linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves]
     )
     sensors = experiment.machine.sensors
     # A body's turn about its magnet's axis is felt by nothing and no mode of the loop.
-    felt = linear.only(tuple(name for name in linear.states if name not in ("turn_z", "wz")))
+    felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
     loop = close_loop(felt, block, experiment.schedule, sensors)
     return LinearPoint(
         depth,
