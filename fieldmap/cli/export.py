@@ -1,27 +1,44 @@
-"""`fieldmap export`: a map for other programs."""
+"""`fieldmap export`: a map, or the field of a device, for other programs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json
+from fieldmap.cli.options import (
+    Json,
+    MuR,
+    Nonlinear,
+    Refinement,
+    checked_iron,
+    refuse_iron_of_map,
+    require_currents,
+)
 
 if TYPE_CHECKING:
-    from fieldmap.lookup import FieldMap
-    from fieldmap.typing import Array
+    from collections.abc import Callable
 
-# Which of --kind, --currents and --outside each format takes; a table on the nodes is the same for every kind.
+    from fieldmap.io import IronOptions
+    from fieldmap.lookup import FieldMap
+
+# Which of these options each format takes; a table on the nodes is the same for every kind.
 FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
-    "csv": ("--currents",),
-    "mag-manip": (),
-    "vti": ("--currents",),
+    "csv": ("--currents", "--spacing-mm"),
+    "mag-manip": ("--spacing-mm",),
+    "vti": ("--currents", "--spacing-mm"),
 }
+_OF_ANY_FIELD = ("csv", "vti")
 
 
 def export(
-    source: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DEVICE_OR_MAP",
+            help="Map file; for csv and vti also a device file or name, which is solved.",
+        ),
+    ],
     to: Annotated[
         str,
         typer.Option(
@@ -42,24 +59,43 @@ def export(
             help="Fixed currents: one per coil, or one for all. Otherwise coil by coil.",
         ),
     ] = None,
+    spacing_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--spacing-mm",
+            metavar="MM",
+            help="For csv, vti and mag-manip: largest distance of the nodes. The map's nodes unless given; a device "
+            "needs it.",
+        ),
+    ] = None,
     outside: Annotated[
         str,
         typer.Option(
             "--outside", metavar="RULE", help="For c: what a point outside the map gives, nan or clamp."
         ),
     ] = "nan",
+    mu_r: MuR = None,
+    nonlinear: Nonlinear = False,
+    refinement: Refinement = 1.0,
     json: Json = False,
 ) -> None:
-    """Write a map for other programs."""
-    from fieldmap.cli.arguments import parse_currents
+    """Write a map, or the field in the workspace of a device, for other programs."""
     from fieldmap.cli.printing import print_json
-    from fieldmap.io import existing_map
-    from fieldmap.lookup import open_map
+    from fieldmap.io import is_map_file
 
-    given = {"--kind": kind != "harmonic", "--currents": bool(currents), "--outside": outside != "nan"}
+    given = {
+        "--kind": kind != "harmonic",
+        "--currents": bool(currents),
+        "--spacing-mm": spacing_mm is not None,
+        "--outside": outside != "nan",
+    }
     _check(to, [option for option, there in given.items() if there])
-    opened = open_map(existing_map(source), kind, outside)
-    written = _write(to, opened, output, parse_currents(currents, opened.coil_names) if currents else None)
+    iron = checked_iron(mu_r, nonlinear, refinement, "auto")
+    spacing = None if spacing_mm is None else 1e-3 * spacing_mm
+    if is_map_file(source):
+        written = _of_map(source, iron, to, output, currents, spacing, (kind, outside))
+    else:
+        written = _of_device(source, iron, to, output, currents, spacing)
     if json:
         print_json({"written": written})
     else:
@@ -79,13 +115,65 @@ def _check(to: str, given: list[str]) -> None:
         )
 
 
-def _write(to: str, field: "FieldMap", output: Path, currents: "Array | None") -> tuple[Path, ...]:
+def _of_map(
+    source: str,
+    iron: "IronOptions",
+    to: str,
+    output: Path,
+    currents: list[str] | None,
+    spacing: float | None,
+    how: tuple[str, str],
+) -> tuple[Path, ...]:
+    from fieldmap.cli.arguments import parse_currents
+    from fieldmap.interop import write_c_files, write_mag_manip
+    from fieldmap.io import existing_map
+    from fieldmap.lookup import open_map
+
+    refuse_iron_of_map(iron)
+    opened: FieldMap = open_map(existing_map(source), *how)
+    amperes = parse_currents(currents, opened.coil_names) if currents else None
+    if to == "c":
+        return write_c_files(opened if amperes is None else opened.at(amperes), output)
+    if to == "mag-manip":
+        return (write_mag_manip(opened, output, spacing),)
+    return (_writer(to)(opened, output, amperes, spacing),)
+
+
+def _of_device(
+    source: str,
+    iron: "IronOptions",
+    to: str,
+    output: Path,
+    currents: list[str] | None,
+    spacing: float | None,
+) -> tuple[Path, ...]:
+    from fieldmap.cli.arguments import parse_currents
+    from fieldmap.cli.progress import Progress
+    from fieldmap.errors import InputError, Problem
+    from fieldmap.io import find_source
+    from fieldmap.io.answers import require_box
+
+    if to not in _OF_ANY_FIELD:
+        remedy = "make a map first: fieldmap map RECIPE"
+        raise InputError(Problem(source, f"must be a map file for --to {to}", "a device", remedy))
+    if spacing is None:
+        remedy = "add for example --spacing-mm 2"
+        raise InputError(
+            Problem("--spacing-mm", "must come with a device, which has no nodes", "none", remedy)
+        )
+    require_currents(iron.nonlinear, currents)
+    with Progress("export") as progress:
+        found = find_source(source, iron, progress)
+        require_box(found)
+        amperes = parse_currents(currents, found.coil_names) if currents else None
+        return (_writer(to)(found.field, output, amperes, spacing, found.device_name),)
+
+
+def _writer(to: str) -> "Callable[..., Path]":
     if to == "vti":
         from fieldmap.plot.vti import write_vti
 
-        return (write_vti(field, output, currents),)
-    from fieldmap.interop import write_c_files, write_csv, write_mag_manip
+        return write_vti
+    from fieldmap.interop import write_csv
 
-    if to == "c":
-        return write_c_files(field if currents is None else field.at(currents), output)
-    return (write_csv(field, output, currents) if to == "csv" else write_mag_manip(field, output),)
+    return write_csv

@@ -189,8 +189,16 @@ def require_currents(nonlinear: bool, currents: list[str] | None) -> None:
 
 def find_named(name: str, options: "IronOptions", progress: "Progress | None" = None) -> "FieldSource":
     """The map or device of this name. Raises InputError for options of the iron that stand beside a map."""
-    from fieldmap.errors import InputError, Problem
     from fieldmap.io import find_source, is_map_file
+
+    if is_map_file(name):
+        refuse_iron_of_map(options)
+    return find_source(name, options, progress)
+
+
+def refuse_iron_of_map(options: "IronOptions") -> None:
+    """Raise InputError for options of the iron, which a map does not take."""
+    from fieldmap.errors import InputError, Problem
 
     changed = {
         "--mu-r": options.mu_r is not None,
@@ -199,10 +207,9 @@ def find_named(name: str, options: "IronOptions", progress: "Progress | None" = 
         "--form": options.form != "auto",
     }
     given = ", ".join(name for name, differs in changed.items() if differs)
-    if given and is_map_file(name):
+    if given:
         remedy = "leave it out, or name a device"
         raise InputError(Problem(given, "must go with a device", "a map, whose iron is fixed", remedy))
-    return find_source(name, options, progress)
 
 
 def field_opener(name: Path | None) -> "Callable[[], Field] | None":

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.errors import MapFileError, Problem
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements
+from fieldmap.interop.sampling import sample_grid
 from fieldmap.lookup import FieldMap
 from fieldmap.store import Grid
 from fieldmap.store.whole_files import write_whole
@@ -29,17 +30,7 @@ def write_mag_manip(field: FieldMap, path: str | PathLike[str], spacing: float |
 
     Raises InputError for a map of saturating iron, which that model cannot hold, or a spacing that is not positive.
     """
-    info = field.info.grid
-    if spacing is None:
-        shape = info.shape
-    elif spacing > 0:
-        nx, ny, nz = (int(np.ceil(x / spacing - 1e-9)) + 1 for x in field.upper - field.lower)
-        shape = (nx, ny, nz)
-    else:
-        raise InputError(
-            Problem("write_mag_manip, spacing", "must be greater than 0 m", repr(spacing), "correct it")
-        )
-    grid = Grid(info.lower, (field.upper - field.lower) / (np.array(shape) - 1), shape)
+    grid = sample_grid(field, spacing)
     # Rounding must not put the outermost nodes outside.
     flux = field.unit_field(np.clip(grid.points(), field.lower, field.upper))
     title = field.info.provenance.title or "fieldmap"
@@ -53,7 +44,7 @@ def write_mag_manip(field: FieldMap, path: str | PathLike[str], spacing: float |
         lines += [f"  coil_{k:0{digits}d}:", "    data:"]
         lines += [f"    - [{x:.9g}, {y:.9g}, {z:.9g}]" for x, y, z in flux[:, k]]
         for a, axis in enumerate(_AXES):
-            lines += [f"    dim_{axis}: {shape[a]}"]
+            lines += [f"    dim_{axis}: {grid.shape[a]}"]
             lines += [
                 f"    min_{axis}: {float(field.lower[a]):.9g}",
                 f"    max_{axis}: {float(field.upper[a]):.9g}",

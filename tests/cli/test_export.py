@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.interop import c_header, write_c_map, write_csv
+from fieldmap.interop import c_header, read_measurements, write_c_map, write_csv
+from fieldmap.interop.sampling import sample_grid
+from fieldmap.io import open_field
 from fieldmap.lookup import open_map
 from fieldmap.plot.vti import write_vti
 
@@ -48,6 +50,32 @@ def test_tables_and_pictures(machine, tmp_path, capsys, to, arguments):
     assert same.read_bytes() == target.read_bytes()
 
 
+@pytest.mark.parametrize("to", ["csv", "vti"])
+def test_the_field_of_a_device(machine, tmp_path, to):
+    """What the function writes of the solution, on nodes that divide the box around the workspace."""
+    target = tmp_path / f"loop.{to}"
+    arguments = ["--to", to, "-o", str(target), "--spacing-mm", "10", "--currents", "2"]
+    assert main(["export", machine.device, *arguments]) == 0
+    solved = open_field(machine.device)
+    write = write_csv if to == "csv" else write_vti
+    same = write(solved, tmp_path / f"same.{to}", [2.0], spacing=0.010, device="thin_loop")
+    assert same.read_bytes() == target.read_bytes()
+    grid = sample_grid(solved, 0.010)
+    np.testing.assert_allclose([grid.lower, grid.upper], solved.bounds, atol=1e-15)
+    assert grid.spacing.max() <= 0.010 + 1e-12
+    if to == "csv":
+        rows = read_measurements(target)
+        np.testing.assert_array_equal(rows.flux_density, solved.field(rows.points, [2.0]))
+
+
+@pytest.mark.parametrize("to", ["c", "mag-manip", "csv"])
+def test_what_needs_the_nodes_of_a_map(machine, tmp_path, capsys, to):
+    target = tmp_path / "loop.out"
+    assert main(["export", machine.device, "--to", to, "-o", str(target)]) == 2
+    assert ("--spacing-mm" if to == "csv" else "map") in capsys.readouterr().err
+    assert not target.exists()
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -56,6 +84,9 @@ def test_tables_and_pictures(machine, tmp_path, capsys, to, arguments):
         ["--to", "vti", "--outside", "clamp"],
         ["--to", "vti"],  # to a file that does not end in .vti
         ["--to", "mag-manip", "--currents", "1"],
+        ["--spacing-mm", "2"],
+        ["--to", "csv", "--spacing-mm", "-2"],
+        ["--to", "csv", "--nonlinear"],
         ["--kind", "hermite"],
         ["--outside", "zero"],
         ["--currents", "1,2"],

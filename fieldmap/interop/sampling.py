@@ -1,0 +1,95 @@
+"""Where a field is sampled for a table or an image, and what is written beside the numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import AnyField, Field, StateField, as_field, coil_currents, require_bounds
+from fieldmap.lookup import FieldMap
+from fieldmap.store import Grid
+from fieldmap.typing import Array
+
+FRAME = "right-handed, z up, lengths in m"
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A field on the nodes of a grid: at currents (n_coils,), A, or coil by coil where they are None.
+
+    points (n, 3), m, z fastest; flux_density (n, 3), T, and gradient (n, 3, 3), T/m, at these currents; coil by coil
+    (n, n_coils, 3) and (n, n_coils, 3, 3) per ampere. reference (n_coils,), A: currents at which a map is stated, 1 for
+    any other field. title, device: what a map records, or "".
+    """
+
+    coil_names: tuple[str, ...]
+    grid: Grid
+    points: Array
+    currents: Array | None
+    flux_density: Array
+    gradient: Array
+    reference: Array
+    title: str
+    device: str
+
+    @property
+    def currents_in_words(self) -> str:
+        """Every coil with its amperes."""
+        if self.currents is None:
+            return "1 A in each coil alone"
+        pairs = zip(self.coil_names, self.currents.tolist(), strict=True)
+        return ", ".join(f"{value!r} A in coil {name}" for name, value in pairs)
+
+
+def sample(
+    field: AnyField, currents: object = None, spacing: float | None = None, device: str = ""
+) -> Samples:
+    """A field with a box, on the nodes of `sample_grid`.
+
+    currents (n_coils,), A; those of a state that has some, otherwise coil by coil unless given. device: its name, where
+    the field is no map that records it. Raises InputError for currents that do not fit, and for a field that does not
+    superpose without any.
+    """
+    source = as_field(field)
+    if currents is None and isinstance(source, StateField):
+        currents = source.currents
+    lower, upper = require_bounds(source)
+    grid = sample_grid(source, spacing)
+    # Rounding must not put the outermost nodes outside.
+    points = np.clip(grid.points(), lower, upper)
+    amperes = None if currents is None else coil_currents(currents, source.coil_names)
+    if amperes is None:
+        flux, slope = source.unit_field(points), source.unit_gradient(points)
+    else:
+        flux, slope = source.field_and_gradient(points, amperes)
+    info = source.info if isinstance(source, FieldMap) else None
+    return Samples(
+        tuple(source.coil_names),
+        grid,
+        points,
+        amperes,
+        flux,
+        slope,
+        np.array(np.broadcast_to(1.0 if info is None else info.reference_current, len(source.coil_names))),
+        "" if info is None else info.provenance.title,
+        device if info is None else info.provenance.device_name,
+    )
+
+
+def sample_grid(field: Field, spacing: float | None = None) -> Grid:
+    """Nodes at most `spacing` (m) apart that divide the box of a field; those of a map unless given.
+
+    Raises InputError for a spacing that is not positive, or for none where the field is no map.
+    """
+    lower, upper = require_bounds(field)
+    if spacing is None:
+        if not isinstance(field, FieldMap):
+            must_hold, remedy = "must be given for a field that has no nodes of its own", "try 0.002 (2 mm)"
+            raise InputError(Problem("spacing", must_hold, "none", remedy))
+        shape = field.info.grid.shape
+    elif spacing > 0:
+        nx, ny, nz = (int(np.ceil(x / spacing - 1e-9)) + 1 for x in upper - lower)
+        shape = (nx, ny, nz)
+    else:
+        raise InputError(Problem("spacing", "must be greater than 0 m", repr(spacing), "correct it"))
+    return Grid(lower, (upper - lower) / (np.array(shape) - 1), shape)
