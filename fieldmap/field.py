@@ -5,7 +5,7 @@ fields; equilibria, control, dynamics, plots, exports and commands take any of t
 field at fixed currents, a `FieldAtCurrents`; a solved state of saturating iron is one too.
 
 A class of your own needs `coil_names`, `field` and `gradient`: derive it from `BaseField`, which supplies the rest, or
-hand an object to `as_field`.
+hand an object to `as_field`, for which `field_and_gradient` does in the place of the two.
 
 A controller needs to know of a field, or of the map that holds it:
 
@@ -145,7 +145,18 @@ class Field(Protocol):
         """The field at these currents."""
 
 
-AnyField: TypeAlias = FieldLike | StateLike
+class PairLike(Protocol):
+    """An object that gives flux density and gradient in one pass only: `as_field` makes a `Field` of it as well."""
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+
+    def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+
+
+AnyField: TypeAlias = FieldLike | PairLike | StateLike
 """What functions of the package take as a field: a `Field`, what `as_field` makes one of, a state at its currents."""
 
 
@@ -308,8 +319,9 @@ class FixedCurrents(BaseFieldAtCurrents):
 
 
 class CompletedField(BaseField):
-    """An object with `coil_names`, `field` and `gradient`, and what else it has, completed to a `Field`; with a box of
-    its own where `bounds` is given. step: half the distance of the gradients that are differenced, m."""
+    """An object with `coil_names`, `field` and `gradient` (or `field_and_gradient` in their place), and what else it
+    has, completed to a `Field`; with a box of its own where `bounds` is given. step: half the distance of the gradients
+    that are differenced, m."""
 
     def __init__(self, source: Any, bounds: Bounds | None = None, step: float = STEP) -> None:
         self.source = source
@@ -344,16 +356,19 @@ class CompletedField(BaseField):
 
     def field(self, points: ArrayLike, currents: Any) -> Array:
         """B (n, 3), T."""
-        return np.asarray(self.source.field(points, currents))
+        own = getattr(self.source, "field", None)
+        return np.asarray(self._pair(points, currents)[0] if own is None else own(points, currents))
 
     def gradient(self, points: ArrayLike, currents: Any) -> Array:
         """dB_i/dx_j (n, 3, 3), T/m."""
-        return np.asarray(self.source.gradient(points, currents))
+        own = getattr(self.source, "gradient", None)
+        return np.asarray(self._pair(points, currents)[1] if own is None else own(points, currents))
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
         """The object's own; otherwise one after the other."""
-        own = getattr(self.source, "field_and_gradient", None)
-        return super().field_and_gradient(points, currents) if own is None else own(points, currents)
+        if hasattr(self.source, "field_and_gradient"):
+            return self._pair(points, currents)
+        return super().field_and_gradient(points, currents)
 
     def gradient_jump(self, currents: Array) -> float:
         """What the object says; otherwise 0."""
@@ -366,6 +381,10 @@ class CompletedField(BaseField):
         if own is None:
             return differenced(lambda x: self.gradient(x, currents), points, self.step)
         return np.asarray(own(points, currents))
+
+    def _pair(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        flux, slope = self.source.field_and_gradient(points, currents)
+        return flux, slope
 
 
 class StateField(BaseField):
@@ -432,10 +451,11 @@ class StateField(BaseField):
 def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
     """The object itself if it is a `Field` (and no other box is asked for), otherwise one made of it.
 
-    source: anything with `coil_names`, `field(points, currents)` and `gradient(points, currents)`; `second_gradient`,
-    `bounds` (or `lower` and `upper`), `proportional` and `assumptions` are used where it has them. Or a state that
-    knows its `currents`, with `field(points)` and `gradient(points)`: a field that holds at these currents. bounds:
-    lower and upper corner (3,), m. Raises InputError for an object that lacks one of these.
+    source: anything with `coil_names`, `field(points, currents)` and `gradient(points, currents)`, or
+    `field_and_gradient(points, currents)` in the place of the two; `second_gradient`, `bounds` (or `lower` and
+    `upper`), `proportional` and `assumptions` are used where it has them. Or a state that knows its `currents`, with
+    `field(points)` and `gradient(points)`: a field that holds at these currents. bounds: lower and upper corner (3,),
+    m. Raises InputError for an object that lacks one of these.
 
     >>> class Uniform:
     ...     coil_names = ("Helmholtz pair",)
@@ -452,7 +472,9 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
         return source  # type: ignore[return-value]
     if isinstance(source, StateField):
         return StateField(source.state, bounds)
-    missing = [name for name in ("coil_names", "field", "gradient") if not hasattr(source, name)]
+    pair = hasattr(source, "field_and_gradient") and not hasattr(source, "currents")
+    needed = ("coil_names",) if pair else ("coil_names", "field", "gradient")
+    missing = [name for name in needed if not hasattr(source, name)]
     if missing:
         must_hold = "must have coil_names, field(points, currents) and gradient(points, currents)"
         received = f"{type(source).__name__} without {', '.join(missing)}"

@@ -1,5 +1,7 @@
 """The noun of the package: currents of every kind, completed fields, second gradients and wrenches by default."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,15 @@ class Duck:
         return Quadratic().gradient(points, currents)
 
 
+class Pair:
+    """Both in one pass, as a program gives them that sums over dipoles."""
+
+    coil_names = NAMES
+
+    def field_and_gradient(self, points, currents):
+        return Quadratic().field(points, currents), Quadratic().gradient(points, currents)
+
+
 POINTS = np.random.default_rng(3).normal(size=(7, 3))
 
 
@@ -70,10 +81,19 @@ def test_currents_for_each_point_only_where_they_are_welcome():
         coil_currents(each, NAMES)
 
 
-@pytest.mark.parametrize("make", [Quadratic, lambda: as_field(Duck())])
+@pytest.mark.parametrize("make", [Quadratic, lambda: as_field(Duck()), lambda: as_field(Pair())])
 def test_defaults_agree_with_the_closed_form(make):
     field = make()
     assert isinstance(field, Field)
+    known = Quadratic()
+    for found, wanted in zip(
+        field.field_and_gradient(POINTS, [1.5, -0.5]),
+        known.field_and_gradient(POINTS, [1.5, -0.5]),
+        strict=True,
+    ):
+        assert np.array_equal(found, wanted)
+    assert np.array_equal(field.field(POINTS, 2.0), known.field(POINTS, 2.0))
+    assert np.array_equal(field.gradient(POINTS, 2.0), known.gradient(POINTS, 2.0))
     fixed = field.at({"left": 1.5, "right": -0.5})
     assert isinstance(fixed, FieldAtCurrents)
     second = fixed.second_gradient(POINTS)
@@ -103,3 +123,7 @@ def test_a_box_is_asked_for_where_one_is_needed():
 def test_an_object_that_is_no_field_is_refused():
     with pytest.raises(InputError):
         as_field(object())
+    with pytest.raises(InputError):
+        as_field(SimpleNamespace(coil_names=NAMES, field=Duck().field))
+    with pytest.raises(InputError):
+        as_field(SimpleNamespace(field_and_gradient=Pair().field_and_gradient))
