@@ -15,14 +15,14 @@ def app(
         typer.Option(
             "--current-limit",
             metavar="A",
-            help="Ends of the sliders of a linear map, A; the driver's limit unless given. A map of saturating iron "
+            help="Ends of the sliders of a linear map, A. Default: the driver's limit. A map of saturating iron "
             "has its own.",
         ),
     ] = None,
     force_scale: Annotated[
         float,
         typer.Option(
-            "--force-scale", metavar="NUMBER", help="What every force is multiplied by, from a calibration."
+            "--force-scale", metavar="NUMBER", help="Multiply every force by this, from a calibration."
         ),
     ] = 1.0,
     payload_of: Annotated[
@@ -30,11 +30,11 @@ def app(
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="FILE", help="A picture (.png) of how it begins; no window."),
+        typer.Option("--save", metavar="FILE", help="Save a picture (.png) of the start; no window."),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Open a window with sliders for the currents of a map: field, force and equilibrium follow."""
+    """Open a window with sliders for the currents of a map: field, force and equilibrium are updated."""
     from fieldmap.device import recorded_device
     from fieldmap.io import existing_map, named_device
     from fieldmap.lookup import open_map

@@ -100,7 +100,7 @@ COMMANDS: dict[str, Entry] = {
     "map": Entry(
         make_map.make_map,
         "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary",
-        "Compute the map that a recipe asks for.",
+        "Compute the map that a recipe describes.",
         MAPS,
     ),
     "info": Entry(info.info, "fieldmap info maps/out/workspace.h5", "What a map holds.", MAPS),
@@ -119,7 +119,7 @@ COMMANDS: dict[str, Entry] = {
     "export": Entry(
         export.export,
         "fieldmap export maps/out/workspace.h5 --to c -o workspace.fmap",
-        "A map for C, ParaView, CSV or mag_manip.",
+        "A map for C or mag_manip; any field as CSV or for ParaView.",
         MAPS,
     ),
     "app": Entry(
@@ -131,13 +131,13 @@ COMMANDS: dict[str, Entry] = {
     "equilibrium": Entry(
         equilibrium.equilibrium,
         "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 10",
-        "Where it floats, or the current that lifts it.",
+        "Where a magnet floats, or the current that lifts it.",
         MAGNETS,
     ),
     "simulate": Entry(
         simulate.simulate,
         "fieldmap simulate hold --map square.h5 --save held.png",
-        "Closed loop on a map, from a scenario file.",
+        "Run a closed loop from a scenario file.",
         MAGNETS,
     ),
     "linearise": Entry(
@@ -228,14 +228,14 @@ def _common(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", callback=_be_quiet, help="Results and problems only.")
+        bool, typer.Option("--quiet", "-q", callback=_be_quiet, help="Print results and problems only.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", callback=_be_verbose, help="Every step, with its time.")
+        bool, typer.Option("--verbose", "-v", callback=_be_verbose, help="Print every step with its time.")
     ] = False,
     log: Annotated[
         Path | None,
-        typer.Option("--log", metavar="FILE", callback=_keep_log, help="The same, added to a file."),
+        typer.Option("--log", metavar="FILE", callback=_keep_log, help="Append the same to a file."),
     ] = None,
 ) -> None:
     """Fields, gradients and forces of coils with soft iron, without finite elements."""

@@ -30,8 +30,8 @@ def check(
 ) -> None:
     """Read a device file, check its geometry, and list its bodies, coils and assumptions.
 
-    Of a map file everything is verified: its seal, every data set, units, provenance, and that its numbers are a
-    magnetic field.
+    Of a map file, verify the seal, every data set, the units and the provenance, and that the numbers are a magnetic
+    field.
     """
     from fieldmap.cli.printing import print_result
     from fieldmap.io import existing_map, is_map_file, named_device

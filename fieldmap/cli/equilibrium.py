@@ -33,13 +33,15 @@ def equilibrium(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="MAP_OR_DEVICE", help="Map file, or device file or name.", autocompletion=devices
+            metavar="DEVICE_OR_MAP", help="Device file or name, or map file.", autocompletion=devices
         ),
     ],
     currents: Annotated[
         list[str] | None,
         typer.Option(
-            "--currents", metavar="A[,A...]", help="One per coil, or one for all: where does it float?"
+            "--currents",
+            metavar="A[,A...]",
+            help="One per coil, or one for all: find where the payload floats.",
         ),
     ] = None,
     height_mm: Annotated[
@@ -47,17 +49,17 @@ def equilibrium(
         typer.Option(
             "--height-mm",
             metavar="MM",
-            help="z of the magnet's centre (negative: below): what current lifts it?",
+            help="z of the magnet's centre (negative: below): find the current that lifts it.",
         ),
     ] = None,
     sensor_mm: Annotated[
         float | None,
         typer.Option(
-            "--sensor-mm", metavar="MM", help="The same, by the reading of the vertical sensor, mm downward."
+            "--sensor-mm", metavar="MM", help="The same, as a reading of the vertical sensor, mm downward."
         ),
     ] = None,
     start: Annotated[
-        str | None, typer.Option("--start", metavar="X Y Z", help="Where to begin the search, m.")
+        str | None, typer.Option("--start", metavar="X Y Z", help="Where the search begins, m.")
     ] = None,
     moment: Annotated[
         str,

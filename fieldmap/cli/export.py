@@ -47,16 +47,21 @@ def export(
             help="c: one flat file and its header. csv: a table. vti: VTK image data. mag-manip: YAML.",
         ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where to write.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")],
     kind: Annotated[
-        str, typer.Option("--kind", metavar="NAME", help="For c: harmonic (per cell) or global (a few kB).")
+        str,
+        typer.Option(
+            "--kind",
+            metavar="NAME",
+            help="For c: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
+        ),
     ] = "harmonic",
     currents: Annotated[
         list[str] | None,
         typer.Option(
             "--currents",
             metavar="A[,A...]",
-            help="Fixed currents: one per coil, or one for all. Otherwise coil by coil.",
+            help="Fixed currents: one per coil, or one for all. Default: each coil by itself.",
         ),
     ] = None,
     spacing_mm: Annotated[
@@ -64,14 +69,14 @@ def export(
         typer.Option(
             "--spacing-mm",
             metavar="MM",
-            help="For csv, vti and mag-manip: largest distance of the nodes. The map's nodes unless given; a device "
+            help="For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes; a device "
             "needs it.",
         ),
     ] = None,
     outside: Annotated[
         str,
         typer.Option(
-            "--outside", metavar="RULE", help="For c: what a point outside the map gives, nan or clamp."
+            "--outside", metavar="RULE", help="For c: what a point outside the map gives: nan or clamp."
         ),
     ] = "nan",
     mu_r: MuR = None,

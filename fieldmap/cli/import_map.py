@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 def import_map(
     source: Annotated[
         Path,
-        typer.Argument(metavar="CSV", help="Readings: x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT."),
+        typer.Argument(
+            metavar="CSV", help="Table with columns x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT."
+        ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP", help="Where to write (.h5).")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP", help="Map file to write (.h5).")],
     spacing: Annotated[
         float, typer.Option("--spacing-mm", metavar="MM", help="Largest distance between nodes of the map.")
     ] = 5.0,
@@ -29,7 +31,7 @@ def import_map(
         typer.Option(
             "--degree",
             min=2,
-            help="Degree of the polynomials: lower is smoother. Default: what predicts held-out readings best.",
+            help="Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.",
         ),
     ] = None,
     json: Json = False,

@@ -21,7 +21,9 @@ def linearise(
     depths: Annotated[
         str | None,
         typer.Option(
-            "--depths", metavar="A,B,...", help="Readings of the vertical sensor, mm; the start's otherwise."
+            "--depths",
+            metavar="A,B,...",
+            help="Readings of the vertical sensor, mm. Default: the one at the start.",
         ),
     ] = None,
     changes: Annotated[
@@ -35,9 +37,9 @@ def linearise(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Linearise the machine of a scenario about its operating point: poles, coupling, loop and margins, by height.
+    """Linearise the machine of a scenario about its operating point: poles, coupling, margins.
 
-    The exit code is 1 if the loop is unstable at any of the depths.
+    The exit code is 1 if the loop is unstable at any depth.
     """
     from fieldmap.cli.arguments import parse_setting
     from fieldmap.cli.printing import print_result

@@ -19,28 +19,28 @@ def make_map(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="Map file to write; maps/out/RECIPE.h5 otherwise."
+            "--output", "-o", metavar="FILE", help="Map file to write. Default: maps/out/RECIPE.h5."
         ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Go on where a stopped run left off, or begin anew.")
+        bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")
     ] = True,
     summary: Annotated[
-        bool, typer.Option("--summary", help="Print what the map holds when it is done.")
+        bool, typer.Option("--summary", help="Print a summary of the map when it is done.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
     workers: Annotated[
         int,
-        typer.Option("--workers", metavar="N", min=1, help="Processes of this machine that share the work."),
+        typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine."),
     ] = 1,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler whose workers do it."
+            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."
         ),
     ] = None,
 ) -> None:
-    """Compute the map that a recipe asks for; a run that was stopped goes on where it was."""
+    """Compute the map that a recipe describes. A stopped run continues where it was."""
     from fieldmap.cli.progress import Progress
     from fieldmap.io import refuse_directory
     from fieldmap.maps import generate

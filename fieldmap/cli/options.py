@@ -74,7 +74,7 @@ ScenarioArgument = Annotated[
 ScenarioMap = Annotated[
     Path | None,
     typer.Option(
-        "--map", metavar="FILE", help="Map file in the place of the scenario's, or a device with linear iron."
+        "--map", metavar="FILE", help="Map file in place of the scenario's, or a device with linear iron."
     ),
 ]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
@@ -89,7 +89,7 @@ MuR = Annotated[
     typer.Option(
         "--mu-r",
         metavar="NUMBER",
-        help="Relative permeability of all iron; the file's otherwise.",
+        help="Relative permeability of all iron, in place of the file's.",
         rich_help_panel=_IRON,
     ),
 ]
@@ -97,7 +97,7 @@ Nonlinear = Annotated[
     bool,
     typer.Option(
         "--nonlinear",
-        help="Iron that saturates, by its B-H table, at the given currents.",
+        help="Let the iron saturate by its B-H table, at the given currents.",
         rich_help_panel=_IRON,
     ),
 ]

@@ -25,34 +25,34 @@ def show(
         typer.Option(
             "--what",
             metavar="NAME",
-            help="device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference or shift; "
-            "path of a run.",
+            help="What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference "
+            "or shift; path for a run.",
         ),
     ] = "",
     currents: Annotated[
         list[str] | None,
-        typer.Option(
-            "--currents", metavar="A[,A...]", help="One per coil, or one for all; 1 A unless given."
-        ),
+        typer.Option("--currents", metavar="A[,A...]", help="One per coil, or one for all. Default: 1 A."),
     ] = None,
     quantity: Annotated[
         str,
         typer.Option(
             "--quantity",
             metavar="NAME",
-            help="Of slices, surfaces and difference: B, Bz or gradB; of shift: x or y.",
+            help="For slices, surfaces and difference: B, Bz or gradB. For shift: x or y.",
         ),
     ] = "",
     minus: Annotated[
         str | None,
-        typer.Option("--minus", metavar="DEVICE_OR_MAP", help="Draw the difference to this one's field."),
+        typer.Option(
+            "--minus", metavar="DEVICE_OR_MAP", help="Subtract this field, and draw the difference."
+        ),
     ] = None,
     height_mm: Annotated[
         float | None,
         typer.Option(
             "--height-mm",
             metavar="MM",
-            help="Of shift: z of the magnet's centre; where it floats at these currents unless given.",
+            help="For shift: z of the magnet's centre. Default: where it floats at these currents.",
         ),
     ] = None,
     save: Annotated[
@@ -60,7 +60,7 @@ def show(
         typer.Option(
             "--save",
             metavar="FILE",
-            help=".png, .html (a browser, no server) or .vtm (ParaView); .gif or .mp4 of a run.",
+            help=".png, .html (for a browser, no server) or .vtm (ParaView); for a run also .gif or .mp4.",
         ),
     ] = None,
     mu_r: MuR = None,

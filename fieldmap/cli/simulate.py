@@ -32,12 +32,14 @@ def simulate(
         Path | None, typer.Option("--save", metavar="FILE", help="Save a plot: .png, .svg or .pdf.")
     ] = None,
     runs: Annotated[
-        int, typer.Option("--runs", metavar="N", help="How many runs, each with noise of its own.")
+        int, typer.Option("--runs", metavar="N", help="Number of runs, each with its own noise.")
     ] = 1,
     seed: Annotated[
-        int | None, typer.Option("--seed", metavar="N", help="In the place of the scenario's.")
+        int | None, typer.Option("--seed", metavar="N", help="Seed of the noise, in place of the scenario's.")
     ] = None,
-    threads: Annotated[int, typer.Option("--threads", metavar="N", help="0: one per processor.")] = 0,
+    threads: Annotated[
+        int, typer.Option("--threads", metavar="N", help="Number of threads; 0: one per processor.")
+    ] = 0,
     changes: Annotated[
         list[str] | None,
         typer.Option(
@@ -46,14 +48,14 @@ def simulate(
     ] = None,
     vary: Annotated[
         str | None,
-        typer.Option("--vary", metavar="KEY=A,B,...", help="The same runs for each value of a key."),
+        typer.Option("--vary", metavar="KEY=A,B,...", help="Repeat the runs for each value of a key."),
     ] = None,
     json: Json = False,
 ) -> None:
     """Run a scenario: a levitated magnet with coils, sensors and controllers in closed loop on a map.
 
-    A run that fails (falls out, leaves the map, hits a wall, saturates) ends with the name of what happened; the exit
-    code is 1 if all runs do.
+    A run that fails (leaves the map, hits a wall, saturates) names the event that ended it. The exit code is 1 if all
+    runs fail.
     """
     from fieldmap.cli.arguments import parse_setting, parse_variation
     from fieldmap.cli.printing import print_result

@@ -32,7 +32,9 @@ def solve(
     currents: Annotated[
         list[str] | None,
         typer.Option(
-            "--currents", metavar="A[,A...]", help="One per coil, or one for all; linear iron: 1 A otherwise."
+            "--currents",
+            metavar="A[,A...]",
+            help="One per coil, or one for all. Default for linear iron: 1 A.",
         ),
     ] = None,
     at: At = None,
@@ -66,8 +68,8 @@ def solve(
 ) -> None:
     """Solve a device: the solver's report, the field at points, and the file's known values beside ours.
 
-    Linear iron unless --nonlinear is given; then also the flux density in every body. Sections of the device file
-    are printed with their mean flux density.
+    Iron is linear unless --nonlinear is given, which also prints the flux density in every body. Sections of the
+    device file are printed with their mean flux density.
     """
     from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.printing import print_result

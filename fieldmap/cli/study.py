@@ -31,22 +31,24 @@ def study(
             "--output",
             "-o",
             metavar="FILE",
-            help="NetCDF file to write; maps/out/STUDY.nc otherwise. CSV and plot beside it.",
+            help="NetCDF file to write, with CSV and plot beside it. Default: maps/out/STUDY.nc.",
         ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Keep the variants of a stopped run, or begin anew.")
+        bool, typer.Option("--resume/--fresh", help="Keep the variants of a stopped run, or start again.")
     ] = True,
-    retry: Annotated[bool, typer.Option("--retry", help="Solve the variants again that failed.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Solve failed variants again.")] = False,
     workers: Annotated[
-        int, typer.Option("--workers", metavar="N", min=1, help="Processes on this machine.")
+        int, typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine.")
     ] = 1,
     scheduler: Annotated[
         str | None,
-        typer.Option("--scheduler", metavar="ADDRESS", help="A dask scheduler, whose workers solve."),
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."
+        ),
     ] = None,
     plot: Annotated[
-        bool, typer.Option("--plot/--no-plot", help="Draw every summary over the varied keys.")
+        bool, typer.Option("--plot/--no-plot", help="Plot every summary over the varied keys.")
     ] = True,
     json: Json = False,
 ) -> None:

@@ -32,9 +32,7 @@ def completed_rows(incomplete: str) -> list[str]:
 def thesis(
     rows: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="ROW", help="S7, for example; all rows if none is given.", autocompletion=completed_rows
-        ),
+        typer.Argument(metavar="ROW", help="Rows such as S7. Default: all.", autocompletion=completed_rows),
     ] = None,
     json: Json = False,
     report: Annotated[
@@ -42,11 +40,11 @@ def thesis(
         typer.Option(
             "--report",
             metavar="FOLDER",
-            help="Write index.html, report.md, numbers.csv and plots there; a second call adds what is missing.",
+            help="Write index.html, report.md, numbers.csv and plots to it; a second call adds what is missing.",
         ),
     ] = None,
     maps: Annotated[
-        Path, typer.Option("--maps", metavar="FOLDER", help="Where the maps lie that rows need.")
+        Path, typer.Option("--maps", metavar="FOLDER", help="Folder with the maps that rows need.")
     ] = Path("maps/out"),
 ) -> None:
     """Print the numbers of the thesis beside ours: what agrees, what does not, and what was assumed.
