@@ -73,13 +73,14 @@ def test_a_measured_map_goes_through_the_file_and_says_what_it_is(ring, tmp_path
     )
     record = opened.info.provenance
     assert record.solver_report["held_out_T"] == measured.report.held_out
-    assert any("no currents and no iron inside" in text for text in record.assumptions)
+    assert any("no iron" in text for text in record.assumptions)
 
 
 def test_coils_that_cannot_be_told_apart(ring):
     some = readings(ring, 400, 0.0)
     same = Measurements(NAMES, some.points, np.ones((400, 6)), some.flux_density)
-    with pytest.raises(InputError, match="tell the coils apart"):
+    # All six coils carry the same: one of the six shares of the 24 harmonics each is determined.
+    with pytest.raises(InputError, match="rank 24 of 144"):
         fit_map(same, 0.01, degree=4)
     with pytest.raises(InputError, match="9 readings"):
         fit_map(Measurements(NAMES, some.points[:9], some.currents[:9], some.flux_density[:9]), 0.01)
@@ -154,7 +155,7 @@ def test_files_that_are_not_mag_manip(tmp_path, ring):
     pytest.importorskip("yaml")
     for text in ("name: x\n", "vfields: {a: {dim_x: 2}}\n", ": :\n  - [", "- 1\n"):
         (tmp_path / "bad.yaml").write_text(text)
-        with pytest.raises(MapFileError, match="mag_manip file with vfields"):
+        with pytest.raises(MapFileError, match="vfields"):
             read_mag_manip(tmp_path / "bad.yaml")
     with pytest.raises(InputError, match="greater than 0"):
         write_mag_manip(ring.map, tmp_path / "ring.yaml", spacing=-1.0)

@@ -103,5 +103,5 @@ def test_without_a_controller_it_falls_out_of_the_map(ring):
 
 
 def test_a_body_that_does_not_exist(ring):
-    with pytest.raises(InputError, match="bodies of the model"):
+    with pytest.raises(InputError, match="flote"):
         MagnetForces(scene()[0], ring.map, {"flote": [0, 0, 1]}, np.ones(6))

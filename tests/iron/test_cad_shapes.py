@@ -157,7 +157,8 @@ def test_what_cannot_be_built_is_named(shape, fragment):
     with pytest.raises(GeometryError) as caught:
         body_solid(body(Part(shape)), "unit.toml")
     (problem,) = caught.value.problems
-    assert problem.where == "unit.toml: body 'piece', part 1"
+    assert problem.where.startswith("unit.toml: ")
+    assert "'piece'" in problem.where
     assert fragment in problem.received
     assert caught.value.exit_code == 2
 

@@ -1,5 +1,6 @@
 """Which geometries are refused, with which numbers, and which are sound: bodies and how they touch."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -73,9 +74,15 @@ def test_contact_survives_the_rounding_of_decimal_coordinates():
 # ---- overlap ----
 
 
+def named(problem):
+    """The names that a problem is about, in quotes where it is."""
+    return re.findall(r"'([^']*)'", problem.where)
+
+
 def test_overlapping_bodies_are_named_with_volume_and_place():
     (problem,) = problems(body("a", CUBE), body("b", CUBE, 8, 6, 1), body("far", CUBE, 100))
-    assert problem.where == "d.toml: body 'a' and body 'b'"
+    assert problem.where.startswith("d.toml: ")
+    assert named(problem) == ["a", "b"]
     for said in ("72 mm^3", "x 3 to 5", "y 1 to 5", "z 1 to 10 mm"):
         assert said in problem.received
 
@@ -87,7 +94,7 @@ def test_a_body_inside_another_overlaps_it():
 
 def test_two_bodies_in_one_place_are_told_once():
     (problem,) = problems(body("a", Sphere(0.01)), body("b", Sphere(0.01)))
-    assert problem.where == "d.toml: body 'a' and body 'b'"
+    assert named(problem) == ["a", "b"]
     for axis in "xyz":
         assert f"{axis} -10 to 10" in problem.received
 
@@ -110,7 +117,8 @@ def test_a_body_that_is_cut_away_has_no_volume():
 
 def test_a_body_of_no_thickness_cannot_be_built():
     (problem,) = problems(body("foil", Box((0.01, 0.01, 0.0))))
-    assert problem.where == "d.toml: body 'foil', part 1"
+    assert named(problem) == ["foil"]
+    assert problem.where.endswith("part 1")
     assert "0.0" in problem.received
 
 
@@ -118,7 +126,8 @@ def test_a_body_cut_in_two_is_allowed_and_noted():
     slot = Part(Box((0.002, 0.02, 0.02)), operation="cut")
     pieces = Body("split", "iron", (Part(CUBE), slot), 0.005)
     assert problems(pieces) == ()
-    assert geometry_notes(device(pieces)) == ("body 'split' is in 2 separate pieces",)
+    (note,) = geometry_notes(device(pieces))
+    assert "'split' is in 2 " in note
 
 
 # ---- contact that is no contact ----
@@ -222,14 +231,10 @@ def test_all_problems_come_in_one_error():
         body("no height", Cylinder(0.01, 0.0), 100),
         body("no height either", Cylinder(0.01, 0.0), 200),
     )
-    assert [problem.where for problem in found] == [
-        "d.toml: body 'no height', part 1",
-        "d.toml: body 'no height either', part 1",
-        "d.toml: body 'a' and body 'overlaps a'",
-    ]
+    assert [named(problem) for problem in found] == [["no height"], ["no height either"], ["a", "overlaps a"]]
 
 
 def test_a_device_without_a_file_is_called_by_its_name():
     with pytest.raises(GeometryError) as caught:
         check_geometry(Device("made in code", "", coils=(), bodies=(body("a", CUBE), body("b", CUBE, 1))))
-    assert caught.value.problems[0].where == "device 'made in code': body 'a' and body 'b'"
+    assert named(caught.value.problems[0]) == ["made in code", "a", "b"]

@@ -1,5 +1,6 @@
 """Which windings and workspaces are refused, with which numbers; and the whole drive unit, which is sound."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,6 +61,11 @@ def device(coils=(), bodies=(), workspace=None) -> Device:
 # ---- windings ----
 
 
+def named(problem):
+    """The names that a problem is about, in quotes where it is."""
+    return re.findall(r"'([^']*)'", problem.where)
+
+
 def test_a_winding_with_clearance_or_in_contact_is_sound():
     assert problems(device((ring_coil("c", 11, 21),), (CORE,))) == ()
     assert problems(device((ring_coil("c", 10, 21),), (CORE,))) == ()
@@ -67,15 +73,16 @@ def test_a_winding_with_clearance_or_in_contact_is_sound():
 
 def test_a_winding_that_cuts_iron_is_named_with_volume_and_place():
     (problem,) = problems(device((ring_coil("c", 9, 21),), (CORE,)))
-    assert problem.where == "d.toml: winding 'c' and body 'core'"
+    assert named(problem) == ["c", "core"]
     volume = np.pi * (10**2 - 9**2) * 39
-    assert problem.received.startswith(f"{volume:.4g} mm^3 in common, within x -10 to 10")
-    assert "z -19.5 to 19.5 mm" in problem.received
+    assert problem.received.startswith(f"{volume:.4g} mm^3")
+    for said in ("x -10 to 10", "z -19.5 to 19.5 mm"):
+        assert said in problem.received
 
 
 def test_windings_that_overlap_are_refused():
     (problem,) = problems(device((ring_coil("1", 11, 21), ring_coil("2", 11, 21, 41))))
-    assert problem.where == "d.toml: winding '1' and winding '2'"
+    assert named(problem) == ["1", "2"]
     lens = 2 * 21**2 * np.arccos(20.5 / 21) - 20.5 * np.sqrt(42**2 - 41**2)
     assert problem.received.startswith(f"{39 * lens:.4g} mm^3")
     assert problems(device((ring_coil("1", 11, 21), ring_coil("2", 11, 21, 42)))) == ()
@@ -85,12 +92,12 @@ def test_windings_in_the_very_same_space_are_allowed_and_noted():
     bifilar = device((ring_coil("1", 11, 21), ring_coil("2", 11, 21)))
     assert problems(bifilar) == ()
     (note,) = geometry_notes(bifilar)
-    assert "winding '1' and winding '2'" in note
+    assert re.findall(r"winding '(\d)'", note) == ["1", "2"]
 
 
 def test_a_winding_inside_another_is_not_the_same_space():
     (problem,) = problems(device((ring_coil("1", 11, 21), ring_coil("2", 12, 20))))
-    assert problem.where == "d.toml: winding '1' and winding '2'"
+    assert named(problem) == ["1", "2"]
 
 
 def test_windings_that_cannot_be_built_are_named():
@@ -99,9 +106,9 @@ def test_windings_that_cannot_be_built_are_named():
             (ring_coil("inside out", 21, 11), RoundedRectangleCoil("tight", 0.02, 0.02, 0.004, 0.01, 0.01, 1))
         )
     )
-    assert [problem.where for problem in found] == ["d.toml: winding 'inside out'", "d.toml: winding 'tight'"]
+    assert [named(problem) for problem in found] == [["inside out"], ["tight"]]
     assert "inner radius" in found[0].received
-    assert "0.004 m for a thickness of 0.01 m" in found[1].received
+    assert re.findall(r"[\d.]+ m", found[1].received) == ["0.004 m", "0.01 m"]
 
 
 # ---- workspace ----
@@ -113,18 +120,18 @@ def test_a_workspace_that_cuts_iron_says_how_deep():
     assert problems(device(bodies=(disk,), workspace=clear)) == ()
     cutting = WorkspaceBox(clear.lower, np.array([0.02, 0.02, 0.002]))
     (problem,) = problems(device(bodies=(disk,), workspace=cutting))
-    assert str(problem) == (
-        "d.toml: workspace and body 'disk': the workspace must be free of bodies and windings; received"
-        " 3200 mm^3 in common, within x -20 to 20, y -20 to 20, z 0 to 2 mm;"
-        " make the workspace smaller or move it"
-    )
+    assert "workspace" in problem.where
+    assert named(problem) == ["disk"]
+    for said in ("3200 mm^3", "x -20 to 20", "y -20 to 20", "z 0 to 2 mm"):
+        assert said in problem.received
 
 
 def test_a_workspace_that_holds_a_winding_or_is_empty_is_refused():
     coil = ring_coil("c", 11, 21)
     cylinder = WorkspaceCylinder(np.array([0.0, 0.0, -0.03]), 0.05, 0.06)
     (problem,) = problems(device((coil,), workspace=cylinder))
-    assert problem.where == "d.toml: workspace and winding 'c'"
+    assert "workspace" in problem.where
+    assert named(problem) == ["c"]
     assert problems(device((coil,), workspace=replace(cylinder, radius=0.011))) == ()
     (problem,) = problems(device((coil,), workspace=replace(cylinder, radius=0.0)))
     assert problem.where == "d.toml: workspace"

@@ -140,7 +140,7 @@ def test_bad_stops_and_a_start_far_from_any_solution(pushed):
     def path(push, level):
         return np.array([1.0, push, 1.0]), 0.0
 
-    with pytest.raises(InputError, match="rising or falling"):
+    with pytest.raises(InputError, match="rising"):
         follow_equilibrium(pushed, PAYLOAD, path, [0.0, 0.0], [0.0, 1.0, 0.5], level=1.0)
     with pytest.raises(NotConverged, match="near a solution"):
         follow_equilibrium(
@@ -201,5 +201,5 @@ def test_models_by_name(polynomial_field):
     source = tilted(polynomial_field)
     with pytest.raises(InputError, match="loose"):
         stationary_points(source, np.ones(1), PAYLOAD, 0.0, moment="loose")
-    with pytest.raises(InputError, match="must have a magnet"):
+    with pytest.raises(InputError, match="a magnet"):
         stationary_points(source, np.ones(1), PAYLOAD, 0.0, moment="rigid")

@@ -98,7 +98,7 @@ def test_a_start_close_by_leads_to_the_same_currents(block, model):
 
 def test_what_cannot_be_reached_says_where_the_search_ended(block, model):
     demand = demand_of(None, None, None, [5.0, 0.0, 0.0], None)
-    with pytest.raises(Infeasible, match=r"reached: B.*move start") as caught:
+    with pytest.raises(Infeasible, match=r"reached: B.*start") as caught:
         currents_of_model(block, NAMES, model, POSITION, demand, 1.0, np.ones(5), None)
     assert caught.value.binding
     assert set(np.abs(list(caught.value.binding.values())).round(5)) == {1.0}

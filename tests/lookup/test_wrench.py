@@ -74,5 +74,6 @@ def test_one_moment_for_all_or_one_each(coarse, dipoles):
     moment = np.array([0.1, 0.2, 0.3])
     same = coarse.wrench(points, moment, [1, 1, 1])
     np.testing.assert_array_equal(same, coarse.wrench(points, np.tile(moment, (4, 1)), [1, 1, 1]))
-    with pytest.raises(InputError, match="3 moments for 4 positions"):
+    with pytest.raises(InputError, match=r"3 .* 4 ") as caught:
         coarse.wrench(points, np.ones((3, 3)), [1, 1, 1])
+    assert caught.value.problems[0].where == "moments"

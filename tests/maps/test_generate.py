@@ -115,10 +115,12 @@ def test_record_of_what_made_it(path, rig):
     record = info.provenance
     assert record.recipe_text == (rig / "recipe.toml").read_text()
     assert record.device_text == (rig / "pair.toml").read_text()
-    assert (record.title, record.device_name) == ("Between two coils", "pair")
+    assert f'title = "{record.title}"' in record.recipe_text
+    assert record.device_name == "pair"
     assert {"fieldmap", "numpy", "netgen-mesher"} <= set(record.versions)
     assert len(record.fingerprint) == 64
-    assert record.assumptions == ("no iron: the field of the coils alone",)
+    (assumption,) = record.assumptions
+    assert "no iron" in assumption
     assert info.coil_names == ("upper", "lower")
 
 

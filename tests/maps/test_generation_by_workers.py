@@ -1,5 +1,6 @@
 """Maps made by several processes: the bits of one process, whoever dies or is stopped on the way."""
 
+import re
 import subprocess
 import sys
 
@@ -143,7 +144,7 @@ def test_two_workers_of_a_scheduler_give_the_bits_of_one_process(folder, told):
 
 
 def test_a_worker_killed_in_the_middle_changes_no_bit(folder, told):
-    assert "state 5 of at most 12" in told
+    assert re.search(r"state 5 of .* 12", told)
     assert same(folder / "one_saturating.h5", folder / "two_saturating.h5")
 
 

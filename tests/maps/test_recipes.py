@@ -1,5 +1,7 @@
 """Reading recipes: the shipped ones, and what each mistake says."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -144,13 +146,15 @@ def test_unknown_device(rig, recipe_text, device, words):
 
 
 def test_unknown_recipe():
-    with pytest.raises(RecipeError, match='shipped recipe; received no such file; did you mean "quick"'):
-        read_recipe("quikc")
-    with pytest.raises(RecipeError, match='give a path, or one of "division", "quick"'):
-        read_recipe("somewhere/else.toml")
+    for name, offered in (("quikc", {"quick"}), ("somewhere/else.toml", {"division", "quick"})):
+        with pytest.raises(RecipeError) as error:
+            read_recipe(name)
+        (problem,) = error.value.problems
+        assert problem.where == name
+        assert offered <= set(re.findall(r'"(\w+)"', problem.remedy))
 
 
 def test_a_recipe_that_is_no_text(rig):
     (rig / "recipe.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RecipeError, match="must be readable UTF-8 text"):
+    with pytest.raises(RecipeError, match="UTF-8"):
         read_recipe(rig / "recipe.toml")

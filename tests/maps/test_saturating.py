@@ -1,6 +1,7 @@
 """A map of saturating iron, against direct solves at other currents; stopped and resumed; refused where it must be."""
 
 import pickle
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -113,12 +114,11 @@ def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
     print_summary(folder / "map.h5", False)
     text = " ".join(capsys.readouterr().out.split())
-    tried = data.provenance.solver_report["states_tried"]["at random"]
-    assert f"error at random B within {100 * tried['flux_density_share']:.2g} %" in text
-    assert "error in corners" in text
+    for name in ("at random", "in corners"):
+        tried = data.provenance.solver_report["states_tried"][name]
+        assert f"error {name} B within {100 * tried['flux_density_share']:.2g} %" in text
     bound = data.error_bounds["harmonic"]
-    assert f"(harmonic) are within {1e6 * bound.flux_density:.2g} uT" in text
-    assert "at all currents below; the errors of the current model come on top" in text
+    assert f"within {1e6 * bound.flux_density:.2g} uT" in text
     assert f"cost {data.provenance.solver_report['states_solved']} states solved;" in text
 
 
@@ -166,7 +166,7 @@ def test_other_programs_can_read_it(data, folder):
     assert data.field_names[:3] == ("left", "right", "iron mode 1")
     check = "import sys; from openpmd_validator.check_h5 import main; sys.argv = ['check', '-i', sys.argv[1]]; main()"
     done = subprocess.run([sys.executable, "-c", check, folder / "map.h5"], capture_output=True, text=True)
-    assert "Result: 0 Errors and 0 Warnings" in done.stdout
+    assert re.search(r"Result: (\d+) .* (\d+) ", done.stdout).groups() == ("0", "0")
 
 
 def test_a_stopped_run_goes_on_to_the_same_bits(data, folder):
@@ -219,7 +219,7 @@ def test_states_come_back_with_their_costs(tmp_path):
 
 def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
     beyond = np.array([2.5, 0.0])
-    with pytest.raises(OutsideMapError, match=r"current of coil left.*0.5 to 2 A.*2.5 A"):
+    with pytest.raises(OutsideMapError, match=r"coil left.*0\.5 to 2 A.*2\.5 A"):
         CurrentModel(data.reduced_model, data.coil_names).weights(beyond)
     flagged = CurrentModel(data.reduced_model, data.coil_names, "nan").weights(np.stack([beyond, [1.0, 0.0]]))
     assert np.isnan(flagged[0, 2:]).all()
@@ -314,7 +314,7 @@ def test_the_opened_map_says_what_it_cannot_do(data, folder):
     opened = fm.open_map(folder / "map.h5")
     assert opened.current_error.flux_density > 0
     for call in (lambda: opened.unit_field(np.zeros(3)), opened.compiled):
-        with pytest.raises(InputError, match="does not superpose"):
+        with pytest.raises(InputError, match="superpose"):
             call()
     with pytest.raises(OutsideMapError):
         opened.field([0, 0, -0.01], [3.0, 0.0])

@@ -111,7 +111,7 @@ def test_bad_requests(run_file, tmp_path, capsys, monkeypatch):
     picture = str(tmp_path / "a.png")
     assert main(["show", str(run_file), "--what", "slices", "--currents", "1", "--save", picture]) == 2
     problems = capsys.readouterr().err
-    assert "must be path for a run" in problems
+    assert "--what" in problems
     assert "--currents" in problems
     assert main(["show", "loop_and_sphere", "--save", str(tmp_path / "a.gif")]) == 2
     assert main(["show", "loop_and_sphere", "--what", "path", "--save", picture]) == 2

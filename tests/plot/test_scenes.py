@@ -222,7 +222,7 @@ def test_a_difference_is_that_of_both_fields_in_the_box_they_share():
     box = (np.array([-1.0, -1.0, -2.0]), np.array([1.0, 1.0, -1.0]))
     lower, upper = common_box(box, (box[0] + 0.5, box[1] + 0.5), ("a", "b"))
     np.testing.assert_allclose((lower, upper), (box[0] + 0.5, box[1]))
-    with pytest.raises(InputError, match="must share a volume"):
+    with pytest.raises(InputError, match="share"):
         common_box(box, (box[0] + [0, 0, 1], box[1] + [0, 0, 1]), ("a", "b"))
     with pytest.raises(InputError, match="same coils"):
         check_same_coils(("1", "2"), ("2", "1"), ("a", "b"))
@@ -250,9 +250,9 @@ def test_a_field_at_other_currents_than_those_shown_is_refused(simple):
 def test_what_is_not_there_is_named(simple):
     with pytest.raises(InputError, match="mesh"):
         make_scene(simple, "iron")
-    with pytest.raises(InputError, match="must be one of device, mesh"):
+    with pytest.raises(InputError, match="device, mesh"):
         make_scene(simple, "everything")
-    with pytest.raises(InputError, match="must be one of B, Bz, gradB"):
+    with pytest.raises(InputError, match="B, Bz, gradB"):
         make_scene(simple, "slices", "H")
 
 

@@ -1,5 +1,7 @@
 """.vti files of a map, read by pyvista: the numbers at the nodes are those of the map."""
 
+import re
+
 import numpy as np
 import pytest
 import pyvista as pv
@@ -50,7 +52,8 @@ def test_fixed_currents(loops, tmp_path):
     )
     exact = np.einsum("cni,c->ni", two_loops(np.asarray(read.points, float))[0], CURRENTS)
     np.testing.assert_allclose(read["B_T"], exact, atol=1e-6 * np.abs(exact).max())
-    assert read.field_data["currents"][0] == "1.5 A in coil left, -0.5 A in coil right"
+    stated = re.findall(r"(\S+) A in coil (\w+)", read.field_data["currents"][0])
+    assert stated == [("1.5", "left"), ("-0.5", "right")]
     assert "dB_i/dx_j" in read.field_data["frame"][0]
 
 
@@ -72,8 +75,9 @@ def test_coil_by_coil(loops, tmp_path):
 def test_places_that_cannot_be_written(loops, tmp_path):
     with pytest.raises(InputError, match=r"ends in \.vti"):
         write_vti(loops, tmp_path / "loops.vtk")
-    with pytest.raises(InputError, match="can be written"):
+    with pytest.raises(InputError) as caught:
         write_vti(loops, tmp_path / "nowhere" / "loops.vti")
+    assert caught.value.problems[0].where == str(tmp_path / "nowhere" / "loops.vti")
     with pytest.raises(InputError):
         write_vti(loops, tmp_path / "loops.vti", [1.0, 2.0, 3.0])
     assert not list(tmp_path.iterdir())

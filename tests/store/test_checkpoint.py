@@ -1,5 +1,6 @@
 """Pieces of long work: there again after a kill at any moment, absent where they are not whole."""
 
+import errno
 import json
 import os
 import signal
@@ -208,7 +209,7 @@ def test_a_place_that_cannot_be_written(tmp_path):
 
 def test_a_full_disk_costs_only_the_piece_that_did_not_fit(filled, monkeypatch):
     def full(_):
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with Checkpoint(filled, "one") as checkpoint:
         with monkeypatch.context() as patch:
@@ -216,7 +217,7 @@ def test_a_full_disk_costs_only_the_piece_that_did_not_fit(filled, monkeypatch):
             with pytest.raises(FieldmapError) as caught:
                 checkpoint.put("fourth", {"field": np.ones(100)})
         assert caught.value.exit_code == 1
-        assert caught.value.problems[0].received == "No space left on device"
+        assert caught.value.problems[0].received == os.strerror(errno.ENOSPC)
         check(checkpoint, PIECES)
         checkpoint.put("third", about={"again": 1})
     with Checkpoint(filled, "one") as checkpoint:

@@ -1,5 +1,6 @@
 """Runs that are killed, and runs that must not be resumed."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -182,7 +183,8 @@ def test_numbers_that_are_not_finite_are_not_written(large, tmp_path):
         flux[0, 0, 3, 4, 1] = np.inf
         with pytest.raises(FieldmapError) as caught:
             writer.write(writer.chunks[0], flux, large.gradient[:, :1])
-        assert caught.value.problems[0].where == "map.h5, x-planes 0 to 0"
+        assert caught.value.problems[0].where.startswith("map.h5")
+        assert caught.value.problems[0].where.endswith(" 0 to 0")
         assert len(writer.missing) == 9
 
 
@@ -190,7 +192,7 @@ def test_a_full_disk_at_the_end_is_told_and_can_be_resumed(large, tmp_path, monk
     from fieldmap.store import map_writer
 
     def full(_):
-        raise OSError(28, "No space left on device")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     half_written(tmp_path / "map.h5", large)
     with open_writer(tmp_path / "map.h5", large) as writer:
@@ -202,7 +204,7 @@ def test_a_full_disk_at_the_end_is_told_and_can_be_resumed(large, tmp_path, monk
             with pytest.raises(FieldmapError) as caught:
                 writer.finish({})
         assert caught.value.exit_code == 1
-        assert caught.value.problems[0].received == "No space left on device"
+        assert caught.value.problems[0].received == os.strerror(errno.ENOSPC)
     assert os.listdir(tmp_path) == ["map.h5.partial"]
     with open_writer(tmp_path / "map.h5", large) as writer:
         assert writer.missing == ()

@@ -150,7 +150,7 @@ def test_a_device_without_payload_or_limit(devices):
 
 
 def test_no_such_study_and_no_toml(devices):
-    with pytest.raises(StudyError, match='did you mean "pole_disk"'):
+    with pytest.raises(StudyError, match="pole_disk"):
         read_study("pole_dis")
     _, found = problems(devices, "format = = 1")
     assert "valid TOML" in str(found[0])
