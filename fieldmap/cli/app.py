@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from fieldmap.cli.options import Json
+from fieldmap.cli.options import Json, MapArgument, PayloadOf
 
 
 def app(
-    map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
+    map_file: MapArgument,
     current_limit: Annotated[
         float | None,
         typer.Option(
@@ -25,9 +25,7 @@ def app(
             "--force-scale", metavar="NUMBER", help="Multiply every force by this, from a calibration."
         ),
     ] = 1.0,
-    payload_of: Annotated[
-        str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")
-    ] = None,
+    payload_of: PayloadOf = None,
     save: Annotated[
         Path | None,
         typer.Option("--save", metavar="FILE", help="Save a picture (.png) of the start; no window."),

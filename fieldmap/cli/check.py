@@ -3,11 +3,9 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from fieldmap.cli.options import Json, devices
+from fieldmap.cli.options import DeviceOrMapArgument, Json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -18,14 +16,7 @@ if TYPE_CHECKING:
 
 
 def check(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="DEVICE_OR_MAP",
-            help="Device file, name of a shipped device, or map file.",
-            autocompletion=devices,
-        ),
-    ],
+    source: DeviceOrMapArgument,
     json: Json = False,
 ) -> None:
     """Read a device file, check its geometry, and list its bodies, coils and assumptions.

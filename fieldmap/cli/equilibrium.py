@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fieldmap.cli.options import (
+    DeviceOrMapArgument,
     Form,
     Json,
     MuR,
     Nonlinear,
+    PayloadOf,
     Refinement,
     checked_iron,
-    devices,
     find_named,
 )
 
@@ -30,12 +31,7 @@ if TYPE_CHECKING:
 
 
 def equilibrium(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="DEVICE_OR_MAP", help="Device file or name, or map file.", autocompletion=devices
-        ),
-    ],
+    source: DeviceOrMapArgument,
     currents: Annotated[
         list[str] | None,
         typer.Option(
@@ -65,9 +61,7 @@ def equilibrium(
         str,
         typer.Option("--moment", metavar="NAME", help="fixed: stays vertical; aligned: follows the field."),
     ] = "fixed",
-    payload_of: Annotated[
-        str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")
-    ] = None,
+    payload_of: PayloadOf = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,

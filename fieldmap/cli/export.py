@@ -11,6 +11,7 @@ from fieldmap.cli.options import (
     Nonlinear,
     Refinement,
     checked_iron,
+    devices,
     refuse_iron_of_map,
     require_currents,
 )
@@ -37,6 +38,7 @@ def export(
         typer.Argument(
             metavar="DEVICE_OR_MAP",
             help="Map file; for csv and vti also a device file or name, which is solved.",
+            autocompletion=devices,
         ),
     ],
     to: Annotated[

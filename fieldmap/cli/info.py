@@ -1,10 +1,8 @@
 """`fieldmap info`: what a map holds; `fieldmap map --summary` prints the same."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from fieldmap.cli.options import Json
+from fieldmap.cli.options import Json, MapArgument
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def info(
-    source: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
+    source: MapArgument,
     json: Json = False,
 ) -> None:
     """Print what a map holds: device, grid, field, gradient, lift current, and how accurate it is."""

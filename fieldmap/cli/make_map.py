@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fieldmap.cli.options import recipes
+from fieldmap.cli.options import NumberOfWorkers, Resume, Scheduler, recipes
 
 
 def make_map(
@@ -22,23 +22,13 @@ def make_map(
             "--output", "-o", metavar="FILE", help="Map file to write. Default: maps/out/RECIPE.h5."
         ),
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")
-    ] = True,
+    resume: Resume = True,
     summary: Annotated[
         bool, typer.Option("--summary", help="Print a summary of the map when it is done.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
-    workers: Annotated[
-        int,
-        typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine."),
-    ] = 1,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."
-        ),
-    ] = None,
+    workers: NumberOfWorkers = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """Compute the map that a recipe describes. A stopped run continues where it was."""
     from fieldmap.cli.progress import Progress

@@ -63,6 +63,15 @@ DeviceArgument = Annotated[
         metavar="DEVICE", help="Device file, or the name of a shipped device.", autocompletion=devices
     ),
 ]
+DeviceOrMapArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="DEVICE_OR_MAP",
+        help="Device file, name of a shipped device, or map file.",
+        autocompletion=devices,
+    ),
+]
+MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file.")]
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
@@ -80,6 +89,17 @@ ScenarioMap = Annotated[
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
 AtMm = Annotated[
     list[str] | None, typer.Option("--at-mm", metavar="X Y Z", help="Point in mm; may be repeated.")
+]
+PayloadOf = Annotated[
+    str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")
+]
+Resume = Annotated[bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")]
+NumberOfWorkers = Annotated[
+    int, typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 

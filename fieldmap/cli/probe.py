@@ -7,13 +7,13 @@ import typer
 from fieldmap.cli.options import (
     At,
     AtMm,
+    DeviceOrMapArgument,
     Form,
     Json,
     MuR,
     Nonlinear,
     Refinement,
     checked_iron,
-    devices,
     find_named,
 )
 
@@ -30,12 +30,7 @@ if TYPE_CHECKING:
 
 
 def probe(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="DEVICE_OR_MAP", help="Device file or name, or map file.", autocompletion=devices
-        ),
-    ],
+    source: DeviceOrMapArgument,
     currents: Annotated[
         list[str], typer.Option("--currents", metavar="A[,A...]", help="One per coil, or one for all.")
     ],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json, studies
+from fieldmap.cli.options import Json, NumberOfWorkers, Resume, Scheduler, studies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,19 +34,10 @@ def study(
             help="NetCDF file to write, with CSV and plot beside it. Default: maps/out/STUDY.nc.",
         ),
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume/--fresh", help="Keep the variants of a stopped run, or start again.")
-    ] = True,
+    resume: Resume = True,
     retry: Annotated[bool, typer.Option("--retry", help="Solve failed variants again.")] = False,
-    workers: Annotated[
-        int, typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine.")
-    ] = 1,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."
-        ),
-    ] = None,
+    workers: NumberOfWorkers = 1,
+    scheduler: Scheduler = None,
     plot: Annotated[
         bool, typer.Option("--plot/--no-plot", help="Plot every summary over the varied keys.")
     ] = True,
