@@ -16,11 +16,10 @@ from fieldmap.field import FixedCurrents
 from fieldmap.levitation import EquilibriumSurface
 from fieldmap.plot import web_page
 from fieldmap.plot.colours import colour_bar, colour_bar_by_decades
-from fieldmap.plot.difference import FieldDifference, check_same_coils, common_box
 from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
 from fieldmap.plot.field_lines import TITLE, field_lines
 from fieldmap.plot.forces import magnetic_force, places_in_box
-from fieldmap.plot.gather import shown_mesh
+from fieldmap.plot.gather import FieldDifference, check_same_coils, common_box, shown_mesh
 from fieldmap.plot.iron_field import TITLE as IRON_TITLE
 from fieldmap.plot.iron_field import iron_elements
 from fieldmap.plot.rendering import can_render
