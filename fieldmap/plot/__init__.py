@@ -4,8 +4,8 @@ Depends on: device, levitation (forces), iron (meshes of bodies that are no simp
 matplotlib, which no other package imports.
 """
 
+from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.picture import save_picture
-from fieldmap.plot.scene import device_scene
 from fieldmap.plot.scenes import SCENES, make_scene, save_scene
 from fieldmap.plot.shown import Shown
 

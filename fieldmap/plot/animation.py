@@ -12,10 +12,10 @@ from PIL import Image
 from fieldmap.errors import FieldmapError, Problem
 from fieldmap.plot.bodies import body_surface
 from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM, workspace_outline
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, add_rulers
-from fieldmap.plot.scene import COLOUR_MAP, IRON, MM, workspace_outline
 from fieldmap.plot.shown import ShownRun
 from fieldmap.plot.trajectory import body_parts, outline, path_samples
 from fieldmap.plot.windings import winding_surface

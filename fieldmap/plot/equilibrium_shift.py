@@ -7,8 +7,8 @@ import pyvista as pv
 
 from fieldmap.levitation import EquilibriumSurface
 from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.device_drawing import COLOUR_MAP, MM
 from fieldmap.plot.rulers import INK
-from fieldmap.plot.scene import COLOUR_MAP, MM
 from fieldmap.plot.shown import Shown
 
 LEVEL = "current, A"

@@ -6,7 +6,7 @@ import pyvista as pv
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import dipole_force
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.scene import COLOUR_MAP, MM, add_magnet
+from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_magnet
 from fieldmap.plot.shown import Shown
 from fieldmap.typing import Array
 

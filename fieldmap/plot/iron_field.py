@@ -4,8 +4,8 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM
 from fieldmap.plot.rulers import INK
-from fieldmap.plot.scene import COLOUR_MAP, IRON, MM
 from fieldmap.plot.shown import Shown
 
 TITLE = "B in iron, T"

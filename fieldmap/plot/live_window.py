@@ -8,11 +8,11 @@ import pyvista as pv
 from fieldmap.device.model import Payload
 from fieldmap.lookup import FieldMap
 from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, magnet_surface
 from fieldmap.plot.live_answers import LiveAnswer, LiveMap
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.rendering import require_renderer, require_window
 from fieldmap.plot.rulers import INK, add_rulers
-from fieldmap.plot.scene import COLOUR_MAP, MAGNET, MM, magnet_surface
 from fieldmap.plot.volumes import planes_of_box
 from fieldmap.typing import Array
 

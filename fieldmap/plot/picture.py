@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
 from fieldmap.field import AnyField
+from fieldmap.plot.device_drawing import device_scene, workspace_outline
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK
-from fieldmap.plot.scene import device_scene, workspace_outline
 from fieldmap.plot.windings import winding_surface
 from fieldmap.typing import Array
 

@@ -7,6 +7,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.plot.device_drawing import MM, device_scene
 from fieldmap.plot.equilibrium_shift import COORDINATES, add_shift, shift_titles
 from fieldmap.plot.field_lines import add_field_lines
 from fieldmap.plot.forces import add_equilibrium, add_forces
@@ -14,7 +15,6 @@ from fieldmap.plot.iron_field import add_iron_field, add_mesh
 from fieldmap.plot.picture import FROM_ABOVE, look_at
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, MILLIMETRES, add_rulers
-from fieldmap.plot.scene import MM, device_scene
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.trajectory import add_path
 from fieldmap.plot.volumes import QUANTITIES, add_difference, add_slices, add_surfaces

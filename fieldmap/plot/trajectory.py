@@ -6,8 +6,8 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, magnet_surface
 from fieldmap.plot.rulers import INK
-from fieldmap.plot.scene import COLOUR_MAP, MAGNET, MM, magnet_surface
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.typing import Index
 

@@ -7,7 +7,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.scene import COLOUR_MAP, MM
+from fieldmap.plot.device_drawing import COLOUR_MAP, MM
 from fieldmap.plot.shown import Shown
 from fieldmap.typing import Array
 

@@ -5,9 +5,9 @@ import pyvista as pv
 import fieldmap
 from fieldmap.errors import FieldmapError
 from fieldmap.plot import device_scene, save_picture
+from fieldmap.plot.device_drawing import slice_planes
 from fieldmap.plot.rendering import can_render, require_renderer
 from fieldmap.plot.rulers import label_step, round_numbers
-from fieldmap.plot.scene import slice_planes
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
