@@ -18,6 +18,7 @@ piece is on the disk before `put` returns. One that a kill has cut, or whose SHA
 import hashlib
 import json
 import os
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import FileIO
@@ -35,6 +36,8 @@ FORMAT = 1
 SUFFIX = ".partial"
 # Of a piece's first line: 64 digits of the SHA-256 and two lengths of 16, each with one character behind it.
 _PREFIX = 64 + 1 + 16 + 1 + 16 + 1
+# Seconds from one look at a file that another run has open to the next.
+_PAUSE = 0.05
 # Longer first lines are another program's.
 _LONGEST_LINE = 1 << 22
 
@@ -62,18 +65,21 @@ class Checkpoint:
 
     path: the file, made with its folder unless it is there. fingerprint: whatever decides the pieces, as text or as
     texts by name; a file with another one is begun anew, as is a damaged or foreign one, or any with resume=False.
-    note: why an earlier file was not used, or "". Raises InputError if the place cannot be written or another run has
-    the file open (where the operating system knows locks).
+    note: why an earlier file was not used, or "". wait: how many seconds to wait for another run that has the file
+    open, where runs open it for a moment only. Raises InputError if the place cannot be written or another run has the
+    file open after that (where the operating system knows locks).
     """
 
-    def __init__(self, path: PathLike, fingerprint: str | Mapping[str, str], resume: bool = True) -> None:
+    def __init__(
+        self, path: PathLike, fingerprint: str | Mapping[str, str], resume: bool = True, wait: float = 0.0
+    ) -> None:
         self.path = Path(path)
         decides = {"fingerprint": fingerprint} if isinstance(fingerprint, str) else dict(fingerprint)
         self._places: dict[str, _Place] = {}
         self.note = ""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = _opened(self.path)
+            self._file = _opened(self.path, wait)
         except OSError as error:
             raise InputError(_cannot_write(self.path, error)) from error
         try:
@@ -227,8 +233,9 @@ def _next_piece(file: FileIO) -> tuple[str, _Place] | None:
     return str(json.loads(contents[: place.header])["key"]), place
 
 
-def _opened(path: Path) -> FileIO:
+def _opened(path: Path, wait: float) -> FileIO:
     """The file, made if need be, for this process alone where the operating system has such locks."""
+    until = time.monotonic() + wait
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         # Without a buffer: what a full disk does not take would be written again on closing.
@@ -239,6 +246,11 @@ def _opened(path: Path) -> FileIO:
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), os.stat(path)):
                     return file
+        except BlockingIOError:
+            if time.monotonic() >= until:
+                file.close()
+                raise
+            time.sleep(_PAUSE)
         except BaseException:
             file.close()
             raise

@@ -8,6 +8,8 @@ from fieldmap.errors import FieldmapError, Problem
 
 FOLDER = Path("maps/out")
 """Where `fieldmap map RECIPE` puts a map, in the current folder."""
+WAIT = 60.0
+"""Seconds for which a run waits for a file of finished work that another one reads or writes at this moment."""
 
 
 class MapMissing(FieldmapError):  # noqa: N818 - reads as the outcome it is

@@ -15,7 +15,7 @@ from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint, Grid, MapData
-from fieldmap.thesis.available_maps import FOLDER
+from fieldmap.thesis.available_maps import FOLDER, WAIT
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
@@ -98,7 +98,8 @@ class UnitStates(BaseField):
 
     def _with_checkpoint(self, action: Callable[[Checkpoint], object]) -> None:
         assert self._folder is not None
-        with Checkpoint(self._folder / FILE.format(self.refinement), self._fingerprint) as checkpoint:
+        file = self._folder / FILE.format(self.refinement)
+        with Checkpoint(file, self._fingerprint, wait=WAIT) as checkpoint:
             action(checkpoint)
 
     def _add(self, currents: Array, nodes: Array) -> FieldMap:

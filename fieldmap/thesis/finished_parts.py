@@ -18,7 +18,7 @@ from fieldmap import provenance
 from fieldmap.curves import Curves, Series
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.store import Checkpoint
-from fieldmap.thesis.available_maps import FOLDER, map_path
+from fieldmap.thesis.available_maps import FOLDER, WAIT, map_path
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
 from fieldmap.thesis.printed import data_files, read_part
 
@@ -35,13 +35,13 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
             mark = fingerprint(part, maps)
         except OSError:
             mark = ""
-        with Checkpoint(folder / FILE, _FORMAT) as checkpoint:
+        with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
             finished = _finished(checkpoint, part, mark) if mark else None
         if finished is not None:
             return finished
         result = attempt_part(part, maps)
         if mark and result.state == "done":
-            with Checkpoint(folder / FILE, _FORMAT) as checkpoint:
+            with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
                 checkpoint.put(part, about={"fingerprint": mark, "result": _plain(result)})
         return result
 

@@ -19,7 +19,7 @@ from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import StationaryPoint, equilibrium_at
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint
-from fieldmap.thesis.available_maps import FOLDER
+from fieldmap.thesis.available_maps import FOLDER, WAIT
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, PACKAGES, UPPER
 from fieldmap.thesis.equilibrium_shift import Rule, curve
 from fieldmap.thesis.printed import shared_value
@@ -232,13 +232,13 @@ def cached_shift(pinning: Pinning, protocol: Protocol, signals: Array, folder: P
         return _shift(pinning, protocol, way)
     mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*PACKAGES, "levitation", "thesis"))
     name = json.dumps(key.tolist())
-    with Checkpoint(folder / _FILE, mark) as checkpoint:
+    with Checkpoint(folder / _FILE, mark, wait=WAIT) as checkpoint:
         piece = checkpoint.get(name)
     if piece is not None:
         return piece.arrays["shifts"]
     # Minutes, for which the file is left to other runs.
     found = _shift(pinning, protocol, way)
-    with Checkpoint(folder / _FILE, mark) as checkpoint:
+    with Checkpoint(folder / _FILE, mark, wait=WAIT) as checkpoint:
         checkpoint.put(name, {"shifts": found})
     return found
 

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -199,6 +200,19 @@ def test_one_run_at_a_time(filled):
         other.stdin.close()
     with Checkpoint(filled, "one") as checkpoint:
         check(checkpoint, PIECES)
+
+
+def test_a_run_waits_for_another_that_has_the_file_for_a_moment(path):
+    with Checkpoint(path, "one") as first, ThreadPoolExecutor() as pool:
+        first.put("a", {"x": np.arange(3.0)})
+        second = pool.submit(Checkpoint, path, "one", wait=30.0)
+        with pytest.raises(TimeoutError):
+            second.result(timeout=0.2)
+        first.close()
+        with second.result(timeout=30.0) as opened:
+            assert list(opened) == ["a"]
+            with pytest.raises(InputError):
+                Checkpoint(path, "one", wait=0.1)
 
 
 def test_a_place_that_cannot_be_written(tmp_path):
