@@ -10,15 +10,14 @@ import pyvista as pv
 from PIL import Image
 
 from fieldmap.errors import FieldmapError, Problem
-from fieldmap.plot.bodies import body_surface
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM, workspace_outline
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, add_rulers
 from fieldmap.plot.shown import ShownRun
+from fieldmap.plot.solids import body_surface, winding_surface
 from fieldmap.plot.trajectory import body_parts, outline, path_samples
-from fieldmap.plot.windings import winding_surface
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array
 

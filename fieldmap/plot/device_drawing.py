@@ -8,10 +8,9 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
 from fieldmap.field import AnyField, Currents, Field, as_field, coil_currents, require_bounds
-from fieldmap.plot.bodies import MM, body_surface
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, add_rulers, label_step
-from fieldmap.plot.windings import current_arrow, winding_surface
+from fieldmap.plot.solids import MM, body_surface, current_arrow, winding_surface
 from fieldmap.typing import Array
 
 IRON = "#c5ccd3"

@@ -11,7 +11,7 @@ from fieldmap.field import AnyField
 from fieldmap.plot.device_drawing import device_scene, workspace_outline
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK
-from fieldmap.plot.windings import winding_surface
+from fieldmap.plot.solids import winding_surface
 from fieldmap.typing import Array
 
 _PANELS = 2

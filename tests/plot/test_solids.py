@@ -20,8 +20,7 @@ from fieldmap.device.model import (
     RoundedRectangleCoil,
     Sphere,
 )
-from fieldmap.plot.bodies import body_surface
-from fieldmap.plot.windings import current_arrow, middle_line, winding_surface
+from fieldmap.plot.solids import body_surface, current_arrow, middle_line, winding_surface
 
 TRIANGLE = np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.02]])
 L_SHAPE = np.array([[0.0, 0.0], [0.03, 0.0], [0.03, 0.01], [0.01, 0.01], [0.01, 0.03], [0.0, 0.03]])

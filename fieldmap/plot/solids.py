@@ -1,0 +1,167 @@
+"""Surfaces of a device's bodies and windings, and arrows along currents. Lengths in mm.
+
+Bodies of simple shapes are drawn exactly, others through the iron's own mesh; a winding is swept along its path.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pyvista as pv
+
+from fieldmap.device.coils import Coil
+from fieldmap.device.model import (
+    Body,
+    Box,
+    Cylinder,
+    Device,
+    ExtrudedPolygon,
+    Part,
+    Placement,
+    RevolvedProfile,
+    Ring,
+    Shape,
+    Sphere,
+)
+from fieldmap.typing import Array
+
+MM = 1e3
+SEGMENTS = 96
+ARC_SEGMENTS = 24
+
+
+def body_surface(device: Device, body: Body) -> pv.PolyData:
+    """Surface of one body in the global frame, mm.
+
+    Parts that are only added are drawn as they are; a body with a cut or a STEP file is meshed first.
+    """
+    simple = all(part.operation == "add" and _local_surface(part.shape) is not None for part in body.parts)
+    if simple:
+        return pv.merge([_part_surface(part) for part in body.parts], merge_points=False)
+    return _meshed_surface(device, body)
+
+
+def placed(surface: pv.PolyData, placement: Placement) -> pv.PolyData:
+    """The surface, mm, turned and moved."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = placement.rotation
+    matrix[:3, 3] = MM * np.asarray(placement.position)
+    return surface.transform(matrix, inplace=False)
+
+
+def _part_surface(part: Part) -> pv.PolyData:
+    surface = _local_surface(part.shape)
+    assert surface is not None
+    return placed(surface, part.placement)
+
+
+def _local_surface(shape: Shape) -> pv.PolyData | None:
+    """The shape in its local frame, mm, or None where it is no simple one."""
+    match shape:
+        case Cylinder(radius, height):
+            return pv.Cylinder(
+                center=(0, 0, MM * height / 2),
+                direction=(0, 0, 1),
+                radius=MM * radius,
+                height=MM * height,
+                resolution=SEGMENTS,
+            )
+        case Ring(inner, outer, height):
+            return _revolved(
+                MM * np.array([[inner, 0], [outer, 0], [outer, height], [inner, height]]), SEGMENTS
+            )
+        case Box(size):
+            x, y, z = (MM * edge for edge in size)
+            return pv.Box((-x / 2, x / 2, -y / 2, y / 2, 0, z))
+        case Sphere(radius):
+            return pv.Sphere(radius=MM * radius, theta_resolution=SEGMENTS, phi_resolution=SEGMENTS // 2)
+        case RevolvedProfile():
+            return _revolved(MM * shape.points, SEGMENTS)
+        case ExtrudedPolygon():
+            corners = np.column_stack([MM * shape.points, np.zeros(len(shape.points))])
+            outline = pv.PolyData(corners, faces=[len(corners), *range(len(corners))]).triangulate()
+            solid = outline.extrude((0, 0, MM * shape.height), capping=True).triangulate().clean()
+            # Extrusion leaves sides and caps facing different ways.
+            return solid.compute_normals(point_normals=False, auto_orient_normals=True)
+    return None
+
+
+def _meshed_surface(device: Device, body: Body) -> pv.PolyData:
+    from fieldmap.iron import generate_mesh
+
+    mesh = generate_mesh(replace(device, bodies=(replace(body, edge_size=None),)))
+    cells = np.column_stack([np.full(len(mesh.tets), 4), mesh.tets])
+    kinds = np.full(len(mesh.tets), pv.CellType.TETRA, dtype=np.uint8)
+    return pv.UnstructuredGrid(cells.ravel(), kinds, MM * mesh.points).extract_surface(algorithm=None)
+
+
+def middle_line(coil: Coil) -> tuple[Array, Array]:
+    """Middle line (n, 2) of the winding in its local plane, mm, and the unit normals (n, 2) to its right.
+
+    It runs in the sense of a positive current at polarity +1; the normals point outward.
+    """
+    path = coil.winding()
+    if path.is_circle:
+        (points, normals), *_ = path.outline(0.0, 4 * ARC_SEGMENTS + 1)
+        return MM * points[:-1], normals[:-1]
+    arcs = [piece for piece in path.outline(0.0, ARC_SEGMENTS + 1) if len(piece[0]) > 2]
+    points, normals = (np.concatenate([piece[k] for piece in arcs]) for k in range(2))
+    return MM * points, normals
+
+
+def winding_surface(coil: Coil) -> pv.PolyData:
+    """The winding as a solid, global frame, mm."""
+    line, normal = middle_line(coil)
+    half_width, half_height = 0.5 * MM * coil.winding().thickness, 0.5 * MM * coil.height
+    section = [(-half_width, -half_height), (half_width, -half_height)]
+    section += [(half_width, half_height), (-half_width, half_height)]
+    rings = [np.column_stack([line + offset * normal, np.full(len(line), z)]) for offset, z in section]
+    return placed(_closed_tube(np.array(rings)), coil.placement)
+
+
+def current_arrow(coil: Coil, share: float = 0.3, away_from: tuple[float, float] = (0.0, 0.0)) -> pv.PolyData:
+    """An arrow along a positive coil current on the outside of the winding, global frame, mm.
+
+    share: the part of the turn that it covers, centred on the side that faces away from the vertical line
+    through `away_from` (mm).
+    """
+    line, normal = middle_line(coil)
+    gap = 0.5 * MM * coil.winding().thickness + 0.6
+    loop = np.column_stack([line + gap * normal, np.zeros(len(line))])
+    outward = placed(pv.PolyData(loop), coil.placement).points[:, :2] - np.array(away_from)
+    loop = _arc_about(loop, int(np.argmax(np.linalg.norm(outward, axis=1))), share)
+    if coil.polarity < 0:
+        loop = loop[::-1]
+    size = 0.09 * MM * coil.height
+    shaft = pv.Spline(loop, 200).tube(radius=0.25 * size, n_sides=16)
+    tip = pv.Cone(
+        center=loop[-1], direction=loop[-1] - loop[-3], height=2.4 * size, radius=0.8 * size, resolution=32
+    )
+    return placed(pv.merge([shaft, tip.extract_surface(algorithm=None)], merge_points=False), coil.placement)
+
+
+def _arc_about(loop: Array, middle: int, share: float) -> Array:
+    """The part of a closed line (n, 3) whose length is `share` of the whole, centred on point `middle`."""
+    step = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
+    along = np.concatenate([[0.0], np.cumsum(step)])
+    closed = np.vstack([loop, loop[:1]])
+    where = along[middle] + along[-1] * share * np.linspace(-0.5, 0.5, 60)
+    return np.column_stack([np.interp(where % along[-1], along, closed[:, axis]) for axis in range(3)])
+
+
+def _closed_tube(rings: Array) -> pv.PolyData:
+    """Surface through k rings of n points, (k, n, 3), closed around each ring and from the last to the first."""
+    k, n, _ = rings.shape
+    index = np.arange(k * n).reshape(k, n)
+    ahead, beside = np.roll(index, -1, axis=0), np.roll(index, -1, axis=1)
+    corner = np.roll(ahead, -1, axis=1)
+    quads = np.stack([np.full_like(index, 4), index, beside, corner, ahead], axis=-1)
+    surface = pv.PolyData(rings.reshape(-1, 3), faces=quads.ravel())
+    return surface.triangulate()
+
+
+def _revolved(profile: Array, segments: int = SEGMENTS) -> pv.PolyData:
+    """Closed polygon `profile` (k, 2) of (r, z) turned about the z axis."""
+    angle = 2.0 * np.pi * np.arange(segments) / segments
+    r, z = profile[:, :1], profile[:, 1:]
+    rings = np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, (len(z), segments))], axis=-1)
+    return _closed_tube(rings)
