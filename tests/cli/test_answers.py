@@ -11,8 +11,6 @@ from scipy.constants import g as gravity
 from scipy.constants import mu_0
 
 from fieldmap.cli import main
-from fieldmap.device.measured import measured_on
-from fieldmap.field import BaseField
 
 A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
 
@@ -115,44 +113,6 @@ def test_info(capsys, machine):
     for row in found["lift"]:
         assert row["current"] == pytest.approx(MASS * gravity / (MOMENT * slope(row["height"])), rel=1e-3)
         assert row["thesis"] is None  # (7-18) was measured on another machine
-
-
-def test_measured_lift_currents_stand_beside_ours_for_the_machine_they_were_measured_on(machine):
-    from fieldmap import open_map, read_device
-    from fieldmap.io.map_summary import lift_by_height
-
-    class Named(BaseField):
-        """The loop's map under the coil names of the drive unit."""
-
-        coil_names, proportional = tuple("123456"), True
-
-        def __init__(self, inner):
-            self.inner, self.info = inner, inner.info
-
-        @property
-        def bounds(self):
-            return self.inner.lower, self.inner.upper
-
-        def field(self, points, currents):
-            return self.inner.field(points, [sum(currents)])
-
-        def gradient(self, points, currents):
-            return self.inner.gradient(points, [sum(currents)])
-
-        def second_gradient(self, points, currents):
-            return self.inner.second_gradient(points, [sum(currents)])
-
-    payload = read_device("drive_unit").payload
-    rows = lift_by_height(Named(open_map(machine.map)), payload, measured_on("drive_unit", 6))
-    # Sensor readings whose magnet, 77 + 15 mm further down, is inside the box that ends at -124 mm.
-    assert [row.sensor_mm for row in rows] == [10.0, 20.0, 30.0]
-    for row in rows:
-        alone = payload.mass * gravity / (payload.moment * slope(row.height))
-        assert row.current == pytest.approx(alone / 6, rel=1e-3)
-        # (7-18)
-        assert row.measured == pytest.approx(0.0343 * row.sensor_mm + 1.215)
-        assert row.to_dict()["thesis"] == row.measured
-        assert row.ratio == pytest.approx(row.current / row.measured)
 
 
 def test_schema_accepts_a_shipped_device(capsys):

@@ -1,0 +1,170 @@
+"""Batches of runs: which runs there are, what of them is kept and written, against runs made one by one."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.constants import g as gravity
+
+from fieldmap.dynamics import simulate
+from fieldmap.dynamics.scenario import simulate_batches, write_simulation
+from fieldmap.dynamics.scenario.batches import MOST_KEPT, Simulation
+from fieldmap.errors import InputError
+from fieldmap.lookup import open_map
+from fieldmap.store import read_runs
+
+SCENARIO = """
+format = 1
+title = "Below six dipoles"
+map = "six.h5"
+device = "drive_unit"
+duration_s = 0.1
+
+[body]
+turning = "upright"
+radius_mm = 5.9
+height_mm = 25.0
+
+[drag]
+linear_N_s_per_m = [0.3, 0.3, 0.3]
+
+[sensors]
+zero_depth_mm = 77.0
+deviation_mm = [0.005, 0.008, 0.01]
+angle_deg = 45.0
+
+[control.z]
+kind = "pid"
+Kc = 0.5
+Ti_s = 0.4
+Td_s = 0.06
+lower = 0.0
+upper = 10.0
+
+[control.x]
+kind = "constant"
+
+[control.y]
+kind = "constant"
+
+[start]
+depth_mm = 10.0
+
+[noise]
+seed = 3
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario(six_coils, tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenario") / "six.toml"
+    path.write_text(SCENARIO.replace("six.h5", str(six_coils)))
+    return path
+
+
+def slope_of_six(z):
+    """dBz/dz on the axis of six dipoles of 8 A m^2, all with 1 A, 26 mm above the origin and 44 mm aside."""
+    h = 0.026 - z
+    r2 = 0.044**2 + h**2
+    return 6 * 8e-7 * 3 * h * (5 * h**2 - 3 * r2) / r2**3.5
+
+
+def test_one_batch_for_each_value_as_if_run_alone(scenario):
+    found = simulate_batches(scenario, vary=("start.depth_mm", [10.0, 12.0]), changes={"control.z.Kc": 0.4})
+    assert [batch.label for batch in found.batches] == ["start.depth_mm = 10.0", "start.depth_mm = 12.0"]
+    for batch, depth in zip(found.batches, (10.0, 12.0), strict=True):
+        (one,) = batch.runs
+        assert one.run is None
+        alone = simulate(scenario, {"control.z.Kc": 0.4, "start.depth_mm": depth}, seed=3)
+        assert one.metrics == alone.metrics
+        # The sensor reads a point 15 mm above the magnet's centre.
+        payload = batch.experiment.device.payload
+        needed = payload.mass * gravity / (payload.moment * slope_of_six(-0.077 - 1e-3 * depth - 0.015))
+        np.testing.assert_allclose(batch.experiment.operating_point.currents, needed, rtol=1e-3)
+        assert batch.seconds >= 0
+    assert not found.all_ended_early
+
+
+def test_runs_have_noise_of_their_own_that_the_seed_decides(scenario):
+    def errors(**given):
+        (batch,) = simulate_batches(scenario, runs=3, threads=1, **given).batches
+        return [one.metrics.axes[2].rms_seen_mm for one in batch.runs]
+
+    own = errors()
+    assert len(set(own)) == 3
+    assert errors() == errors(seed=3) == own
+    assert set(errors(seed=4)).isdisjoint(own)
+
+
+def test_signals_of_a_batch_are_kept_up_to_a_number(scenario):
+    few = simulate_batches(scenario, runs=2, keep_signals=True, changes={"duration_s": 0.01})
+    assert [one.run is None for one in few.batches[0].runs] == [False, False]
+    many = simulate_batches(scenario, runs=MOST_KEPT + 1, keep_signals=True, changes={"duration_s": 0.01})
+    assert {one.run is None for one in many.batches[0].runs} == {True}
+    assert len(many.batches[0].runs) == MOST_KEPT + 1
+
+
+def test_a_field_is_opened_once_for_all_batches(scenario, six_coils):
+    opened = []
+
+    def field():
+        opened.append(open_map(six_coils))
+        return opened[-1]
+
+    found = simulate_batches(scenario, field=field, vary=("control.z.Kc", [0.4, 0.5, 0.6]))
+    assert (len(opened), len(found.batches)) == (1, 3)
+    assert found.batches[1].runs[0].metrics == simulate(scenario, seed=3).metrics
+
+
+def test_progress_goes_from_batch_to_batch(scenario):
+    told = []
+    vary = ("control.z.Kc", [0.4, 0.6])
+    simulate_batches(scenario, vary=vary, runs=2, threads=1, progress=lambda *given: told.append(given))
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] < 0.5 < fractions[-1] <= 1
+    assert all(message.startswith("control.z.Kc = 0.4") for message, fraction in told if fraction < 0.5)
+
+
+def test_no_runs_are_refused(scenario):
+    with pytest.raises(InputError) as error:
+        simulate_batches(scenario, runs=0)
+    assert (error.value.problems[0].where, error.value.problems[0].received) == ("runs", "0")
+
+
+@pytest.mark.parametrize(
+    ("events", "early"), [(("", "fell out"), False), (("fell out", "left the map"), True)]
+)
+def test_all_ended_early_only_if_none_came_to_its_end(events, early):
+    batches = tuple(
+        SimpleNamespace(runs=[SimpleNamespace(metrics=SimpleNamespace(event=event))]) for event in events
+    )
+    assert Simulation(batches).all_ended_early is early
+
+
+def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
+    vary = ("control.z.Kc", [0.4, 0.6])
+    found = simulate_batches(scenario, vary=vary, runs=2, keep_signals=True)
+    records, about = read_runs(write_simulation(tmp_path / "runs.h5", found))
+    kept = [one.run for batch in found.batches for one in batch.runs]
+    assert [record.about["value"] for record in records] == 2 * ["control.z.Kc = 0.4"] + 2 * [
+        "control.z.Kc = 0.6"
+    ]
+    for record, run in zip(records, kept, strict=True):
+        np.testing.assert_array_equal(record.arrays["sensed"][0], run.sensed)
+    assert (about["title"], about["scenario"]) == ("Below six dipoles", scenario.read_text())
+    single = simulate_batches(scenario, keep_signals=True)
+    table = np.genfromtxt(write_simulation(tmp_path / "run.csv", single), delimiter=",", names=True)
+    (one,) = single.batches[0].runs
+    np.testing.assert_allclose(table["sensed_z_m"], one.run.sensed[:, 2], rtol=1e-8)
+
+
+def test_as_plain_python(scenario):
+    found = simulate_batches(scenario, vary=("control.z.Kc", [0.4]), runs=2)
+    plain = found.to_dict()
+    assert (plain["scenario"], plain["title"]) == ("six.toml", "Below six dipoles")
+    (batch,) = plain["batches"]
+    assert batch["value"] == "control.z.Kc = 0.4"
+    assert [run["end_s"] for run in batch["runs"]] == [one.metrics.end_s for one in found.batches[0].runs]
+    assert batch["rest"]["currents"] == found.first.operating_point.currents.tolist()
+    assert plain["assumptions"] == list(found.first.machine.assumptions)

@@ -1,0 +1,118 @@
+"""From a name to a field: what is recognised, what is read, what is solved, and when."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+
+from fieldmap.errors import InputError, MapFileError
+from fieldmap.io import IronOptions, is_map_file, open_field
+from fieldmap.io.field_source import existing_map, find_source, named_device, solve_device
+
+DEVICES = Path(__file__).parents[1] / "devices"
+LOOP = DEVICES / "thin_loop_with_driver.toml"
+BALL = DEVICES / "sphere_below_loop.toml"
+
+
+def test_a_map_is_known_by_its_ending_or_by_its_first_bytes(tmp_path, six_coils):
+    assert is_map_file("none.h5")
+    assert is_map_file("none.HDF5")
+    assert not is_map_file(LOOP)
+    assert not is_map_file("drive_unit")
+    renamed = tmp_path / "field.map"
+    renamed.write_bytes(six_coils.read_bytes())
+    assert is_map_file(renamed)
+    (tmp_path / "short").write_bytes(b"\x89HDF")
+    assert not is_map_file(tmp_path / "short")
+    with pytest.raises(InputError) as error:
+        is_map_file(tmp_path)
+    assert error.value.problems[0].where == str(tmp_path)
+
+
+def test_an_existing_map_is_a_file_of_hdf5(tmp_path, six_coils):
+    assert existing_map(str(six_coils)) == six_coils
+    for name in (tmp_path / "none.h5", tmp_path / "none", LOOP):
+        with pytest.raises(MapFileError) as error:
+            existing_map(name)
+        assert error.value.problems[0].where == str(name)
+
+
+def test_a_map_is_no_device(six_coils):
+    with pytest.raises(InputError) as error:
+        named_device(six_coils)
+    assert error.value.problems[0].received == "a map"
+
+
+def test_a_map_brings_what_it_recorded(circle_of_six, dipole_map, tmp_path):
+    path = dipole_map(circle_of_six, tmp_path / "six.h5", LOOP.read_text(), device_name="six dipoles")
+    source = find_source(path)
+    assert (source.name, source.device_name, source.is_map) == ("six.h5", "six dipoles", True)
+    assert not source.nonlinear
+    np.testing.assert_allclose(source.bounds, [[-0.02, -0.02, -0.14], [0.02, 0.02, -0.076]])
+    assert (source.payload.mass, source.driver.current_limit) == (0.010, 3.0)
+    # Six dipoles m of 8 A m^2/A at depth h below them and 44 mm aside: Bz = mu0 m (2 h^2 - a^2) / 4 pi r^5 of each.
+    h, a = 0.026 + 0.1, 0.044
+    exact = 6 * 2e-7 * 8 * (h**2 - a**2 / 2) / (h**2 + a**2) ** 2.5
+    assert source.field.at(1.0).field([0, 0, -0.1])[2] == pytest.approx(exact, rel=2e-4)
+    np.testing.assert_array_equal(source.currents(2.0), np.full(6, 2.0))
+    with pytest.raises(InputError):
+        source.currents([1.0, 2.0])
+
+
+def test_a_device_is_solved_when_its_field_is_asked_for_and_once(monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        "fieldmap.iron.solve_linear", lambda device, **options: calls.append(options) or "solved"
+    )
+    source = find_source(LOOP, IronOptions(mu_r=30.0, refinement=0.5, form="flux"))
+    assert not calls
+    assert (source.name, source.kind, source.is_map) == ("thin_loop", "device, linear iron", False)
+    np.testing.assert_allclose(source.bounds, [[-0.012, -0.012, -0.124], [0.012, 0.012, -0.04]])
+    assert source.payload.moment == 0.8
+    assert (source.field, source.field) == ("solved", "solved")
+    (options,) = calls
+    assert {key: options[key] for key in ("mu_r", "refinement", "form")} == {
+        "mu_r": 30.0,
+        "refinement": 0.5,
+        "form": "flux",
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "solver", "given"),
+    [
+        (IronOptions(), "solve_linear", {"mu_r": None, "refinement": 1.0, "form": "auto"}),
+        (IronOptions(tolerance=0.1, mu_r=5.0), "solve_to_tolerance", {"mu_r": 5.0}),
+        (IronOptions(nonlinear=True, refinement=0.5), "NonlinearSolver", {}),
+    ],
+)
+def test_the_options_choose_the_solver(monkeypatch, options, solver, given):
+    calls = []
+    for name in ("solve_linear", "solve_to_tolerance", "NonlinearSolver"):
+        monkeypatch.setattr(
+            f"fieldmap.iron.{name}", lambda *args, _name=name, **named: calls.append((_name, args, named))
+        )
+    device = SimpleNamespace(name="d")
+    solve_device(device, options)
+    ((name, args, named),) = calls
+    assert name == solver
+    assert args[0] is device
+    assert given.items() <= named.items()
+    if solver == "solve_to_tolerance":
+        assert args[1] == 0.1
+    if solver == "NonlinearSolver":
+        assert args[1] == 0.5
+
+
+def test_states_are_only_solved_of_iron_that_can_be_followed():
+    assert find_source(BALL, IronOptions(nonlinear=True)).nonlinear
+    with pytest.raises(InputError):
+        find_source(LOOP, IronOptions(nonlinear=True))
+
+
+def test_the_field_of_a_coil_by_the_name_of_its_file():
+    """A thin loop of 1000 turns and 44 mm: mu0 N a^2 / 2 (a^2 + z^2)^1.5 on its axis."""
+    found = open_field(LOOP).at(1.0).field([0.0, 0.0, -0.09])[2]
+    assert found == pytest.approx(mu_0 * 1000 * 0.044**2 / 2 / (0.044**2 + 0.09**2) ** 1.5, rel=1e-4)
