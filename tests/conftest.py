@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 DEVICES = Path(__file__).parent / "devices"
+SCENARIOS = Path(__file__).parent / "scenarios"
 
 
 @pytest.fixture
@@ -78,6 +79,18 @@ def circle_of_six():
 def six_coils(circle_of_six, tmp_path_factory):
     """A map file: six dipoles on the circle of the drive unit."""
     return _write_dipoles(circle_of_six, tmp_path_factory.mktemp("maps") / "six.h5")
+
+
+@pytest.fixture
+def written(six_coils, tmp_path):
+    """written(text, name): the path of a scenario file on the map of six dipoles; scenarios/step.toml as a default."""
+
+    def write(text=None, name="step.toml"):
+        path = tmp_path / name
+        path.write_text((text or (SCENARIOS / "step.toml").read_text()).replace("six.h5", str(six_coils)))
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

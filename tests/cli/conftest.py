@@ -44,6 +44,17 @@ def machine(tmp_path_factory):
     return SimpleNamespace(folder=folder, device=str(device), recipe=str(recipe), map=str(path))
 
 
+@pytest.fixture
+def command(capsys):
+    """command(*words): runs `fieldmap WORDS`; exit code, what is printed, what stands on stderr."""
+
+    def run(*words):
+        code = main([str(word) for word in words])
+        return code, *capsys.readouterr()
+
+    return run
+
+
 VARIES = (
     # Sizes of residuals, which rounding decides, and how many steps a search took.
     (re.compile(r"[-+]?\d(\.\d+)?e-(0[7-9]|[1-9]\d)\b|\b0\.0e\+00"), "<tiny>"),

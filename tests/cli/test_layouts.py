@@ -68,51 +68,15 @@ gain_A_per_V = 0.355
 current_limit_A = 3.55
 """
 
-SCENARIO = """
-format = 1
-title = "A step of a magnet below six dipoles"
-map = "six.h5"
-device = "drive_unit"
-duration_s = 0.5
-
-[body]
-turning = "upright"
-radius_mm = 5.9
-height_mm = 25.0
-
-[drag]
-linear_N_s_per_m = [0.3, 0.4, 0.5]
-
-[sensors]
-zero_depth_mm = 77.0
-angle_deg = 45.0
-
-[control]
-delay_ms = 0.5
-
-[control.z]
-kind = "pid"
-Kc = 0.5
-Ti_s = 0.4
-Td_s = 0.06
-lower = 0.0
-upper = 10.0
-
-[control.x]
-kind = "constant"
-
-[control.y]
-kind = "constant"
-
-[start]
-depth_mm = 10.0
-
-[[reference]]
-kind = "step"
-axis = "depth"
-at_s = 0.1
-by_mm = 0.5
-"""
+# Without noise, and with poles that are not the same along x and y.
+SCENARIO = (
+    (Path(__file__).parents[1] / "scenarios" / "step.toml")
+    .read_text()
+    .replace("linear_N_s_per_m = [0.3, 0.3, 0.3]", "linear_N_s_per_m = [0.3, 0.4, 0.5]")
+    .replace("deviation_mm = [0.005, 0.008, 0.01]\n", "")
+    .replace("duration_s = 1.0", "duration_s = 0.5")
+    .replace("at_s = 0.2", "at_s = 0.1")
+)
 
 
 @pytest.fixture(scope="module")

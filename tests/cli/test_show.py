@@ -147,3 +147,17 @@ def test_without_a_screen_there_is_no_window_but_a_message(machine, capsys, word
     told = capsys.readouterr().err
     assert "needs a screen" in told
     assert "--save" in told
+
+
+def test_the_app_wants_a_map(tmp_path, capsys):
+    assert main(["app", "drive_unit", "--save", str(tmp_path / "a.png")]) == 2
+    assert "drive_unit" in capsys.readouterr().err
+    assert main(["app", "some.h5", "--save", str(tmp_path / "a.html")]) == 2
+    assert ".png" in capsys.readouterr().err
+
+
+def test_bad_requests(tmp_path):
+    assert main(["show", "loop_and_sphere", "--save", str(tmp_path / "picture.bmp")]) == 2
+    assert main(["show", "loop_and_sphere", "--what", "all", "--save", str(tmp_path / "a.png")]) == 2
+    assert main(["show", "nothing_here", "--save", str(tmp_path / "a.png")]) == 2
+    assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,6 @@
 """Batches of runs: which runs there are, what of them is kept and written, against runs made one by one."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,46 +14,11 @@ from fieldmap.errors import InputError
 from fieldmap.lookup import open_map
 from fieldmap.store import read_runs
 
-SCENARIO = """
-format = 1
-title = "Below six dipoles"
-map = "six.h5"
-device = "drive_unit"
-duration_s = 0.1
-
-[body]
-turning = "upright"
-radius_mm = 5.9
-height_mm = 25.0
-
-[drag]
-linear_N_s_per_m = [0.3, 0.3, 0.3]
-
-[sensors]
-zero_depth_mm = 77.0
-deviation_mm = [0.005, 0.008, 0.01]
-angle_deg = 45.0
-
-[control.z]
-kind = "pid"
-Kc = 0.5
-Ti_s = 0.4
-Td_s = 0.06
-lower = 0.0
-upper = 10.0
-
-[control.x]
-kind = "constant"
-
-[control.y]
-kind = "constant"
-
-[start]
-depth_mm = 10.0
-
-[noise]
-seed = 3
-"""
+TEXT = (Path(__file__).parents[1] / "scenarios" / "step.toml").read_text()
+SCENARIO = (
+    TEXT[: TEXT.index("[[reference]]")].replace("duration_s = 1.0", "duration_s = 0.1")
+    + "[noise]\nseed = 3\n"
+)
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +118,10 @@ def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
     ]
     for record, run in zip(records, kept, strict=True):
         np.testing.assert_array_equal(record.arrays["sensed"][0], run.sensed)
-    assert (about["title"], about["scenario"]) == ("Below six dipoles", scenario.read_text())
+    assert (about["title"], about["scenario"]) == (
+        "A step of a magnet below six dipoles",
+        scenario.read_text(),
+    )
     single = simulate_batches(scenario, keep_signals=True)
     table = np.genfromtxt(write_simulation(tmp_path / "run.csv", single), delimiter=",", names=True)
     (one,) = single.batches[0].runs
@@ -162,7 +131,7 @@ def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
 def test_as_plain_python(scenario):
     found = simulate_batches(scenario, vary=("control.z.Kc", [0.4]), runs=2)
     plain = found.to_dict()
-    assert (plain["scenario"], plain["title"]) == ("six.toml", "Below six dipoles")
+    assert (plain["scenario"], plain["title"]) == ("six.toml", "A step of a magnet below six dipoles")
     (batch,) = plain["batches"]
     assert batch["value"] == "control.z.Kc = 0.4"
     assert [run["end_s"] for run in batch["runs"]] == [one.metrics.end_s for one in found.batches[0].runs]

@@ -1,15 +1,11 @@
 """The linear machine against the nonlinear one, against closed forms, and against python-control."""
 
-import contextlib
-import io
-import json
 from dataclasses import replace
 
 import control
 import numpy as np
 import pytest
 
-from fieldmap.cli import main
 from fieldmap.control import PID
 from fieldmap.dynamics import (
     AxisReading,
@@ -242,42 +238,3 @@ def test_averaging_makes_unstable_what_the_simulation_loses(six, averages, holds
     np.testing.assert_allclose(shares.sum(axis=0), np.eye(3), atol=1e-12)
     turned = np.einsum("kij,k->ij", shares, np.exp(-1j * 8.0 * 2e-3 * np.arange(len(shares))))
     np.testing.assert_allclose(turned, sensor_answer(experiment.machine.sensors, 8.0), atol=1e-3)
-
-
-def command(*words):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main([str(word) for word in words])
-    return code, out.getvalue(), err.getvalue()
-
-
-def test_the_command_prints_and_writes(six_coils, tmp_path):
-    words = (
-        "linearise",
-        "horizontal_pid",
-        "--map",
-        six_coils,
-        "--set",
-        "plate.thickness_mm=1.0",
-        "--depths",
-        "9,11",
-    )
-    code, text, err = command(*words, "-o", tmp_path / "linear.npz")
-    assert code == 0, err
-    assert "relative gain" in text
-    stored = np.load(tmp_path / "linear.npz")
-    assert stored["A"].shape == (2, 6, 6)
-    assert stored["loop_A"].shape[0] == 2
-    code, text, err = command(*words, "--json")
-    answer = json.loads(text)
-    np.testing.assert_allclose([point["A"] for point in answer["points"]], stored["A"])
-    poles = np.linalg.eigvals(stored["A"][1])
-    assert max(pole for pole, _ in (mode["pole"] for mode in answer["points"][1]["modes"])) == pytest.approx(
-        poles.real.max()
-    )
-    code, _, _ = command(*words, "--set", "control.z.Kc=0.0")
-    assert code == 1
-    code, _, err = command(*words[:4], "--depths", "a", "-o", tmp_path / "x.csv")
-    assert code == 2
-    assert "--depths" in err
-    assert ".npz" in err

@@ -1,83 +1,17 @@
 """Scenario files: what is read, what is refused, what runs, what is written."""
 
-import contextlib
-import io
-import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fieldmap.cli import main
 from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.scenario import find_scenario, reading_mm
 from fieldmap.dynamics.scenario.references import references
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from fieldmap.shipped import shipped_names
-from fieldmap.store import read_runs
 
-TEXT = """
-format = 1
-title = "A step of a magnet below six dipoles"
-map = "six.h5"
-device = "drive_unit"
-duration_s = 1.0
-
-[body]
-turning = "upright"
-radius_mm = 5.9
-height_mm = 25.0
-
-[drag]
-linear_N_s_per_m = [0.3, 0.3, 0.3]
-
-[sensors]
-zero_depth_mm = 77.0
-deviation_mm = [0.005, 0.008, 0.01]
-angle_deg = 45.0
-
-[control]
-delay_ms = 0.5
-
-[control.z]
-kind = "pid"
-Kc = 0.5
-Ti_s = 0.4
-Td_s = 0.06
-lower = 0.0
-upper = 10.0
-
-[control.x]
-kind = "constant"
-
-[control.y]
-kind = "constant"
-
-[start]
-depth_mm = 10.0
-
-[[reference]]
-kind = "step"
-axis = "depth"
-at_s = 0.2
-by_mm = 0.5
-"""
-
-
-@pytest.fixture
-def written(six_coils, tmp_path):
-    def write(text=TEXT, name="step.toml"):
-        path = tmp_path / name
-        path.write_text(text.replace("six.h5", str(six_coils)))
-        return path
-
-    return write
-
-
-def run_command(*words):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main([str(word) for word in words])
-    return code, out.getvalue(), err.getvalue()
+TEXT = (Path(__file__).parents[1] / "scenarios" / "step.toml").read_text()
 
 
 @pytest.mark.parametrize("name", shipped_names("maps", "scenarios"))
@@ -249,79 +183,6 @@ def test_open_loop_signals_and_disturbances_act(written):
     at = [np.argmin(np.abs(run.time - t)) for t in (0.1, 0.5, 0.99)]
     assert abs(run.sensed[at[0], 0]) < 1e-6 < 1e-4 < run.sensed[at[1], 0]
     assert abs(run.sensed[at[1], 1]) < 1e-6 < 1e-4 < run.sensed[at[2], 1]
-
-
-def test_the_command_runs_writes_and_draws(written, tmp_path):
-    path = written()
-    code, out, err = run_command(
-        "simulate", path, "-o", tmp_path / "run.h5", "--save", tmp_path / "run.png", "--json"
-    )
-    assert code == 0, err
-    answer = json.loads(out)
-    assert answer["batches"][0]["runs"][0]["event"] == ""
-    assert (tmp_path / "run.png").stat().st_size > 10_000
-    (run,), about = read_runs(tmp_path / "run.h5")
-    again = simulate(path, seed=0)
-    np.testing.assert_array_equal(run.arrays["sensed"][0], again.sensed)
-    assert run.arrays["sensed"][1] == "m"
-    assert about["scenario"] == path.read_text()
-    assert any("upright" in words for words in run.about["assumptions"])
-    code, _, _ = run_command("simulate", path, "-o", tmp_path / "run.csv")
-    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
-    np.testing.assert_allclose(table["sensed_z_m"], again.sensed[:, 2], rtol=1e-8)
-    assert code == 0
-
-
-def test_many_runs_and_values_from_the_command_line(written, tmp_path):
-    path = written()
-    words = ("--runs", 3, "--vary", "control.z.Kc=0.4,0.6", "--set", "duration_s=0.5", "--json")
-    code, out, err = run_command("simulate", path, *words, "-o", tmp_path / "many.h5")
-    assert code == 0, err
-    batches = json.loads(out)["batches"]
-    assert [batch["value"] for batch in batches] == ["control.z.Kc = 0.4", "control.z.Kc = 0.6"]
-    errors = [[run["axes"][2]["rms_error_mm"] for run in batch["runs"]] for batch in batches]
-    assert len({*errors[0], *errors[1]}) == 6
-    assert len(read_runs(tmp_path / "many.h5")[0]) == 6
-    code, text, _ = run_command("simulate", path, *words[:-1], "--threads", 1)
-    assert code == 0
-    assert "overshoot" in text
-
-
-def test_a_run_that_fails_says_so_and_keeps_its_data(written, tmp_path):
-    path = written()
-    failing = (
-        "--set",
-        "control.z.Kc=0.0",
-        "--set",
-        "start.shift_mm=[0.0, 0.0, 1.0]",
-        "--set",
-        "duration_s=5.0",
-    )
-    code, out, _ = run_command("simulate", path, *failing, "-o", tmp_path / "fell.h5")
-    assert code == 1
-    assert "fell out: 1" in out
-    (run,), _ = read_runs(tmp_path / "fell.h5")
-    assert run.about["event"] == "fell out"
-    assert len(run.about["state"]) == 13
-    assert 50 < len(run.arrays["time"][0]) < 2500
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--runs", "0"), "--runs"),
-        (("-o", "run.txt"), ".h5 or .csv"),
-        (("-o", "run.csv", "--runs", "2"), "one run"),
-        (("--save", "run.bmp"), ".png"),
-        (("--set", "control.z.Kc"), "KEY=VALUE"),
-        (("--set", "control.z.Ti=1"), "did you mean Ti_s"),
-        (("--vary", "control.z.Kc="), "KEY=A,B"),
-    ],
-)
-def test_wrong_words_are_told_before_anything_runs(written, words, told):
-    code, _, err = run_command("simulate", written(), *words)
-    assert code == 2
-    assert told in " ".join(err.split())
 
 
 def test_a_field_too_weak_is_told(written):

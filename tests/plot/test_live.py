@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fieldmap.cli import main
 from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError
@@ -148,10 +147,3 @@ def test_a_magnet_that_does_not_float_is_not_drawn(window):
     window.move([0.01, 0.01, 5.0])
     assert red() == 0
     assert window.magnet_at is None
-
-
-def test_the_command_wants_a_map(tmp_path, capsys):
-    assert main(["app", "drive_unit", "--save", str(tmp_path / "a.png")]) == 2
-    assert "drive_unit" in capsys.readouterr().err
-    assert main(["app", "some.h5", "--save", str(tmp_path / "a.html")]) == 2
-    assert ".png" in capsys.readouterr().err

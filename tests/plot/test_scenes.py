@@ -327,13 +327,6 @@ def test_the_command(tmp_path, capsys):
     assert main(["show", "loop_and_sphere", "--what", "mesh", "--save", str(tmp_path / "mesh.png")]) == 0
 
 
-def test_bad_requests_of_the_command(tmp_path, capsys):
-    assert main(["show", "loop_and_sphere", "--save", str(tmp_path / "picture.bmp")]) == 2
-    assert main(["show", "loop_and_sphere", "--what", "all", "--save", str(tmp_path / "a.png")]) == 2
-    assert main(["show", "nothing_here", "--save", str(tmp_path / "a.png")]) == 2
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_mesh_is_shown_whatever_the_material():
     device = fieldmap.read_device("loop_and_sphere")
     name = device.bodies[0].material

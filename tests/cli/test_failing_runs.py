@@ -1,14 +1,12 @@
 """Runs that fail, through the command line: the named event, the state at that moment, the data so far, exit code 1."""
 
-import contextlib
 import csv
-import io
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 
-from fieldmap.cli import main
 from fieldmap.store import read_runs
 
 # What fails, and by what: a controller that does nothing, a gust, a wall in the way.
@@ -41,18 +39,10 @@ def at_the_edge(name, state, currents):
 
 
 @pytest.fixture
-def simulated(six_coils):
+def simulated(command, six_coils):
     """Runs the shipped step on a map made up, with changes: exit code, what is printed, errors."""
 
-    def run_command(*words):
-        out, err = io.StringIO(), io.StringIO()
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            code = main(
-                ["simulate", "vertical_step", "--map", str(six_coils), *(str(word) for word in words)]
-            )
-        return code, out.getvalue(), err.getvalue()
-
-    return run_command
+    return partial(command, "simulate", "vertical_step", "--map", six_coils)
 
 
 @pytest.mark.parametrize("name", FAILING)

@@ -1,0 +1,78 @@
+"""`fieldmap simulate`: what is run, written and refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fieldmap.dynamics import simulate
+from fieldmap.store import read_runs
+
+
+def test_a_run_is_written_and_drawn(command, written, tmp_path):
+    path = written()
+    code, out, err = command(
+        "simulate", path, "-o", tmp_path / "run.h5", "--save", tmp_path / "run.png", "--json"
+    )
+    assert code == 0, err
+    answer = json.loads(out)
+    assert answer["batches"][0]["runs"][0]["event"] == ""
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    (run,), about = read_runs(tmp_path / "run.h5")
+    again = simulate(path, seed=0)
+    np.testing.assert_array_equal(run.arrays["sensed"][0], again.sensed)
+    assert run.arrays["sensed"][1] == "m"
+    assert about["scenario"] == path.read_text()
+    assert any("upright" in words for words in run.about["assumptions"])
+    code, _, _ = command("simulate", path, "-o", tmp_path / "run.csv")
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["sensed_z_m"], again.sensed[:, 2], rtol=1e-8)
+    assert code == 0
+
+
+def test_many_runs_and_values(command, written, tmp_path):
+    path = written()
+    words = ("--runs", 3, "--vary", "control.z.Kc=0.4,0.6", "--set", "duration_s=0.5", "--json")
+    code, out, err = command("simulate", path, *words, "-o", tmp_path / "many.h5")
+    assert code == 0, err
+    batches = json.loads(out)["batches"]
+    assert [batch["value"] for batch in batches] == ["control.z.Kc = 0.4", "control.z.Kc = 0.6"]
+    errors = [[run["axes"][2]["rms_error_mm"] for run in batch["runs"]] for batch in batches]
+    assert len({*errors[0], *errors[1]}) == 6
+    assert len(read_runs(tmp_path / "many.h5")[0]) == 6
+
+
+def test_a_run_that_fails_says_so_and_keeps_its_data(command, written, tmp_path):
+    path = written()
+    failing = (
+        "--set",
+        "control.z.Kc=0.0",
+        "--set",
+        "start.shift_mm=[0.0, 0.0, 1.0]",
+        "--set",
+        "duration_s=5.0",
+    )
+    code, _, _ = command("simulate", path, *failing, "-o", tmp_path / "fell.h5")
+    assert code == 1
+    (run,), _ = read_runs(tmp_path / "fell.h5")
+    assert run.about["event"] == "fell out"
+    assert len(run.about["state"]) == 13
+    assert 50 < len(run.arrays["time"][0]) < 2500
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--runs", "0"), "--runs"),
+        (("-o", "run.txt"), ".h5 or .csv"),
+        (("-o", "run.csv", "--runs", "2"), "one run"),
+        (("--save", "run.bmp"), ".png"),
+        (("--set", "control.z.Kc"), "KEY=VALUE"),
+        (("--set", "control.z.Ti=1"), "Ti_s"),
+        (("--vary", "control.z.Kc="), "KEY=A,B"),
+    ],
+)
+def test_wrong_words_are_told_before_anything_runs(command, written, words, told):
+    code, _, err = command("simulate", written(), *words)
+    assert code == 2
+    assert told in " ".join(err.split())
