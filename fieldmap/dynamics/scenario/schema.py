@@ -151,8 +151,8 @@ class SensorKeys(Table):
 class CompensatorKeys(Table):
     """A push of the vertical reference when the horizontal one moves."""
 
-    push_mm: float = Field(default=0.05, description="how far")
-    duration_ms: Positive = Field(default=10.0, description="how long")
+    push_mm: float = Field(default=0.05, description="how far; assumed unless given")
+    duration_ms: Positive = Field(default=10.0, description="how long; assumed unless given")
     axis: Literal["x", "y"] = Field(default="x", description="whose reference sets it off")
 
 
