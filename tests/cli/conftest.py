@@ -56,6 +56,8 @@ def command(capsys):
 
 
 VARIES = (
+    # Colours, which some services ask for.
+    (re.compile(r"\x1b\[[\d;]*m"), ""),
     # Sizes of residuals, which rounding decides, and how many steps a search took.
     (re.compile(r"[-+]?\d(\.\d+)?e-(0[7-9]|[1-9]\d)\b|\b0\.0e\+00"), "<tiny>"),
     # A direction and its opposite are the same eigenvector.

@@ -104,6 +104,8 @@ def printed(folder, monkeypatch, capsys):
     """printed(*words): what a command prints, in the folder, 80 columns wide where it asks the terminal."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "80")
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
 
     def run(*words, code=0):
         assert main([str(word) for word in words]) == code

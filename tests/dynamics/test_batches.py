@@ -118,10 +118,8 @@ def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
     ]
     for record, run in zip(records, kept, strict=True):
         np.testing.assert_array_equal(record.arrays["sensed"][0], run.sensed)
-    assert (about["title"], about["scenario"]) == (
-        "A step of a magnet below six dipoles",
-        scenario.read_text(),
-    )
+    assert about["scenario"] == scenario.read_text()
+    assert f'title = "{about["title"]}"' in TEXT
     single = simulate_batches(scenario, keep_signals=True)
     table = np.genfromtxt(write_simulation(tmp_path / "run.csv", single), delimiter=",", names=True)
     (one,) = single.batches[0].runs
@@ -131,7 +129,8 @@ def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
 def test_as_plain_python(scenario):
     found = simulate_batches(scenario, vary=("control.z.Kc", [0.4]), runs=2)
     plain = found.to_dict()
-    assert (plain["scenario"], plain["title"]) == ("six.toml", "A step of a magnet below six dipoles")
+    assert plain["scenario"] == "six.toml"
+    assert f'title = "{plain["title"]}"' in TEXT
     (batch,) = plain["batches"]
     assert batch["value"] == "control.z.Kc = 0.4"
     assert [run["end_s"] for run in batch["runs"]] == [one.metrics.end_s for one in found.batches[0].runs]

@@ -68,7 +68,7 @@ def test_a_device_is_solved_when_its_field_is_asked_for_and_once(monkeypatch):
     )
     source = find_source(LOOP, IronOptions(mu_r=30.0, refinement=0.5, form="flux"))
     assert not calls
-    assert (source.name, source.kind, source.is_map) == ("thin_loop", "device, linear iron", False)
+    assert (source.name, source.is_map, source.nonlinear) == ("thin_loop", False, False)
     np.testing.assert_allclose(source.bounds, [[-0.012, -0.012, -0.124], [0.012, 0.012, -0.04]])
     assert source.payload.moment == 0.8
     assert (source.field, source.field) == ("solved", "solved")

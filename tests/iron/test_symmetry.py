@@ -1,5 +1,6 @@
 """Symmetry groups of devices against point groups whose order is known, and against the fields of the coils."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -185,7 +186,8 @@ def test_shipped_devices():
     assert [names[k] for k in unit.operations[1].coils] == ["3", "2", "1", "6", "5", "4"]
     assert unit.operations[1].coil_signs == (-1,) * 6
     cores = find_symmetry(fm.read_device("disk_six_cores"))
-    assert str(cores) == "6-fold axis z with 6 mirror planes"
+    assert re.findall(r"\d+", str(cores)) == ["6", "6"]
+    assert cores.order == 12
     # Its square windings are not turned about the axis with the cores: a third of the operations maps them.
     assert sum(operation.coils is not None for operation in cores.operations) == 4
 

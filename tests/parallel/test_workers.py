@@ -51,7 +51,7 @@ def test_every_item_has_its_outcome(workers, request):
     assert hard.error.problems == (Problem("here", "a", "b", "c"),)
     assert hard.error.residuals == (1.0, 0.5)
     assert hard.reason == "here: a; received b; c"
-    assert bug.reason == "TypeError: not meant"
+    assert bug.reason.startswith("TypeError: ")
     # Where the mistake is, also from another process.
     assert "in work" in bug.error.__notes__[0]
     with pytest.raises(NotConverged):
