@@ -45,25 +45,25 @@ class LoopChain(NamedTuple):
     position: float
 
 
-@njit(cache=True)
-def _sense(plant, signals, instruments, run, n, x, y):
-    """Fill y[run, n]; what the controller sees of it."""
-    y[run, n] = np.dot(plant.C, x)
-    true = instruments.position + y[run, n] + signals.position_noise[run, n]
-    return measure(true, signals.voltage_noise[run, n], instruments.chain) - instruments.position
+# The loops take their tuples apart before they begin: handed to a function at every sample, the references of all their
+# arrays would be counted there, which takes longer than the sample.
 
 
 @njit(cache=True)
-def _actuate(plant, signals, instruments, run, n, output, x, scratch):
-    """Advance x (n,) by a sample with this output of the controller."""
-    numbers = instruments.drive
-    applied = drive(plant.operating + output, signals.current_noise[run, n], numbers)
-    applied -= numbers[GAIN] * plant.operating + numbers[OFFSET]
-    u = applied + signals.disturbance[run, n]
+def _applied(operating, output, noise, numbers):
+    """What the drive makes of the controller's output, less what it makes of the operating value."""
+    applied = drive(operating + output, noise, numbers)
+    applied -= numbers[GAIN] * operating + numbers[OFFSET]
+    return applied
+
+
+@njit(cache=True)
+def _advance(A, B, u, x, scratch):
+    """Advance x (n,) by a sample with this input."""
     for i in range(x.shape[0]):
-        scratch[i] = plant.B[i] * u
+        scratch[i] = B[i] * u
         for j in range(x.shape[0]):
-            scratch[i] += plant.A[i, j] * x[j]
+            scratch[i] += A[i, j] * x[j]
     for i in range(x.shape[0]):
         x[i] = scratch[i]
 
@@ -71,40 +71,56 @@ def _actuate(plant, signals, instruments, run, n, output, x, scratch):
 @njit(cache=True)
 def pid_loop(plant, reference, signals, instruments, sign, slope_of_error, gains, options, y, u):
     """PID on sign * (reference - measured). slope_of_error: 1 to differentiate the error, 0 the measurement."""
-    scratch = np.empty(plant.A.shape[0])
+    A, B, C, operating = plant
+    position_noise, voltage_noise, current_noise, disturbance = signals
+    chain, numbers, zero = instruments
+    scratch = np.empty(A.shape[0])
     for run in range(y.shape[0]):
-        x, state = np.zeros(plant.A.shape[0]), np.zeros(3)
+        x, state = np.zeros(A.shape[0]), np.zeros(3)
         for n in range(y.shape[1]):
-            seen = _sense(plant, signals, instruments, run, n, x, y)
+            y[run, n] = np.dot(C, x)
+            seen = measure(zero + y[run, n] + position_noise[run, n], voltage_noise[run, n], chain) - zero
             error = sign * (reference[n] - seen)
             slope = error if slope_of_error != 0 else -sign * seen
             u[run, n] = pid_step(error, slope, gains, options, state)
-            _actuate(plant, signals, instruments, run, n, u[run, n], x, scratch)
+            applied = _applied(operating, u[run, n], current_noise[run, n], numbers)
+            _advance(A, B, applied + disturbance[run, n], x, scratch)
 
 
 @njit(cache=True)
 def regulator_loop(plant, reference, signals, instruments, estimator, k, settings, y, u):
     """The regulator with its estimator. The equilibrium output that the regulator adds is part of u; the plant gets u
     less its own operating output at the position 0, and `settings` says what the regulator takes for it."""
-    scratch, filtered = np.empty(plant.A.shape[0]), np.empty(estimator.a.shape[0])
+    A, B, C, operating = plant
+    position_noise, voltage_noise, current_noise, disturbance = signals
+    chain, numbers, zero = instruments
+    scratch, filtered = np.empty(A.shape[0]), np.empty(estimator.a.shape[0])
     for run in range(y.shape[0]):
-        x, state = np.zeros(plant.A.shape[0]), np.zeros(2 * estimator.a.shape[0] + 1)
+        x, state = np.zeros(A.shape[0]), np.zeros(2 * estimator.a.shape[0] + 1)
         for n in range(y.shape[1]):
-            seen = _sense(plant, signals, instruments, run, n, x, y)
+            y[run, n] = np.dot(C, x)
+            seen = measure(zero + y[run, n] + position_noise[run, n], voltage_noise[run, n], chain) - zero
             u[run, n] = regulator_step(reference[n], seen, estimator, k, settings, state, filtered)
-            _actuate(plant, signals, instruments, run, n, u[run, n], x, scratch)
+            applied = _applied(operating, u[run, n], current_noise[run, n], numbers)
+            _advance(A, B, applied + disturbance[run, n], x, scratch)
 
 
 @njit(cache=True)
 def block_loop(plant, reference, signals, instruments, block, memory, y, u):
     """Any linear block of one output: reference and measured position stand for all three axes of its signals."""
+    A, B, C, operating = plant
+    position_noise, voltage_noise, current_noise, disturbance = signals
+    chain, numbers, zero = instruments
     size = memory.shape[0]
-    scratch, inner = np.empty(plant.A.shape[0]), np.empty(size + 1)
+    scratch, inner = np.empty(A.shape[0]), np.empty(size + 1)
     v, output, none = np.ones(SIGNALS), np.empty(1), np.zeros(1)
     for run in range(y.shape[0]):
-        x, state = np.zeros(plant.A.shape[0]), memory.copy()
+        x, state = np.zeros(A.shape[0]), memory.copy()
         for n in range(y.shape[1]):
-            v[:3], v[3:6] = reference[n], _sense(plant, signals, instruments, run, n, x, y)
+            y[run, n] = np.dot(C, x)
+            seen = measure(zero + y[run, n] + position_noise[run, n], voltage_noise[run, n], chain) - zero
+            v[:3], v[3:6] = reference[n], seen
             control(block, v, none, state, inner, output)
             u[run, n] = output[0]
-            _actuate(plant, signals, instruments, run, n, u[run, n], x, scratch)
+            applied = _applied(operating, u[run, n], current_noise[run, n], numbers)
+            _advance(A, B, applied + disturbance[run, n], x, scratch)
