@@ -14,7 +14,7 @@ from fieldmap.arguments import (
     check_signal,
 )
 from fieldmap.control.linear_models import TransferFunction, transfer_function
-from fieldmap.kernels.control.pid import PidGains, PidOptions, pid_run, pid_step
+from fieldmap.kernels.control.pid import PidGains, PidOptions, pid_run, pid_sample
 from fieldmap.typing import Array
 
 INTEGRATION = ("rectangular", "trapezoidal")
@@ -96,7 +96,7 @@ class RunningPID:
     def reset(self, integral: float = 0.0) -> None:
         """Forget the past; the integral part of the output begins at `integral`."""
         check_numbers("RunningPID.reset", integral=integral)
-        self._gains, self._options = self.controller.gains, self.controller.options
+        self._numbers = np.array([*self.controller.gains, *self.controller.options])
         self._state = np.array([integral, 0.0, 0.0])
 
     def step(self, reference: float, measured: float) -> float:
@@ -105,7 +105,7 @@ class RunningPID:
         sign = self.controller.sign
         error = sign * (reference - measured)
         slope = error if self.controller.derivative == "error" else -sign * measured
-        return float(pid_step(error, slope, self._gains, self._options, self._state))
+        return float(pid_sample(error, slope, self._numbers, self._state))
 
 
 def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:

@@ -44,6 +44,14 @@ def pid_step(error, slope_signal, gains, options, state):
 
 
 @njit(cache=True)
+def pid_sample(error, slope_signal, numbers, state):
+    """`pid_step` with gains and options as one array (8,), which Python hands over sooner than named tuples."""
+    gains = PidGains(numbers[0], numbers[1], numbers[2])
+    options = PidOptions(numbers[3], numbers[4], numbers[5], numbers[6], numbers[7])
+    return pid_step(error, slope_signal, gains, options, state)
+
+
+@njit(cache=True)
 def pid_run(errors, slope_signals, gains, options, state, outputs):
     """The outputs of a sequence of samples."""
     for n in range(errors.shape[0]):
