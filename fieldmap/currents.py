@@ -92,6 +92,16 @@ class CurrentParametrisation(ABC):
     def kernel(self) -> CompiledParametrisation:
         """What compiled code takes."""
 
+    def within(self, lower: Array, upper: Array, shares: Array) -> Array:
+        """Signals (..., n_signals) of a domain from lower to upper at shares (..., n_signals) from 0 to 1, which fill
+        it once: the box, unless the parametrisation limits the currents."""
+        return np.asarray(lower + shares * (upper - lower))
+
+    def excess(self, signals: Array) -> float:
+        """By what share the largest of the currents of signals (n_signals,) is beyond the limit of the parametrisation;
+        0 or less within it, and -1 where it has none."""
+        return -1.0
+
     def signals(self, currents: ArrayLike, tolerance: float = TOLERANCE) -> Array:
         """Signals (..., n_signals) of currents (..., n_coils), A: the inverse of `currents`; NaN where no signals give
         these currents up to `tolerance`."""
@@ -283,20 +293,27 @@ class LiftAndDirections(CurrentParametrisation):
     corners get u (1 -+ x)(1 -+ y). The two on the x axis share what is left of 6 u as (1 -+ n x): n > 1 lets them
     follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are: (6-2), (6-3) of docs/recipes.md.
 
+    limit: the largest current of a coil, A, in a domain of these signals: u ends where a coil reaches it, the lower the
+    larger x and y are. None: no limit.
+
     >>> LiftAndDirections(n=1.25).currents([1.0, 0.2, 0.1]).round(3).tolist()
     [0.72, 0.75, 0.88, 1.08, 1.25, 1.32]
     """
 
     name: ClassVar[str] = "lift and directions"
     n: float = 1.0
+    limit: float | None = None
 
     def __post_init__(self) -> None:
         check_positive("LiftAndDirections", n=self.n)
+        if self.limit is not None:
+            check_positive("LiftAndDirections", limit=self.limit)
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """n."""
-        return {"n": float(self.n)}
+        """n, and the limit if there is one."""
+        limited = {} if self.limit is None else {"limit": float(self.limit)}
+        return {"n": float(self.n), **limited}
 
     @property
     def coil_count(self) -> int:
@@ -344,9 +361,25 @@ class LiftAndDirections(CurrentParametrisation):
         return NearestSignals(values, np.where(u == 0.0, np.inf, mismatch))
 
     def largest(self, lower: Array, upper: Array) -> Array:
-        """Found in the corners of the box: a current is linear in each signal alone."""
+        """Found in the corners of the box: a current is linear in each signal alone. None is beyond the limit."""
         corners = lower + np.array(list(itertools.product((0.0, 1.0), repeat=3))) * (upper - lower)
-        return np.asarray(np.abs(self.currents(corners)).max(axis=0))
+        found = np.abs(self.currents(corners)).max(axis=0)
+        return np.asarray(found if self.limit is None else np.minimum(found, self.limit))
+
+    def within(self, lower: Array, upper: Array, shares: Array) -> Array:
+        """The box, u up to where a coil reaches the limit."""
+        signals = np.array(lower + shares * (upper - lower), dtype=float)
+        if self.limit is not None:
+            at_one = self._divided(np.ones_like(signals[..., :1]), signals[..., 1:2], signals[..., 2:])
+            last = np.minimum(upper[0], self.limit / np.abs(at_one).max(axis=-1))
+            signals[..., 0] = lower[0] + shares[..., 0] * (last - lower[0])
+        return signals
+
+    def excess(self, signals: Array) -> float:
+        """Of the largest of the six currents."""
+        if self.limit is None:
+            return -1.0
+        return float(np.abs(self.currents(signals)).max() / self.limit - 1.0)
 
     def kernel(self) -> CompiledParametrisation:
         """The exponent n."""
@@ -361,7 +394,8 @@ class LiftAndDirections(CurrentParametrisation):
 
 @dataclass(frozen=True, eq=False)
 class CurrentDomain:
-    """A box of signals, lower to upper (n_signals,), and the currents that belong to them."""
+    """A box of signals, lower to upper (n_signals,), within the parametrisation's limit, and the currents that belong
+    to them."""
 
     parametrisation: CurrentParametrisation
     lower: Array
@@ -370,7 +404,7 @@ class CurrentDomain:
     @property
     def middle(self) -> Array:
         """Currents (n_coils,) in the middle."""
-        return self.parametrisation.currents(0.5 * (self.lower + self.upper))
+        return self.at(np.full(len(self.lower), 0.5))
 
     @property
     def largest(self) -> Array:
@@ -379,7 +413,7 @@ class CurrentDomain:
 
     def at(self, shares: Array) -> Array:
         """Currents (..., n_coils) at shares (..., n_signals) of the ranges, from 0 to 1."""
-        return self.parametrisation.currents(self.lower + shares * (self.upper - self.lower))
+        return self.parametrisation.currents(self.parametrisation.within(self.lower, self.upper, shares))
 
     def outside(self, signals: Array, margin: float = ROUNDING) -> int | None:
         """Number of the first of signals (n_signals,) that is beyond its range by more than `margin` of it, or None."""
@@ -389,7 +423,8 @@ class CurrentDomain:
 
     def holds(self, currents: Array) -> bool:
         """Whether currents (n_coils,) lie in the domain, up to rounding."""
-        return self.outside(self.parametrisation.signals(currents, ROUNDING)) is None
+        signals = self.parametrisation.signals(currents, ROUNDING)
+        return self.outside(signals) is None and self.parametrisation.excess(signals) <= ROUNDING
 
 
 @dataclass(frozen=True)

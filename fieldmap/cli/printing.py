@@ -78,7 +78,7 @@ def assumption_lines(assumptions: Iterable[str]) -> list[tuple[str, str]]:
 
 def millimetres(point: Iterable[float]) -> str:
     """A point in mm, to 1 um: (0.000, 0.000, -87.000) mm."""
-    return "(" + ", ".join(f"{1e3 * x + 0.0:.3f}" for x in point) + ") mm"
+    return "(" + ", ".join(f"{round(1e3 * x, 3) + 0.0:.3f}" for x in point) + ") mm"
 
 
 def place(point: Iterable[float], decimals: int = 3) -> str:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldmap.currents import TOLERANCE, IndependentCurrents
+from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
 from fieldmap.kernels.map.continuation import continued
 from fieldmap.kernels.map.matrix_vector import times
@@ -182,7 +182,7 @@ class CurrentModel:
             return Problem("currents", must_hold, f"currents off it by {found.mismatch:.1e}", _REMEDY)
         k = domain.outside(found.values)
         if k is None:
-            return None
+            return self._over_the_limit(currents, of.excess(found.values))
         independent = isinstance(of, IndependentCurrents)
         where = (
             f"current of coil {self._names[k]}" if independent else f"currents, their {of.signal_names[k]}"
@@ -192,3 +192,11 @@ class CurrentModel:
             f"must lie within what the map was made for, {domain.lower[k]:g} to {domain.upper[k]:g}{unit}"
         )
         return Problem(where, must_hold, f"{found.values[k]:g}{unit}", _REMEDY)
+
+    def _over_the_limit(self, currents: Array, excess: float) -> Problem | None:
+        if excess <= ROUNDING:
+            return None
+        k = int(np.abs(currents).argmax())
+        largest = float(np.abs(currents[k]))
+        must_hold = f"must not exceed {largest / (1.0 + excess):g} A, up to which the map was made"
+        return Problem(f"current of coil {self._names[k]}", must_hold, f"{largest:g} A", _REMEDY)

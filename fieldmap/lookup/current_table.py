@@ -77,7 +77,7 @@ def tabulate(
         axes, every, amplitudes = _solved(model, divided, size)
         values = (amplitudes @ model.model.output.T).reshape(*size, -1)
         # In the table the slopes are not read: they are found once, for the nodes that are kept.
-        arrays = spline_table(axes, float(divided.n), values, np.zeros((0, 0, 0, 0, 0)))
+        arrays = spline_table(axes, divided, values, np.zeros((0, 0, 0, 0, 0)))
         found = np.array([_weights(arrays, currents) for currents in states])
         error = FieldError(*(_largest(found - truth, values) for values in fields))
         if wanted is None or _within(error, wanted):
@@ -87,7 +87,7 @@ def tabulate(
 
 
 def spline_table(
-    axes: list[Array], exponent: float, values: Array, slopes: Array, margin: float = ROUNDING
+    axes: list[Array], divided: LiftAndDirections, values: Array, slopes: Array, margin: float = ROUNDING
 ) -> tuple[Any, ...]:
     """What `table_weights` takes, of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
     (nu, nx, ny, 6, k). margin: share of the range by which currents may lie outside, for rounding."""
@@ -99,7 +99,7 @@ def spline_table(
     lower, upper = np.array([nodes[0] for nodes in axes]), np.array([nodes[-1] for nodes in axes])
     beside = margin * (upper - lower)
     return (
-        np.array([exponent]),
+        np.array([divided.n, np.inf if divided.limit is None else divided.limit * (1.0 + ROUNDING)]),
         np.array([TOLERANCE]),
         lower - beside,
         upper + beside,
@@ -148,9 +148,11 @@ def _nodes(lower: float, upper: float, count: int, power: float) -> Array:
 def _states(model: CurrentModel, divided: LiftAndDirections) -> Array:
     """Currents (300, 6) at random, a hundred of them nearly balanced."""
     lower, upper = model.model.lower, model.model.upper
-    values = lower + np.random.default_rng(_SEED).random((_STATES + _BALANCED, 3)) * (upper - lower)
-    values[_STATES:, 1:] *= 0.1
-    return divided.currents(np.clip(values, lower, upper))
+    shares = np.random.default_rng(_SEED).random((_STATES + _BALANCED, 3))
+    # Signals of zero, where they lie in the ranges, are balanced.
+    zero = np.clip(-lower / (upper - lower), 0.0, 1.0)[1:]
+    shares[_STATES:, 1:] = zero + 0.1 * (shares[_STATES:, 1:] - zero)
+    return divided.currents(divided.within(lower, upper, shares))
 
 
 def _on_the_surface(evaluator: Evaluator, grid: Grid, sets: int) -> tuple[Array, Array]:

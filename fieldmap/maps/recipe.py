@@ -1,5 +1,6 @@
 """Map recipes: what a file may hold, how it is read, and the grid and the currents that it asks for."""
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -114,6 +115,23 @@ class DivisionKeys(Table):
     x: Range = Field(description="range of the direction signal along x")
     y: Range = Field(description="range of the direction signal along y")
     n: Positive = Field(default=1.0, description="how much more the two coils on the x axis follow x")
+    limit_A: Positive | None = Field(
+        default=None, description="largest current of a coil: u ends where one reaches it"
+    )
+
+    @model_validator(mode="after")
+    def _room_below_the_limit(self) -> "DivisionKeys":
+        if self.limit_A is None:
+            return self
+        corners = itertools.product([self.u_A[0]], self.x, self.y)
+        largest = float(np.abs(LiftAndDirections(self.n).currents(list(corners))).max())
+        if largest >= self.limit_A:
+            raise broken(
+                "the smallest u must leave every coil below limit_A",
+                f"a coil at {largest:.4g} A with limit_A = {self.limit_A:g}",
+                "lower u_A, narrow x and y, or raise limit_A",
+            )
+        return self
 
 
 class CurrentKeys(Table):
@@ -256,13 +274,13 @@ class Plan:
 class CurrentPlan:
     """Saturating iron: the ranges of the currents as written, and how the reduced model is trained.
 
-    lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y, where division_n is given.
+    lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y, where a division is given.
     groups: names of the coils that carry one current, or None.
     """
 
     lower: Array
     upper: Array
-    division_n: float | None
+    division: LiftAndDirections | None
     refinement: float
     training: Plan
     groups: tuple[tuple[str, ...], ...] | None = None
@@ -340,17 +358,18 @@ def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
         groups = None if keys.groups is None else tuple(map(tuple, keys.groups))
         return CurrentPlan(lower, upper, None, iron.refinement, training, groups)
     ranges = np.array([keys.division.u_A, keys.division.x, keys.division.y])
-    return CurrentPlan(ranges[:, 0], ranges[:, 1], keys.division.n, iron.refinement, training)
+    division = LiftAndDirections(keys.division.n, keys.division.limit_A)
+    return CurrentPlan(ranges[:, 0], ranges[:, 1], division, iron.refinement, training)
 
 
 def current_domain(recipe: Recipe, plan: CurrentPlan, coil_names: tuple[str, ...]) -> CurrentDomain:
     """The domain of the currents of a device with these coils. Raises RecipeError where the recipe names others."""
     coils = len(coil_names)
-    if plan.division_n is not None:
+    if plan.division is not None:
         if coils != 6:
             must_hold = "a division is for six coils: two rows of three, as in docs/recipes.md"
             raise recipe.error("currents.division", must_hold, f"{coils} coils", "give lower_A and upper_A")
-        return CurrentDomain(LiftAndDirections(plan.division_n), plan.lower, plan.upper)
+        return CurrentDomain(plan.division, plan.lower, plan.upper)
     of = IndependentCurrents(coils) if plan.groups is None else _coil_groups(recipe, plan.groups, coil_names)
     count, what = of.signal_count, "coils" if plan.groups is None else "groups"
     for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):

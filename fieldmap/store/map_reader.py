@@ -8,13 +8,14 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from fieldmap.currents import CurrentParametrisation, parametrisation_from_json
+from fieldmap.currents import CurrentParametrisation, LiftAndDirections, parametrisation_from_json
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.grid import Array, Grid
@@ -185,7 +186,9 @@ def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
     if stated is None:
         return older
     named = parametrisation_from_json(bytes(stated).decode())
-    if exponent.size and named != older:
+    # Older files know no limit of the currents.
+    without = replace(named, limit=None) if isinstance(named, LiftAndDirections) else named
+    if exponent.size and without != older:
         raise Refused(f"one parametrisation of the currents, {named}", f"{older} as well", REMAKE)
     return named
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fieldmap.control import PID
-from fieldmap.currents import divide_currents
+from fieldmap.currents import LiftAndDirections, divide_currents
 from fieldmap.device import read_device
 from fieldmap.dynamics import (
     AxisReading,
@@ -95,7 +95,9 @@ def fields() -> dict[str, FieldOfCurrents]:
     axes = [np.linspace(0.5, 2.9, 5), np.linspace(-0.4, 0.4, 17), np.linspace(-0.3, 0.3, 17)]
     currents = divide_currents(*np.meshgrid(*axes, indexing="ij"), 1.25)
     slopes = np.broadcast_to(share.T, (5, 17, 17, 6, 20))
-    numbers = Superposition(TABLED, 1.0, spline_table(axes, 1.25, currents @ share.T, slopes))
+    numbers = Superposition(
+        TABLED, 1.0, spline_table(axes, LiftAndDirections(1.25), currents @ share.T, slopes)
+    )
     return {"linear": linear, "table": FieldOfCurrents(unit_block(both), numbers, ())}
 
 

@@ -46,7 +46,7 @@ def table():
     nodes = tuple(np.concatenate([[low], between, [high]]) for low, between, high in pairs)
     coefficients = rng.standard_normal((7, 7, 5, 3))
     slopes = rng.standard_normal((5, 5, 3, 6, 3))
-    return (np.array([N]), np.array([1e-9]), LOWER, UPPER, knots, coefficients, nodes, slopes)
+    return (np.array([N, np.inf]), np.array([1e-9]), LOWER, UPPER, knots, coefficients, nodes, slopes)
 
 
 def test_the_kernel_evaluates_the_tensor_product_of_b_splines(table):
@@ -84,6 +84,16 @@ def test_beside_and_beyond_it_the_slopes_go_on_from_the_nearest_division(table):
         slope = RegularGridInterpolator(nodes, slopes)(place)[0]
         np.testing.assert_allclose(out[6:], near[6:] + (currents - division) @ slope, rtol=1e-7, atol=1e-9)
         np.testing.assert_array_equal(out[:6], currents)
+
+
+def test_a_coil_above_the_limit_is_beyond_the_table(table):
+    currents = divide_currents(1.63, 0.117, -0.212, N)
+    out, limited = np.empty(9), np.empty(9)
+    assert table_weights(table, currents, out) == FOUND
+    for limit, status in ((1.0001, FOUND), (0.9999, BEYOND)):
+        narrow = (np.array([N, limit * currents.max()]), *table[1:])
+        assert table_weights(narrow, currents, limited) == status
+        np.testing.assert_allclose(limited, out, rtol=1e-9)
 
 
 def test_no_currents_and_not_a_number_do_no_harm(table):

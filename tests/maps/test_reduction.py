@@ -2,9 +2,16 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
-from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
+from fieldmap.currents import (
+    CurrentDomain,
+    IndependentCurrents,
+    LiftAndDirections,
+    parametrisation_from_json,
+)
 from fieldmap.maps.training.cubature import empirical_cubature
+from fieldmap.maps.training.least_squares import sparse_nonnegative
 from fieldmap.maps.training.modes import output_fields, pivots, proper_modes
 from fieldmap.maps.training.states import corners, held_out, sequence
 
@@ -22,7 +29,7 @@ def energy():
 
 
 def test_modes_are_orthonormal_and_the_best_there_are(states, energy):
-    modes = proper_modes(states, lambda x: energy @ x, 5)
+    modes = states @ proper_modes(states, energy @ states, 5)
     np.testing.assert_allclose(modes.T @ energy @ modes, np.eye(5), atol=1e-9)
     left = states - modes @ (modes.T @ energy @ states)
     error = np.einsum("ns,nm,ms->", left, energy, left)
@@ -51,7 +58,7 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
     # Two "states" of six "residuals" each, all polynomials of degree 9 at most.
     powers = np.array([x**k for k in range(10)]).T * volume[:, None]
     parts = [powers[:, :6], powers[:, 4:]]
-    points, factors = empirical_cubature(parts, 10)
+    points, factors = empirical_cubature(parts, 10, 1e-9)
     assert len(points) <= 11
     assert (factors > 0).all()
     for k in range(10):
@@ -78,18 +85,63 @@ def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
 
 def test_a_domain_holds_its_states_and_no_others():
     box = CurrentDomain(IndependentCurrents(2), np.array([0.0, -1.0]), np.array([1.0, 1.0]))
-    family = CurrentDomain(LiftAndDirections(1.25), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]))
-    for domain in (box, family):
-        for currents in (*corners(domain), *held_out(domain, 5), *sequence(domain, 0, 5)):
+    lower, upper = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])
+    family = CurrentDomain(LiftAndDirections(1.25), lower, upper)
+    limited = CurrentDomain(LiftAndDirections(1.25, 2.5), lower, upper)
+    for domain in (box, family, limited):
+        trained = domain.parametrisation.currents(sequence(domain, 0, 5))
+        for currents in (*corners(domain), *held_out(domain, 5), *trained):
             assert domain.holds(currents)
             assert not domain.holds(currents + 3.0)
         anywhere = domain.at(np.random.default_rng(3).random((500, len(domain.lower))))
         assert (np.abs(anywhere) <= domain.largest).all()
+        assert (domain.largest >= np.abs(corners(domain)).max(axis=0) * (1 - 1e-12)).all()
+    for domain in (box, family):
         assert domain.largest == pytest.approx(np.abs(corners(domain)).max(axis=0))
     # The mirror y = 0 of the unit exchanges coils 1, 3 and 4, 6 and the sign of y; no division has one coil alone off.
     off_axis = family.parametrisation.currents(np.array([1.5, 0.2, 0.1]))
     assert family.holds(off_axis[[2, 1, 0, 5, 4, 3]])
     assert not family.holds(off_axis + np.array([0.1, 0, 0, 0, 0, 0]))
+
+
+def test_the_limit_of_the_currents_ends_the_domain():
+    """Where a coil reaches it, whatever the direction; the shares of a domain fill all that is left."""
+    lower, upper = np.array([0.3, -0.4, -0.4]), np.array([3.55, 0.4, 0.4])
+    domain = CurrentDomain(LiftAndDirections(1.25, 3.55), lower, upper)
+    ends = domain.at(np.column_stack([np.ones(200), np.random.default_rng(1).random((200, 2))]))
+    assert np.abs(ends).max(axis=1) == pytest.approx(np.full(200, 3.55), rel=1e-12)
+    assert domain.at(np.array([1.0, 0.5, 0.5])) == pytest.approx(np.full(6, 3.55))
+    assert domain.largest.max() == 3.55
+    inside = domain.at(np.array([0.9, 0.1, 0.7]))
+    assert domain.holds(inside)
+    # Signals in the box, but one coil above the limit.
+    beyond = domain.parametrisation.currents(np.array([3.0, 0.4, 0.4]))
+    assert not domain.holds(beyond)
+    assert domain.parametrisation.excess(np.array([3.0, 0.4, 0.4])) == pytest.approx(
+        beyond.max() / 3.55 - 1.0
+    )
+    again = parametrisation_from_json(domain.parametrisation.to_json())
+    assert again == domain.parametrisation
+
+
+def test_sparse_least_squares_are_those_of_lawson_and_hanson():
+    random = np.random.default_rng(5)
+    points, waves = random.random((900, 3)), random.integers(0, 6, (60, 3))
+    functions = np.cos(np.pi * (points @ waves.T) + random.random(60))
+    matrix = np.linalg.qr(functions)[0].T
+    wanted = matrix.sum(axis=1)
+    theirs, left = nnls(matrix, wanted)
+    assert left < 1e-10
+    for tolerance in (1e-10, 1e-2):
+        ours = sparse_nonnegative(matrix, wanted, tolerance)
+        assert (ours >= 0).all()
+        assert (ours > 0).sum() <= (theirs > 0).sum() == 60
+        assert np.linalg.norm(matrix @ ours - wanted) <= tolerance * np.linalg.norm(wanted)
+    # No solution there: the same least error.
+    random_matrix, target = random.standard_normal((40, 15)), random.standard_normal(40)
+    _, least = nnls(random_matrix, target)
+    ours = sparse_nonnegative(random_matrix, target, 0.0)
+    assert np.linalg.norm(random_matrix @ ours - target) == pytest.approx(least, rel=1e-9)
 
 
 def test_states_are_chosen_by_what_the_others_do_not_say():
@@ -117,8 +169,8 @@ def test_a_division_gives_the_currents_of_the_thesis():
     family = CurrentDomain(LiftAndDirections(1.25), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]))
     got = family.parametrisation.currents(np.array([1.558, 0.2, 0.0])) / 1.558
     np.testing.assert_allclose(got, [0.8, 0.75, 0.8, 1.2, 1.25, 1.2], rtol=1e-12)
-    assert sequence(family, 0, 9).shape == (9, 6)
-    means = sequence(family, 0, 40).mean(axis=1)
+    assert sequence(family, 0, 9).shape == (9, 3)
+    means = family.parametrisation.currents(sequence(family, 0, 40)).mean(axis=1)
     assert (means >= 1.0).all()
     assert (means <= 2.2).all()
     assert len(corners(family)) == 8

@@ -17,8 +17,8 @@ from fieldmap.currents import CoilGroups, LiftAndDirections, divide_currents
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, RecipeError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
-from fieldmap.maps.training.modes import proper_modes
-from fieldmap.maps.training.states import SolvedStates, Wanted
+from fieldmap.maps.training.modes import SolvedModes, proper_modes
+from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
 from fieldmap.parallel import Common, Workers
 from fieldmap.store import Checkpoint, checkpoint_path, read_map
 
@@ -103,12 +103,12 @@ def test_the_stated_errors_are_those_of_states_not_trained_on(data):
 def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):
     report = data.provenance.solver_report
     rounds = report["rounds"]
-    assert rounds[0]["solved"] == 8
+    assert rounds[0]["solved"] == 5
     chosen = report["states_trained_on_solved"] - report["corners_trained_on"]
-    assert chosen == rounds[-1]["solved"] + 8 < 40
+    assert chosen == rounds[-1]["solved"] + 4 < 40
     errors = [found["errors"] for found in rounds]
     shares = [max(e["flux_density_share"], e["gradient_share"] / 2) for e in errors]
-    assert shares[-1] < 1.5e-3 < min(shares[:-1])
+    assert shares[-1] < 1.5e-3 < min(shares[:-1], default=1.0)
 
 
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
@@ -136,23 +136,50 @@ def test_images_of_states_are_states(solver):
         assert np.ptp(difference) < 1e-5 * np.ptp(direct)
 
 
-def test_the_residual_of_a_state_tells_how_far_off_it_is(solver):
-    known = np.array([[1.0, 0.5], [2.0, 0.5], [1.5, 1.5], [1.2, -0.5]])
-    states = np.array([solver.solve(currents).state.potential[:, 0] for currents in known]).T
-    basis = proper_modes(states, solver.energy_operator(known[0], states[:, 0]), 4)
-    model, estimate = solver.project(basis), solver.residual_estimate(known[0], states[:, 0], basis)
-    ratios = []
-    for currents in np.array([[1.05, 0.52], [1.5, 1.0], [0.6, -0.9], [2.0, -1.0]]):
-        amplitude = model.solve(currents, np.zeros(4))[0]
-        residual = estimate.residual(solver.coil_field(currents), amplitude)
-        size = np.sqrt(residual @ estimate.correction(residual[:, None])[:, 0])
-        exact = solver.solve(currents).state.potential[:, 0]
-        off = exact - basis @ amplitude
-        ratios.append(size / np.sqrt(off @ solver.energy_operator(currents, exact)(off[:, None])[:, 0]))
-    assert min(ratios) > 0.1
-    assert max(ratios) < 10.0
-    solved = estimate.residual(solver.coil_field(known[1]), np.linalg.lstsq(basis, states[:, 1])[0])
-    assert np.linalg.norm(solved) < 1e-2 * np.linalg.norm(residual)
+def test_tangents_are_the_derivatives_of_states(solver):
+    """Taylor: what a tangent leaves of a difference of states falls with the square of the step."""
+    currents, direction = np.array([1.4, 0.7]), np.array([1.0, -0.6])
+    tangent = solver.sensitivities(currents, potential_at(solver, currents), direction[:, None], 1e-9)[:, 0]
+    size = np.ptp(tangent)
+    steps = np.array([0.08, 0.04, 0.02])
+    left = []
+    for step in steps:
+        ahead, behind = (potential_at(solver, currents + s * direction) for s in (step, -step))
+        # Central differences leave a third derivative; potentials of a whole are known up to a constant.
+        left.append(np.ptp((ahead - behind) / (2.0 * step) - tangent) / size)
+    slopes = np.log2(np.array(left[:-1]) / np.array(left[1:]))
+    assert (slopes > 1.5).all()
+    assert left[-1] < 2e-3
+    both = solver.sensitivities(currents, potential_at(solver, currents), np.eye(2), 1e-9)
+    assert np.ptp(both @ direction - tangent) < 1e-6 * size
+
+
+def potential_at(solver, currents):
+    return solver.solve(currents, 1e-7).state.potential[:, 0]
+
+
+def test_modes_hold_the_states_and_their_tangents(solver):
+    known = Snapshots(solver, lambda currents: False)
+    for currents in ([1.0, 0.5], [1.6, 1.4]):
+        values = np.array(currents)
+        potential = potential_at(solver, values)
+        tangents = solver.sensitivities(values, potential, 0.2 * np.eye(2))
+        known.add(values, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
+    modes = SolvedModes(solver, known, 20)
+    assert modes.basis.shape[1] == 6
+    energy = solver.energy_operator(known.currents[0], known.states[0].potential)
+    np.testing.assert_allclose(modes.basis.T @ energy(modes.basis), np.eye(6), atol=1e-5)
+    for state in known.states:
+        vectors = np.column_stack([state.potential, state.tangents])
+        left = vectors - modes.basis @ (modes.basis.T @ energy(vectors))
+        assert np.einsum("ns,ns->s", left, energy(left)) == pytest.approx(
+            np.zeros(3), abs=1e-9 * np.einsum("ns,ns->s", vectors, energy(vectors)).max()
+        )
+    # A state between them is one of the model, up to what the second derivative leaves.
+    between = np.array([1.3, 0.95])
+    ours = modes.basis @ modes.amplitude(between)
+    truth = potential_at(solver, between)
+    assert np.ptp(ours - truth) < 0.02 * np.ptp(truth)
 
 
 def test_the_total_of_the_file_is_the_field_at_the_reference_currents(data, folder):
@@ -178,7 +205,14 @@ def test_a_stopped_run_goes_on_to_the_same_bits(data, folder):
         return progress
 
     other = folder / "stopped.h5"
-    for message in ("state 7", "state 16", "sample points", "field at the nodes"):
+    for message in (
+        "state 4 of at most",
+        "state 8 of",
+        "in corners",
+        "sample points",
+        "at random",
+        "field at the nodes",
+    ):
         with pytest.raises(KeyboardInterrupt):
             fm.generate(folder / "recipe.toml", other, progress=stop_at(message))
         assert not other.exists()
@@ -200,21 +234,23 @@ def test_states_come_back_with_their_costs(tmp_path):
         return SimpleNamespace(state=SimpleNamespace(potential=np.arange(3.0)[:, None]))
 
     solver = Common.of(SimpleNamespace(solve=solve))
-    wanted = [Wanted(0, np.array([1.0]), None, 0.1), Wanted(1, np.array([2.0]))]
+    wanted = [Wanted(0, np.array([1.0])), Wanted(1, np.array([2.0]))]
     with Checkpoint(tmp_path / "a.partial", "one") as checkpoint, Workers() as workers:
         first = SolvedStates(checkpoint, solver, workers)
-        potentials = first.solve(wanted, 1e-3, lambda done: None)
-        np.testing.assert_array_equal(potentials[0], np.arange(3.0))
-        assert potentials[1] is None
+        solved = first.solve(wanted, 1e-3, lambda done: None)
+        np.testing.assert_array_equal(solved[0].potential, np.arange(3.0))
+        assert solved[0].tangents.shape == (3, 0)
+        assert solved[1] is None
     with Checkpoint(tmp_path / "a.partial", "one") as checkpoint, Workers() as workers:
         again = SolvedStates(checkpoint, solver, workers)
         assert again.known(0, np.array([1.5])) is None
-        np.testing.assert_array_equal(again.solve(wanted, 1e-3, lambda done: None)[0], potentials[0])
+        back = again.solve(wanted, 1e-3, lambda done: None)
+        np.testing.assert_array_equal(back[0].potential, solved[0].potential)
         assert (again.count, again.failed) == (first.count, first.failed)
-        assert again.failed == {1: again.known(1).potential}
-        known = again.known(0)
-        assert (known.estimate, known.currents) == (0.1, [1.0])
-        assert again.earlier_seconds == known.seconds + again.known(1).seconds
+        one, other = again.known(0, np.array([1.0])), again.known(1, np.array([2.0]))
+        assert again.failed == {1: other.state}
+        assert one.currents == [1.0]
+        assert again.earlier_seconds == one.seconds + other.seconds
 
 
 def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
@@ -230,7 +266,7 @@ def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
 def test_contributions_are_counted_by_the_error_that_they_cause(solver):
     known = np.array([[1.0, 0.5], [2.0, 0.5], [1.5, 1.5], [1.2, -0.5]])
     states = np.array([solver.solve(currents).state.potential[:, 0] for currents in known]).T
-    basis = proper_modes(states, solver.energy_operator(known[0], states[:, 0]), 4)
+    basis = states @ proper_modes(states, solver.energy_operator(known[0], states[:, 0])(states), 4)
     model = solver.project(basis)
     for currents in known:
         amplitude = model.solve(currents, np.zeros(4))[0]

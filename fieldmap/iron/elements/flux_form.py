@@ -26,7 +26,8 @@ from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import ElementField, linear_field
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.exterior import Exterior
-from fieldmap.iron.operators.linear_systems import SparseFactor, block_gmres
+from fieldmap.iron.operators.linear_systems import block_gmres
+from fieldmap.iron.operators.sparse_cholesky import Elimination
 from fieldmap.typing import Array
 
 
@@ -53,7 +54,8 @@ class SurfaceFluxSystem:
         # One unknown of each magnetic body is fixed at zero; its equation follows from the others.
         fixed = np.unique(body.unknowns, return_index=True)[1]
         self._free = np.setdiff1d(np.arange(len(body.unknowns)), fixed)
-        self._factor = SparseFactor(stiffness[self._free][:, self._free])
+        inner = stiffness[self._free][:, self._free]
+        self._factor = Elimination.of(inner).factor(inner.data)
         self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
         self._sums = (body.surface[:, None] == np.arange(len(fixed))).astype(float)
         self._flux_of_constants = exterior.flux(self._sums)

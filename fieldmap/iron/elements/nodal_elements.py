@@ -135,6 +135,16 @@ class NodalElements:
         arguments = (*self._arrays(potential, field, source), self.volume, *law)
         return kernel.tangent(*arguments)
 
+    def source_response(
+        self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, number: int
+    ) -> Array:
+        """Element vectors (e, 10) of int (db/dh - 1) t' . grad N at phi (n,) in a field of one source, for a change t'
+        of it: the source of that number of `change`."""
+        law = (material.law, *material.tables.arrays)
+        changed = (change.constant[number], change.bubble[number])
+        arguments = (*self._arrays(potential, field, 0), self.volume, *law, *changed)
+        return kernel.source_response(*arguments)
+
     def mean_fields(
         self, potential: Array, field: CoilField, source: int, material: Magnetisation
     ) -> tuple[Array, Array]:

@@ -15,20 +15,22 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import LawTables, Magnetisation
-from fieldmap.iron.elements.nodal_elements import NodalElements
+from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.state import ElementField, IronState, PotentialField
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.exterior import Exterior
-from fieldmap.iron.operators.linear_systems import SparseFactor, block_gmres, require_convergence
+from fieldmap.iron.operators.linear_systems import block_gmres, require_convergence
+from fieldmap.iron.operators.sparse_cholesky import SparseFactor
 from fieldmap.typing import Array
 
 _MAX_LINEAR_STEPS = 80
 _MAX_NEWTON_STEPS = 40
-# The inverse of W inside a Newton step needs few digits; the residual needs all.
-_COARSE = 0
+# From this tolerance on three digits of the air are enough.
+_ROUGH = 1e-3
 
 
 class Elements(Protocol):
@@ -86,15 +88,16 @@ class ConvexForm(Generic[E]):
     def __init__(self, iron: AssembledIron, elements: E) -> None:
         self.iron = iron
         self.elements = elements
+        self._sums = ElementSums(elements.unknowns, elements.count)
         nothing, count = elements.no_field(), len(elements.volume)
         vacuum = Magnetisation(np.zeros(count, np.int64), _unit_law(), np.zeros((1, count, 3)))
-        stiffness = self._tangent(np.zeros(elements.count), nothing, 0, vacuum)
-        self._exterior = Exterior(elements.face_mean, iron.mutual, stiffness)
+        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, 0, vacuum)
+        self._exterior = Exterior(elements.face_mean, iron.mutual, self._sums, stiffness)
         one = np.ones((elements.count, 1))
         # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
         capacity = float((one.T @ self._exterior.apply(one))[0, 0])
         mass = elements.face_mean.T @ iron.surface.areas
-        self._capacity = diags(mass * (capacity / mass.sum()))
+        self._capacity = mass * (capacity / mass.sum())
 
     def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
         """All sources at once, for laws that are straight lines. Raises NotConverged."""
@@ -118,8 +121,8 @@ class ConvexForm(Generic[E]):
         inner = self._residual(phi, field, 0, material)
         for _ in range(_MAX_NEWTON_STEPS):
             right = inner - air
-            stiffness = self._tangent(phi, field, 0, material)
-            factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
+            entries = self._tangent_entries(phi, field, 0, material)
+            factor = self._factor(entries)
             first = factor.solve(right)
             # The energy norm of the residual, relative to that of the coils' drive.
             norm = float(np.sqrt(max(float(right @ first), 0.0)))
@@ -129,7 +132,7 @@ class ConvexForm(Generic[E]):
             residuals.append(norm / scale)
             if residuals[-1] < tolerance:
                 return self._state(phi[:, None], field, material, tuple(residuals))
-            step = self._newton_step(stiffness, factor, first, residuals[-1])
+            step = self._newton_step(self._sums.matrix(entries), factor, first, residuals[-1])
             air_step = self._exterior.apply(step[:, None])[:, 0]
             length, inner = self._line_search(phi, step, right, air, air_step, field, material)
             phi, air = phi + length * step, air + length * air_step
@@ -140,10 +143,11 @@ class ConvexForm(Generic[E]):
         self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
     ) -> tuple[Array, list[Array]]:
         """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps."""
-        factor = SparseFactor(stiffness + self._capacity, self._exterior.order)
+        factor = self._factor(self._sums.entries_of(stiffness))
+        air = self._exterior.apply if tolerance < _ROUGH else self._exterior.apply_roughly
 
         def operator(x: Array) -> Array:
-            return factor.solve(stiffness @ x + self._exterior.apply(x))
+            return factor.solve(stiffness @ x + air(x))
 
         return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
 
@@ -161,9 +165,13 @@ class ConvexForm(Generic[E]):
 
     def preconditioner(self, material: Magnetisation, field: Any, potential: Array) -> SparseFactor:
         """The tangent at a potential (n,), with a mass of the body's capacity for the air, factored."""
-        return SparseFactor(
-            self._tangent(potential, field, 0, material) + self._capacity, self._exterior.order
-        )
+        return self._factor(self._tangent_entries(potential, field, 0, material))
+
+    def _factor(self, entries: Array) -> SparseFactor:
+        """Of a tangent, with the capacity for the air."""
+        with_air = entries.copy()
+        with_air[self._sums.diagonal] += self._capacity
+        return self._sums.factor(with_air)
 
     def charge_density(self, potential: Array) -> Array:
         """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
@@ -181,7 +189,7 @@ class ConvexForm(Generic[E]):
 
     def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
         def operator(x: Array) -> Array:
-            return factor.solve(stiffness @ x + self._exterior.apply(x, _COARSE))
+            return factor.solve(stiffness @ x + self._exterior.apply_roughly(x))
 
         tolerance = min(0.1, max(1e-4, residual))
         step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
@@ -218,16 +226,13 @@ class ConvexForm(Generic[E]):
         return length, inner(length)
 
     def _residual(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        element = self.elements.residual(phi, field, source, material)
-        value = np.zeros(self.elements.count)
-        np.add.at(value, self.elements.unknowns.ravel(), element.ravel())
-        return value
+        return self._sums.vector(self.elements.residual(phi, field, source, material))
+
+    def _tangent_entries(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        return self._sums.entries(self.elements.tangent(phi, field, source, material))
 
     def _tangent(self, phi: Array, field: Any, source: int, material: Magnetisation) -> csr_matrix:
-        element, unknowns = self.elements.tangent(phi, field, source, material), self.elements.unknowns
-        width = unknowns.shape[1]
-        places = np.repeat(unknowns, width, axis=1).ravel(), np.tile(unknowns, (1, width)).ravel()
-        return csr_matrix((element.ravel(), places), shape=(self.elements.count,) * 2)
+        return self._sums.matrix(self._tangent_entries(phi, field, source, material))
 
     def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
         """The field within elements."""
@@ -250,6 +255,20 @@ class PotentialForm(ConvexForm[NodalElements]):
 
     def __init__(self, iron: AssembledIron) -> None:
         super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
+
+    def sensitivities(
+        self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, tolerance: float
+    ) -> Array:
+        """How the potential (n,) of a state follows changes of the coils' field, the sources of `change`: (n, c).
+
+        The residual R follows by int (db/dh - 1) t' . grad v, so that (K + S) phi' is this. Raises NotConverged.
+        """
+        values = np.ascontiguousarray(potential)
+        parts = [
+            self._sums.vector(self.elements.source_response(values, field, material, change, c))
+            for c in range(len(change.bubble))
+        ]
+        return self.solve_tangent(values[:, None], field, material, np.column_stack(parts), tolerance)
 
     def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
         law, tables, remanence = material.law, material.tables, material.remanence

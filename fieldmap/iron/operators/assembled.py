@@ -61,13 +61,14 @@ def chosen_storage(faces: int, operations: int) -> str:
     return "dense" if faces <= _DENSE_FACES * math.sqrt(operations) and fits else "compressed"
 
 
-def assemble(mesh: IronMesh, storage: str = "auto") -> AssembledIron:
+def assemble(mesh: IronMesh, storage: str = "auto", many_solutions: bool = False) -> AssembledIron:
     """Mutual potentials of the surface faces, dense or compressed.
 
     Dense costs 12 bytes times the square of the number of faces, and half a dense Cholesky factorisation; where the
     mesh has a symmetry of g operations, the memory is divided by g and the factorisation by its square. Compressed
     (`fieldmap.iron.operators.compressed`) costs about 12 kB per face and uses no symmetry. storage: "auto", or one of
-    the two. Raises InputError for another word, and before it starts if the machine has too little memory.
+    the two. many_solutions: prepare more, so that each solution takes less (`DenseMutualPotential`), for tens of
+    solutions or more. Raises InputError for another word, and before it starts if the machine has too little memory.
     """
     if storage not in STORAGES:
         raise InputError(
@@ -78,15 +79,18 @@ def assemble(mesh: IronMesh, storage: str = "auto") -> AssembledIron:
     if storage == "auto":
         storage = chosen_storage(len(surface.areas), _operations(mesh))
     _require_memory(mesh, surface, storage)
-    return AssembledIron(mesh, topology, surface, _mutual(mesh, topology, surface, storage))
+    return AssembledIron(mesh, topology, surface, _mutual(mesh, topology, surface, storage, many_solutions))
 
 
-def _mutual(mesh: IronMesh, topology: Faces, surface: ChargedFaces, storage: str) -> MutualPotential:
+def _mutual(
+    mesh: IronMesh, topology: Faces, surface: ChargedFaces, storage: str, many_solutions: bool
+) -> MutualPotential:
     if storage == "compressed":
         return CompressedMutualPotential(surface)
     if mesh.symmetry is not None:
-        return SymmetricMutualPotential(surface, mesh.symmetry, topology.nodes[topology.surface])
-    return DenseMutualPotential(surface.mutual_potential())
+        triangles = topology.nodes[topology.surface]
+        return SymmetricMutualPotential(surface, mesh.symmetry, triangles, many_solutions)
+    return DenseMutualPotential(surface.mutual_potential(), many_solutions)
 
 
 def _operations(mesh: IronMesh) -> int:

@@ -43,7 +43,13 @@ def face_orbits(symmetry: MeshSymmetry, triangles: Index) -> Index:
 class SymmetricMutualPotential:
     """W of surface faces that a group of operations permutes, by blocks."""
 
-    def __init__(self, surface: ChargedFaces, symmetry: MeshSymmetry, triangles: Index) -> None:
+    def __init__(
+        self,
+        surface: ChargedFaces,
+        symmetry: MeshSymmetry,
+        triangles: Index,
+        explicit_inverse: bool = False,
+    ) -> None:
         table = multiplication_table(symmetry.group.matrices)
         if table is None:
             raise ValueError("the operations of a mesh must form a group")
@@ -56,7 +62,7 @@ class SymmetricMutualPotential:
         self._diagonal[self._faces] = diagonal[:, None]
         self._blocks = []
         while blocks:
-            self._blocks.append(DenseMutualPotential(blocks.pop(0)))
+            self._blocks.append(DenseMutualPotential(blocks.pop(0), explicit_inverse))
 
     @property
     def diagonal(self) -> Array:

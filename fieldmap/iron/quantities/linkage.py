@@ -47,15 +47,10 @@ def iron_differential_inductance(
     current of coil j by p_j, (K + S) p_j = int (D t_j - t_j) . grad v, and d lambda_k / d I_j = 1/mu0 int (D - 1)
     (t_j - grad p_j) . t_k. Raises NotConverged.
     """
-    points = list(_points(inside, unit))
-    right = np.zeros((inside.elements.count, len(unit.bubble)))
-    for shape, tangent, weight, t in points:
-        pushed = np.einsum("eab,ceb->cea", tangent, t) - t
-        local = np.einsum("e,eia,cea->eic", weight, shape, pushed)
-        np.add.at(right, inside.elements.nodes.ravel(), local.reshape(-1, right.shape[1]))
-    response = form.solve_tangent(inside.potential, inside.field, material, right, tolerance)
-    out = np.zeros((right.shape[1],) * 2)
-    for shape, tangent, weight, t in points:
+    response = form.sensitivities(inside.potential[:, 0], inside.field, material, unit, tolerance)
+    coils = len(unit.bubble)
+    out = np.zeros((coils, coils))
+    for shape, tangent, weight, t in _points(inside, unit):
         h = t - np.einsum("eia,eic->cea", shape, response[inside.elements.nodes])
         out += np.einsum("e,kea,jea->kj", weight, t, np.einsum("eab,jeb->jea", tangent, h) - h, optimize=True)
     return out / mu_0

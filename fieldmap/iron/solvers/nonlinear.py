@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_matrix
 
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
@@ -25,7 +26,7 @@ from fieldmap.iron.quantities.linkage import iron_differential_inductance, linka
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
-from fieldmap.iron.solvers.reduced import GalerkinModel, ResidualEstimate, project
+from fieldmap.iron.solvers.reduced import GalerkinModel, project
 from fieldmap.sources import unit_flux_densities
 from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array
@@ -71,7 +72,7 @@ class NonlinearSolver(BaseField):
         stages.next("meshing the iron", 0.02)
         mesh = generate_mesh(device, refinement, symmetry)
         stages.next("mutual potentials of the faces", 0.1)
-        self._iron = assemble(mesh)
+        self._iron = assemble(mesh, many_solutions=True)
         stages.next("air operator", 0.4)
         self._form = PotentialForm(self._iron)
         stages.next("field of the coils in the iron", 0.5)
@@ -190,14 +191,29 @@ class NonlinearSolver(BaseField):
         magnets = bool(self._material.remanence.any())
         return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
 
-    def project(self, basis: Array) -> GalerkinModel:
-        """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`."""
-        return project(self._form, self._material, self._unit, basis)
+    def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
+        """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`;
+        air: what `air` makes of them, where it is known."""
+        return project(self._form, self._material, self._unit, basis, self.air(basis) if air is None else air)
 
-    def residual_estimate(self, currents: Array, potential: Array, basis: Array) -> ResidualEstimate:
-        """What tells how far states on nodal potentials `basis` (n, r) are from the solver's, with the tangent of the
-        state of currents (c,) and potential (n,)."""
-        return ResidualEstimate(self._form, self._material, self.coil_field(currents), potential, basis)
+    def air(self, potential: Array) -> Array:
+        """S phi (n, k) for nodal potentials (n, k): the linear share of the air in the residual."""
+        return self._form.air(potential)
+
+    def tangent(self, currents: Array, potential: Array) -> csr_matrix:
+        """The iron's tangent stiffness (n, n) at a state of currents (c,) and potential (n,), without the air."""
+        return self._form.tangent(self._material, self.coil_field(currents), potential)
+
+    def sensitivities(
+        self, currents: Array, potential: Array, directions: Array, tolerance: float = 1e-3
+    ) -> Array:
+        """How the nodal potential (n,) of the state of currents (c,) changes along directions (c, d) of the currents:
+        the derivatives (n, d), from one linear solve with the tangent of the state. Raises NotConverged."""
+        change = CoilField(
+            np.einsum("cd,cek->dek", directions, self._unit.constant), directions.T @ self._unit.bubble
+        )
+        field = self.coil_field(currents)
+        return self._form.sensitivities(potential, field, self._material, change, tolerance)
 
     def charge_density(self, potential: Array) -> Array:
         """Charge (k, s) per area of `surface`, T, for nodal potentials (n, k)."""
@@ -205,7 +221,7 @@ class NonlinearSolver(BaseField):
 
     def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
         """The tangent at a state, iron and air, on nodal potentials (n, k): symmetric and positive."""
-        tangent = self._form.tangent(self._material, self.coil_field(currents), potential)
+        tangent = self.tangent(currents, potential)
         return lambda values: tangent @ values + self._form.air(values)
 
     def coil_field(self, currents: Array) -> CoilField:

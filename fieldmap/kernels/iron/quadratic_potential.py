@@ -116,6 +116,51 @@ def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, kn
 
 
 @njit(cache=True, parallel=True)
+def source_response(
+    potential,
+    source,
+    bubble,
+    nodes,
+    gradients,
+    volume,
+    law,
+    offset,
+    knots,
+    coefficients,
+    by_source,
+    by_bubble,
+):
+    """Element vectors (e, 10) of int (db/dh - 1) t' . grad N_i: how the residual follows a change of the coils' field,
+    t' = by_source + grad by_bubble; the other arguments as for `residual`."""
+    count = nodes.shape[0]
+    out = np.zeros((count, 10))
+    for e in prange(count):
+        d = np.empty((10, 3))
+        up, ub, uc = np.empty(3), np.empty(3), np.empty(3)
+        for q in range(4):
+            _shape_gradients(q, gradients[e], d)
+            _gradient(potential, nodes[e], d, up)
+            _gradient(bubble, nodes[e], d, ub)
+            _gradient(by_bubble, nodes[e], d, uc)
+            hx, hy, hz = (
+                source[e, 0] + ub[0] - up[0],
+                source[e, 1] + ub[1] - up[1],
+                source[e, 2] + ub[2] - up[2],
+            )
+            tx, ty, tz = by_source[e, 0] + uc[0], by_source[e, 1] + uc[1], by_source[e, 2] + uc[2]
+            h = math.sqrt(hx * hx + hy * hy + hz * hz)
+            b, slope = flux_density(h, law[e], offset, knots, coefficients)
+            m = b / h if h > 1e-30 else slope
+            w = 0.25 * volume[e]
+            along = w * (slope - m) * (hx * tx + hy * ty + hz * tz) / (h * h) if h > 1e-30 else 0.0
+            across = w * (m - 1.0)
+            rx, ry, rz = across * tx + along * hx, across * ty + along * hy, across * tz + along * hz
+            for i in range(10):
+                out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
+    return out
+
+
+@njit(cache=True, parallel=True)
 def mean_fields(potential, source, bubble, nodes, gradients, law, remanence, offset, knots, coefficients):
     """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points."""
     count = nodes.shape[0]

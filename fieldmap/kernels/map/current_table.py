@@ -80,12 +80,13 @@ def _add_slopes(nodes, slopes, u, x, y, off, out):
 def table_weights(table, currents, out):
     """Fill out (6 + k,): the currents (6,), then the weights of the k fields of the iron; how good they are.
 
-    table: (exponent (1,), largest mismatch (1,), lower (3,), upper (3,), knots of u, x, y, coefficients, nodes of u, x,
-    y, slopes (nu, nx, ny, 6, k)). FOUND: a division of the table, by the splines alone. NOT_A_DIVISION: next to one.
-    BEYOND: the nearest division is beyond the table. NaN in the currents fills NaN: BEYOND.
+    table: (exponent, and limit of the currents, A (2,), largest mismatch (1,), lower (3,), upper (3,), knots of u, x,
+    y, coefficients, nodes of u, x, y, slopes (nu, nx, ny, 6, k)). FOUND: a division of the table, by the splines alone.
+    NOT_A_DIVISION: next to one. BEYOND: the nearest division is beyond the table, or a
+    coil beyond the limit. NaN in the currents fills NaN: BEYOND.
     """
-    exponent, mismatch, lower, upper, knots, coefficients, nodes, slopes = table
-    n, iron = exponent[0], out[6:]
+    division, mismatch, lower, upper, knots, coefficients, nodes, slopes = table
+    n, iron, largest = division[0], out[6:], 0.0
     u, x, y, worst = signals(currents, n)
     a, b, c = (
         min(max(u, lower[0]), upper[0]),
@@ -99,6 +100,9 @@ def table_weights(table, currents, out):
         status = NOT_A_DIVISION
     for k in range(6):
         out[k] = currents[k]
+        largest = max(largest, abs(currents[k]))
+    if status == FOUND and largest > division[1]:
+        status = BEYOND
     _sum(coefficients, knots, a, b, c, iron)
     if status != FOUND:
         i, near = currents, divide(a, b, c, n)

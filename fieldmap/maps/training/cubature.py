@@ -10,49 +10,76 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm
-from scipy.optimize import nnls
 
+from fieldmap.maps.training.least_squares import sparse_nonnegative
 from fieldmap.typing import Array
 
 # Points from which the fit may choose, per condition, and at least; drawn by their share in the conditions.
 _CANDIDATES_PER_CONDITION, _FEWEST_CANDIDATES = 12, 4000
 # Random combinations beyond the conditions: what a randomised range finder wants (Halko et al., SIAM Review 2011).
 _OVERSAMPLING = 20
+# Random projections that tell the lengths of rows.
+_PROJECTIONS = 40
+# Eigenvalues of a Gram matrix below this share of the largest are rounding.
+_ROUNDING = 1e-13
 
 
 def empirical_cubature(
-    contributions: Iterable[Array], conditions: int, seed: int = 0
+    contributions: Iterable[Array], conditions: int, tolerance: float = 1e-6, seed: int = 0
 ) -> tuple[NDArray[np.int64], Array]:
-    """Numbers (m,) of the chosen points and factors (m,) > 0 on their own weights; m is about `conditions`.
+    """Numbers (m,) of the chosen points and factors (m,) > 0 on their own weights; m is at most `conditions` + 1.
 
-    contributions: one array (p, r) per state, what each of the p points adds to the r residuals.
+    contributions: one array (p, r) per state, what each of the p points adds to the r residuals. tolerance: how well
+    the conditions are met together, as a share.
     """
     random = np.random.default_rng(seed)
     sketch = _sketch(contributions, conditions + _OVERSAMPLING, random)
-    left = np.linalg.svd(sketch, full_matrices=False)[0][:, : min(conditions, *sketch.shape)]
-    one = np.ones(len(left))
-    rest = one - left @ (left.T @ one)
-    # The volume itself is one of the conditions.
-    if np.linalg.norm(rest) > 1e-8 * np.sqrt(len(one)):
-        left = np.column_stack([left, rest / np.linalg.norm(rest)])
-    wanted = left.T @ one
-    importance = (left**2).sum(axis=1)
-    most = min(len(left), max(_FEWEST_CANDIDATES, _CANDIDATES_PER_CONDITION * left.shape[1]))
+    combined = _combinations(sketch, conditions)
+    one = np.ones(len(sketch))
+    wanted = (one @ sketch) @ combined
+    # The volume itself is one of the conditions: what of it lies outside the others.
+    rest = one - sketch @ (combined @ wanted)
+    size = float(np.linalg.norm(rest))
+    with_volume = size > 1e-8 * np.sqrt(len(one))
+    importance = _importance(sketch, combined, random) + (rest / size) ** 2 * with_volume
+    count = combined.shape[1] + with_volume
+    most = min(len(one), max(_FEWEST_CANDIDATES, _CANDIDATES_PER_CONDITION * count))
     able = int((importance > 0).sum())
-    candidates = random.choice(len(left), min(most, able), replace=False, p=importance / importance.sum())
-    factors = nnls(np.ascontiguousarray(left[candidates].T), wanted, maxiter=50 * left.shape[1])[0]
+    candidates = random.choice(len(one), min(most, able), replace=False, p=importance / importance.sum())
+    matrix = sketch[candidates] @ combined
+    if with_volume:
+        matrix = np.column_stack([matrix, rest[candidates] / size])
+        wanted = np.append(wanted, size)
+    factors = sparse_nonnegative(np.ascontiguousarray(matrix.T), wanted, tolerance)
     chosen = np.flatnonzero(factors > 0)
     order = np.argsort(candidates[chosen])
     return candidates[chosen][order], factors[chosen][order]
 
 
+def _combinations(sketch: Array, count: int) -> Array:
+    """Combinations (c, k) of the columns of a tall matrix (p, c) that are its first `count` left singular vectors, less
+    those that are rounding, by the eigenvectors of its Gram matrix."""
+    values, vectors = np.linalg.eigh(sketch.T @ sketch)
+    order = np.argsort(values)[::-1][:count]
+    order = order[values[order] > _ROUNDING * values[order[0]]]
+    return np.asarray(vectors[:, order] / np.sqrt(values[order]))
+
+
+def _importance(sketch: Array, combined: Array, random: np.random.Generator) -> Array:
+    """About the squared lengths (p,) of the rows of sketch @ combined, by random projections (Drineas, Magdon-Ismail,
+    Mahoney and Woodruff, J. Mach. Learn. Res. 13 (2012) 3475)."""
+    mixed = combined @ random.standard_normal((combined.shape[1], _PROJECTIONS)) / np.sqrt(_PROJECTIONS)
+    return np.asarray(((sketch @ mixed) ** 2).sum(axis=1))
+
+
 def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Generator) -> Array:
+    """Random combinations (p, columns) of all contributions. Those of one state go to some of the columns only,
+    twice as many as they are themselves: as good a range for a fraction of the products."""
     total: Array | None = None
     for part in contributions:
         if total is None:
-            total = np.zeros((columns, len(part)), order="F")
-        mixed = np.asfortranarray(random.standard_normal((part.shape[1], columns)).T)
-        # Added in place: a new array of this size for every state would cost eight times the product itself.
-        total = dgemm(1.0, mixed, np.ascontiguousarray(part).T, beta=1.0, c=total, overwrite_c=1)
-    return np.empty((0, columns)) if total is None else np.asarray(total.T)
+            total = np.zeros((len(part), columns), order="F")
+        few = min(columns, 2 * part.shape[1])
+        to = random.permutation(columns)[:few]
+        total[:, to] += part @ (random.standard_normal((part.shape[1], few)) / np.sqrt(few))
+    return np.empty((0, columns)) if total is None else total

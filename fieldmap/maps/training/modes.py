@@ -1,8 +1,5 @@
 """Modes of solved states, the few fields they make in the workspace, and which states they lack most."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,17 +12,17 @@ from fieldmap.typing import Array
 _NEGLIGIBLE = 1e-13
 
 
-def proper_modes(states: Array, apply: Callable[[Array], Array], most: int) -> Array:
-    """At most `most` orthonormal modes (n, r) that hold the largest share of the energy of `states` (n, s).
+def proper_modes(states: Array, applied: Array, most: int) -> Array:
+    """Combinations (s, r) of `states` (n, s) that are orthonormal modes, at most `most`, with the largest shares of the
+    energy of all; applied (n, s): the symmetric positive operator of the energy on the states.
 
-    apply(x (n, s)) is the symmetric positive operator of the energy product. Sirovich, Quart. Appl. Math. 45 (1987)
-    561: the method of snapshots.
+    Sirovich, Quart. Appl. Math. 45 (1987) 561: the method of snapshots.
     """
-    gram = states.T @ apply(states)
+    gram = states.T @ applied
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     order = np.argsort(values)[::-1][:most]
     order = order[values[order] > _NEGLIGIBLE * values[order[0]]]
-    return np.asarray(states @ (vectors[:, order] / np.sqrt(values[order])))
+    return np.asarray(vectors[:, order] / np.sqrt(values[order]))
 
 
 def output_fields(amplitudes: Array, fields: Array, most: int) -> tuple[Array, Array]:
@@ -52,57 +49,38 @@ def output_fields(amplitudes: Array, fields: Array, most: int) -> tuple[Array, A
 _TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """currents (k, c) of the states to solve next, their estimates (k,), the first the largest of the pool, and nodal
-    potentials (n, k) to begin with."""
-
-    currents: Array
-    estimates: Array
-    starts: Array
-
-
 class SolvedModes:
-    """The iron on the modes of the solved states, with the law at all points."""
+    """The iron on the modes of the solved states and their tangents, with the law at all points."""
 
     def __init__(self, solver: NonlinearSolver, snapshots: Snapshots, most: int) -> None:
-        self.currents, states = snapshots.currents, snapshots.potentials
-        energy = solver.energy_operator(self.currents[0], states[:, 0])
-        # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field.
-        sizes = np.sqrt(np.einsum("ns,ns->s", states, energy(states)))
-        self.basis = proper_modes(states / np.where(sizes > 0.0, sizes, 1.0), energy, most)
-        self.model: GalerkinModel = solver.project(self.basis)
-        self.amplitudes = states.T @ energy(self.basis)
-        self._solver, self._first = solver, states[:, 0]
+        self.currents, found = snapshots.currents, snapshots.states
+        # The energy is that of the tangent at the first state.
+        tangent = solver.tangent(self.currents[0], found[0].potential)
+        columns, air = [], []
+        for state in found:
+            vectors = np.column_stack([state.potential, state.tangents])
+            # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field.
+            size = np.sqrt(max(state.potential @ (tangent @ state.potential + state.air[:, 0]), 0.0)) or 1.0
+            columns.append(vectors / size)
+            air.append(state.air / size)
+        vectors, of_air = np.concatenate(columns, axis=1), np.concatenate(air, axis=1)
+        applied = tangent @ vectors + of_air
+        combined = proper_modes(vectors, applied, most)
+        self.basis = vectors @ combined
+        self.model: GalerkinModel = solver.project(self.basis, of_air @ combined)
+        self.amplitudes = snapshots.potentials.T @ (applied @ combined)
+        self._solver, self._first = solver, found[0].potential
 
     def amplitude(self, currents: Array) -> Array:
         """Amplitudes (r,) at currents (c,)."""
         near = int(np.argmin(np.linalg.norm(self.currents - currents, axis=1)))
         return self.model.solve(currents, self.amplitudes[near], _TOLERANCE)[0]
 
-    def propose(self, pool: Array, count: int) -> Proposal:
-        """`count` of the states of a pool (m, c).
-
-        The estimate of a state is the energy of what its residual asks for, relative to that of the state. Of states
-        that lack the same mode only one is taken: the next is always the one whose correction is largest after those
-        chosen are projected out (a pivoted Cholesky factorisation of the corrections' energy product).
-        """
-        amplitudes = np.array([self.amplitude(values) for values in pool])
-        estimate = self._solver.residual_estimate(self.currents[0], self._first, self.basis)
-        pairs = zip(pool, amplitudes, strict=True)
-        residuals = np.array([estimate.residual(self._solver.coil_field(i), a) for i, a in pairs]).T
-        # The modes are orthonormal in the energy.
-        residuals /= np.linalg.norm(amplitudes, axis=1)
-        product = residuals.T @ estimate.correction(residuals)
-        chosen = pivots(0.5 * (product + product.T), count)
-        estimates = np.sqrt(np.maximum(np.diag(product), 0.0))
-        starts = self.basis @ amplitudes[chosen].T
-        return Proposal(pool[chosen], estimates[chosen], starts)
-
     def missing(self, tried: Snapshots, accuracy: float) -> NDArray[np.int64]:
         """Which of some solved states these modes need, so that they hold all within `accuracy` in the energy.
 
-        Chosen as in `propose`, by what is left of the states when they are projected onto the modes.
+        Of states that lack the same mode only one is taken: the next is always the one of which most is left when it is
+        projected onto the modes and those chosen.
         """
         energy = self._solver.energy_operator(self.currents[0], self._first)
         states = tried.potentials / np.sqrt(np.einsum("ns,ns->s", tried.potentials, energy(tried.potentials)))

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from time import monotonic
 
 import numpy as np
@@ -11,23 +11,26 @@ from scipy.stats import qmc
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.elements.state_images import StateImage
 from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
 from fieldmap.store import Checkpoint
 from fieldmap.typing import Array
 
-# Beyond this many corners only the low-discrepancy states are solved.
+# Of more corners so many are solved, at random.
 MOST_CORNERS = 64
+# Share of a signal's range that a tangent stands for.
+REACH = 0.125
 _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
 
 
 def sequence(domain: CurrentDomain, first: int, count: int) -> Array:
-    """Currents (count, c), from number `first` on, of a sequence that fills the domain evenly: the middle, then low
+    """Signals (count, d), from number `first` on, of a sequence that fills the domain evenly: the middle, then low
     discrepancy (Sobol), denser towards the faces, where a model has neighbours on one side only."""
     d = domain.parametrisation.signal_count
     power = int(np.ceil(np.log2(max(2, first + count))))
     shares = qmc.Sobol(d, seed=_SEED).random_base2(power)
     spread = np.concatenate([np.full((1, d), 0.5), 0.5 - 0.5 * np.cos(np.pi * shares)])
-    return domain.at(spread[first : first + count])
+    return domain.parametrisation.within(domain.lower, domain.upper, spread[first : first + count])
 
 
 def held_out(domain: CurrentDomain, count: int) -> Array:
@@ -36,21 +39,49 @@ def held_out(domain: CurrentDomain, count: int) -> Array:
     return domain.at(np.random.default_rng(_HELD_OUT_SEED).random((count, d)))
 
 
+def reaches(domain: CurrentDomain, signals: Array) -> Array:
+    """Changes (c, d) of the currents about signals (d,): along each, by an eighth of its range."""
+    return domain.parametrisation.derivative(signals) * (REACH * (domain.upper - domain.lower))
+
+
 def corners(domain: CurrentDomain) -> Array:
-    """Currents (m, c) of the corners; none where there are more than 64."""
+    """Currents (m, c) of `corner_signals`."""
+    return domain.parametrisation.currents(corner_signals(domain))
+
+
+def corner_signals(domain: CurrentDomain) -> Array:
+    """Signals (m, d) of the corners, in a random order; of more than 64, as many of them at random."""
     d = domain.parametrisation.signal_count
-    if 2**d > MOST_CORNERS:
-        return domain.at(np.empty((0, d)))
-    signs = np.array(list(itertools.product((0.0, 1.0), repeat=d)))
-    return domain.at(signs[np.random.default_rng(_ORDER_SEED).permutation(len(signs))])
+    random = np.random.default_rng(_ORDER_SEED)
+    if 2**d <= MOST_CORNERS:
+        shares = np.array(list(itertools.product((0.0, 1.0), repeat=d)))
+        shares = shares[random.permutation(len(shares))]
+    else:
+        shares = np.unique(random.integers(0, 2, (4 * MOST_CORNERS, d)), axis=0).astype(float)
+        shares = random.permutation(shares)[:MOST_CORNERS]
+    return domain.parametrisation.within(domain.lower, domain.upper, shares)
 
 
 # Currents that differ by less than this share of the largest are the same state.
 _SAME = 1e-9
 
 
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A solved state: its nodal potential (n,); its derivatives along the signals (n, d), each times what `reaches`
+    gives; and the air's share S of both, (n, 1 + d). The last two are empty where a state is not to train on."""
+
+    potential: Array
+    tangents: Array
+    air: Array
+
+    def image(self, of: StateImage) -> "Solved":
+        """The state that a symmetry makes of it."""
+        return Solved(of.potential(self.potential), of.potential(self.tangents), of.potential(self.air))
+
+
 class Snapshots:
-    """Currents and nodal potentials, in the order in which they came; an image costs no solve.
+    """Currents and solved states, in the order in which they came; an image costs no solve.
 
     admits(currents (c,)): whether an image is wanted; solved: how many states are no images.
     """
@@ -58,7 +89,7 @@ class Snapshots:
     def __init__(self, solver: NonlinearSolver, admits: Callable[[Array], bool]) -> None:
         self._solver, self._images, self._admits = solver, solver.images, admits
         self._currents: list[Array] = []
-        self._potentials: list[Array] = []
+        self._states: list[Solved] = []
         self.solved = 0
 
     @property
@@ -69,17 +100,22 @@ class Snapshots:
     @property
     def potentials(self) -> Array:
         """Nodal potentials (n, s)."""
-        return np.array(self._potentials).T
+        return np.array([state.potential for state in self._states]).T
 
-    def add(self, currents: Array, potential: Array) -> None:
-        """A state of currents (c,) and potential (n,), and its images."""
+    @property
+    def states(self) -> tuple[Solved, ...]:
+        """All of them, images too."""
+        return tuple(self._states)
+
+    def add(self, currents: Array, state: Solved) -> None:
+        """A state of currents (c,), and its images."""
         self._currents.append(currents)
-        self._potentials.append(potential)
+        self._states.append(state)
         for image in self._images:
             values = image.currents(currents)
             if self.number(values) is None and self._admits(values):
                 self._currents.append(values)
-                self._potentials.append(image.potential(potential))
+                self._states.append(state.image(image))
         self.solved += 1
 
     def empty(self, admits: Callable[[Array], bool]) -> "Snapshots":
@@ -99,7 +135,7 @@ class Snapshots:
             return None
         away = np.linalg.norm(self.currents - currents, axis=1)
         best = int(np.where(np.abs(self.currents).max(axis=1) > 0, away, np.inf).argmin())
-        return self._potentials[best] if self._currents[best].any() else None
+        return self._states[best].potential if self._currents[best].any() else None
 
 
 def is_among(currents: Array, states: Array) -> NDArray[np.bool_]:
@@ -123,25 +159,25 @@ _OF_THE_MACHINE = (WorkerDied, MemoryError, OSError)
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A state to solve: its number, currents (c,), nodal potential (n,) to begin from, and how much it is needed,
-    which is kept with it. Where it begins must not depend on which others happen to be solved already."""
+    """A state to solve: its number, currents (c,), nodal potential (n,) to begin from, and the directions (c, d) of the
+    currents along which its derivatives are wanted, where it is to train on. Where it begins must not depend on which
+    others happen to be solved already."""
 
     number: int
     currents: Array
     start: Array | None = None
-    estimate: float = float("nan")
+    directions: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class TriedState:
-    """currents (c,); potential (n,), or the reason why there is none; seconds of the clock and of the processors that
-    it took; estimate: of how much the state was needed, NaN where nobody asked."""
+    """currents (c,); the state, or the reason why there is none; seconds of the clock and of the processors that it
+    took."""
 
     currents: Array
-    potential: Array | str
+    state: Solved | str
     seconds: float = 0.0
     processor_seconds: float = 0.0
-    estimate: float = float("nan")
 
 
 @dataclass
@@ -160,21 +196,22 @@ class SolvedStates:
     earlier_seconds: float = 0.0
     earlier_processor_seconds: float = 0.0
 
-    def known(self, number: int, currents: Array | None = None) -> TriedState | None:
+    def known(self, number: int, currents: Array) -> TriedState | None:
         """The state of this number, or None if it was never tried, or with other currents than these (c,)."""
         piece = self.checkpoint.get(_key(number))
         if piece is None:
             return None
         arrays, about = piece
-        if currents is not None and not np.array_equal(arrays["currents"], currents):
+        if not np.array_equal(arrays["currents"], currents):
             return None
-        potential = arrays["potential"] if about["failed"] is None else str(about["failed"])
-        return TriedState(arrays["currents"], potential, *map(float, about["costs"]))
+        failed = about["failed"]
+        state = Solved(*(arrays[name] for name in _ARRAYS)) if failed is None else str(failed)
+        return TriedState(arrays["currents"], state, *map(float, about["costs"]))
 
     def solve(
         self, wanted: Sequence[Wanted], tolerance: float, tell: Callable[[int], None]
-    ) -> list[Array | None]:
-        """Nodal potential (n,) of every state, in their order; None where it could not be solved.
+    ) -> list[Solved | None]:
+        """Every state, in their order; None where it could not be solved.
 
         tell(k) is called once k of them are there and others are not.
         """
@@ -184,46 +221,54 @@ class SolvedStates:
                 self.earlier_seconds += tried.seconds
                 self.earlier_processor_seconds += tried.processor_seconds
         missing = [k for k, tried in enumerate(found) if tried is None]
-        items = [(wanted[k].currents, tolerance, wanted[k].start) for k in missing]
+        items = [(wanted[k].currents, tolerance, wanted[k].start, wanted[k].directions) for k in missing]
         done, begin = len(wanted) - len(missing), monotonic()
         if missing:
             tell(done)
-        for outcome in self.workers.map(_potential, items, self.solver):
+        for outcome in self.workers.map(_solved, items, self.solver):
             number = missing[outcome.index]
             found[number] = self._put(wanted[number], outcome, monotonic() - begin)
             done, begin = done + 1, monotonic()
             if done < len(wanted):
                 tell(done)
-        return [self._potential(state, tried) for state, tried in zip(wanted, found, strict=True)]
+        return [self._state(state, tried) for state, tried in zip(wanted, found, strict=True)]
 
-    def _put(self, state: Wanted, outcome: Outcome[Array], seconds: float) -> TriedState:
+    def _put(self, state: Wanted, outcome: Outcome[Solved], seconds: float) -> TriedState:
         """seconds: since the state before; of several at a time each counts its share."""
         if isinstance(outcome.error, _OF_THE_MACHINE):
             raise outcome.error
-        potential = outcome.reason or outcome.result()
-        tried = TriedState(state.currents, potential, seconds, outcome.processor_seconds, state.estimate)
+        solved = outcome.reason or outcome.result()
+        tried = TriedState(state.currents, solved, seconds, outcome.processor_seconds)
         arrays, failed = {"currents": state.currents}, None
-        if isinstance(potential, str):
-            failed = potential
+        if isinstance(solved, str):
+            failed = solved
         else:
-            arrays["potential"] = potential
-        costs = (tried.seconds, tried.processor_seconds, float(tried.estimate))
+            arrays |= {name: getattr(solved, name) for name in _ARRAYS}
+        costs = (tried.seconds, tried.processor_seconds)
         self.checkpoint.put(_key(state.number), arrays, {"failed": failed, "costs": costs})
         return tried
 
-    def _potential(self, state: Wanted, tried: TriedState | None) -> Array | None:
+    def _state(self, state: Wanted, tried: TriedState | None) -> Solved | None:
         assert tried is not None
-        if isinstance(tried.potential, str):
-            self.failed[state.number] = tried.potential
+        if isinstance(tried.state, str):
+            self.failed[state.number] = tried.state
             return None
         self.count += 1
-        return tried.potential
+        return tried.state
+
+
+_ARRAYS = tuple(field.name for field in fields(Solved))
 
 
 def _key(number: int) -> str:
     return f"state {number}"
 
 
-def _potential(solver: NonlinearSolver, item: tuple[Array, float, Array | None]) -> Array:
-    currents, tolerance, start = item
-    return np.ascontiguousarray(solver.solve(currents, tolerance, start=start).state.potential[:, 0])
+def _solved(solver: NonlinearSolver, item: tuple[Array, float, Array | None, Array | None]) -> Solved:
+    currents, tolerance, start, directions = item
+    potential = np.ascontiguousarray(solver.solve(currents, tolerance, start=start).state.potential[:, 0])
+    if directions is None:
+        nothing = np.zeros((len(potential), 0))
+        return Solved(potential, nothing, nothing)
+    tangents = solver.sensitivities(currents, potential, directions)
+    return Solved(potential, tangents, solver.air(np.column_stack([potential, tangents])))

@@ -1,6 +1,6 @@
 """From solved states of saturating iron to a reduced model, its fields' charges, and its errors on other states."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,23 +12,31 @@ from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.cubature import empirical_cubature
 from fieldmap.maps.training.model_error import Errors, Trial
-from fieldmap.maps.training.modes import Proposal, SolvedModes, output_fields
+from fieldmap.maps.training.modes import SolvedModes, output_fields
 from fieldmap.maps.training.states import (
+    REACH,
     Snapshots,
+    Solved,
     SolvedStates,
     Wanted,
+    corner_signals,
     corners,
     held_out,
     is_among,
     nothing,
     one_of,
+    reaches,
     sequence,
 )
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array, Progress
 
-# States to begin with, of a sequence that fills the domain; then so many at once, of a pool of so many.
-_FIRST, _AT_ONCE, _POOL = 8, 8, 32
+# States to begin with, of a sequence that fills the domain; then so many at once.
+_FIRST, _AT_ONCE = 5, 4
+# States are solved so much better than they are wanted; the tolerance of the solver is a thousand times its residual.
+_SOLVED_BETTER = 10.0
+# How well the sample points integrate what they are chosen for, as a share of the accuracy.
+_CUBATURE = 0.05
 # A gradient may be off by so much more than a flux density, each as a share of its largest.
 _GRADIENT = 2.0
 # At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
@@ -46,54 +54,59 @@ class Solving:
     plan: Plan
     say: Progress
 
-    def training(self, wanted: Sequence[Wanted]) -> list[Array | None]:
-        """Potential (n,) of every state, or None where the solver fails; numbers as those of the states to train on."""
+    @property
+    def tolerance(self) -> float:
+        """Of the solver."""
+        return max(self.plan.tolerance, _SOLVED_BETTER * self.plan.accuracy)
+
+    def training(self, wanted: Sequence[Wanted]) -> list[Solved | None]:
+        """Every state, or None where the solver fails; numbers as those of the states to train on."""
         first, most = wanted[0].number if wanted else 0, self.plan.states
 
         def tell(done: int) -> None:
             self.say(f"state {first + done + 1} of at most {most}", 0.05 + 0.4 * (first + done) / most)
 
-        return self.states.solve(wanted, self.plan.tolerance, tell)
-
-    def choose(self, modes: SolvedModes, pool: Array, first: int, count: int) -> Proposal:
-        """The states numbered from `first`: those in the checkpoint, or chosen of a pool."""
-        tried = [self.states.known(first + k) for k in range(count)]
-        known = [state for state in tried if state is not None]
-        if len(known) < count:
-            return modes.propose(pool, count)
-        starts = np.zeros((len(modes.basis), count))
-        return Proposal(np.array([s.currents for s in known]), np.array([s.estimate for s in known]), starts)
+        return self.states.solve(wanted, self.tolerance, tell)
 
 
 @dataclass(frozen=True)
 class Round:
-    """What one choice of states showed: how many had been solved before, and how far what the model predicted of the
-    next ones was off when they were solved."""
+    """How far what the model predicted of some states was off when they were solved, and how many it knew by then."""
 
     solved: int
-    estimate: float
     errors: Errors
 
 
 def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, tuple[Round, ...]]:
-    """States to train on. After the first few, those that the estimate says the model lacks most; no more once the
-    model predicts them as accurately as planned."""
+    """States to train on, of a sequence that fills the domain; no more once the model has predicted the last of them as
+    accurately as planned. They were not among those that it knew, so that they say how good it is."""
     plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
-    first = sequence(domain, 0, min(_FIRST, plan.states))
-    middle = solving.training([Wanted(0, first[0])])
-    # The others begin from the one in the middle, if that carries any current.
-    start = middle[0] if first[0].any() else None
-    others = [Wanted(number, currents, start) for number, currents in enumerate(first[1:], 1)]
-    for currents, potential in zip(first, middle + solving.training(others), strict=True):
-        if potential is not None:
-            training.add(currents, potential)
-    done = _FIRST
+    signals = sequence(domain, 0, plan.states)
+    currents = domain.parametrisation.currents(signals)
+    directions = [reaches(domain, values) for values in signals]
+    first = solving.training([Wanted(0, currents[0], None, directions[0])])[0]
+    if first is not None:
+        training.add(currents[0], first)
+    # The others begin from the one in the middle, if that carries any current, and follow its tangents.
+    span = domain.upper - domain.lower
+
+    def begin(k: int) -> Array | None:
+        if first is None or not currents[0].any():
+            return None
+        steps = (signals[k] - signals[0]) / (REACH * span)
+        return np.asarray(first.potential + first.tangents @ steps)
+
+    done = min(_FIRST, plan.states)
+    others = [Wanted(k, currents[k], begin(k), directions[k]) for k in range(1, done)]
+    for state, solved in zip(others, solving.training(others), strict=True):
+        if solved is not None:
+            training.add(state.currents, solved)
     rounds: list[Round] = []
     while done < plan.states and training.solved:
-        solving.say(f"choosing states after {done}", 0.05 + 0.4 * done / plan.states)
-        pool = sequence(domain, _FIRST + _POOL * len(rounds), _POOL)
         count = min(_AT_ONCE, plan.states - done)
-        found = _round(solving, training, pool, done, count)
+        found = _round(
+            solving, training, currents[done : done + count], directions[done : done + count], done
+        )
         done += count
         if found is not None:
             rounds.append(found)
@@ -102,24 +115,30 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     return training, tuple(rounds)
 
 
-def _round(solving: Solving, training: Snapshots, pool: Array, done: int, count: int) -> Round | None:
-    """Choose states, solve them, see how well they were predicted, and add them."""
+def _round(
+    solving: Solving, training: Snapshots, currents: Array, directions: list[Array], number: int
+) -> Round | None:
+    """Solve some states, see how well they were predicted, and add them."""
     before, plan = training.solved, solving.plan
     modes = SolvedModes(solving.solver, training, plan.modes)
-    proposal = solving.choose(modes, pool, done, count)
+    amplitudes = np.array([modes.amplitude(values) for values in currents])
+    starts = modes.basis @ amplitudes.T
+    wanted = [
+        Wanted(number + k, values, starts[:, k].copy(), directions[k]) for k, values in enumerate(currents)
+    ]
     new = Snapshots(solving.solver, nothing)
-    chosen = zip(proposal.currents, proposal.starts.T, proposal.estimates.tolist(), strict=True)
-    wanted = [Wanted(number, *state) for number, state in enumerate(chosen, done)]
-    for currents, potential in zip(proposal.currents, solving.training(wanted), strict=True):
-        if potential is not None:
-            new.add(currents, potential)
-    if not new.solved:
+    known: list[int] = []
+    for k, solved in enumerate(solving.training(wanted)):
+        if solved is not None:
+            new.add(currents[k], solved)
+            known.append(k)
+    if not known:
         return None
-    amplitudes = np.array([modes.amplitude(currents) for currents in new.currents])
-    errors = solving.trial.errors(amplitudes, modes.model.charge, new)
-    for currents, potential in zip(new.currents, new.potentials.T, strict=True):
-        training.add(currents, np.ascontiguousarray(potential))
-    return Round(before, float(proposal.estimates[0]), errors)
+    predicted = solving.solver.charge_density(np.ascontiguousarray(starts[:, known]))
+    errors = solving.trial.errors(np.eye(len(known)), predicted, new)
+    for values, state in zip(new.currents, new.states, strict=True):
+        training.add(values, state)
+    return Round(before, errors)
 
 
 def _share(errors: Errors) -> float:
@@ -127,9 +146,16 @@ def _share(errors: Errors) -> float:
 
 
 def solve_tried(
-    solving: Solving, modes: SolvedModes, currents: Array, first: int, text: str, share: float
+    solving: Solving,
+    predict: Callable[[Array], Array],
+    currents: Array,
+    first: int,
+    text: str,
+    share: float,
+    directions: Sequence[Array] | None = None,
 ) -> Snapshots:
-    """The states of currents (s, c), numbered from `first`; images are taken where both are among them."""
+    """The states of currents (s, c), numbered from `first`; images are taken where both are among them.
+    predict(currents (c,)): nodal potential (n,) to begin from. directions: of each, where they may be trained on."""
     found = Snapshots(solving.solver, one_of(currents))
     left, gone = list(range(len(currents))), 0
 
@@ -140,12 +166,18 @@ def solve_tried(
 
     while left:
         batch = _no_images_of_each_other(solving.solver, left, currents)
-        wanted = [_from_modes(solving, modes, first + k, currents[k]) for k in batch]
-        for k, potential in zip(
-            batch, solving.states.solve(wanted, solving.plan.tolerance, tell), strict=True
-        ):
-            if potential is not None:
-                found.add(currents[k], potential)
+        wanted = [
+            Wanted(
+                first + k,
+                currents[k],
+                None if solving.states.known(first + k, currents[k]) else predict(currents[k]),
+                None if directions is None else directions[k],
+            )
+            for k in batch
+        ]
+        for k, solved in zip(batch, solving.states.solve(wanted, solving.tolerance, tell), strict=True):
+            if solved is not None:
+                found.add(currents[k], solved)
         # An image of one that failed is solved itself.
         left = [k for k in left if k not in batch and found.number(currents[k]) is None]
         gone = len(currents) - len(left)
@@ -162,12 +194,6 @@ def _no_images_of_each_other(solver: NonlinearSolver, numbers: list[int], curren
     return chosen
 
 
-def _from_modes(solving: Solving, modes: SolvedModes, number: int, currents: Array) -> Wanted:
-    """A state that begins from what the modes say of it, unless it is there already."""
-    known = solving.states.known(number, currents) is not None
-    return Wanted(number, currents, None if known else modes.basis @ modes.amplitude(currents))
-
-
 def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accuracy: float) -> Snapshots:
     """Train on those of the tried states that the modes lack; the others, still to try the model on.
 
@@ -177,10 +203,10 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
     for k in modes.missing(tried, accuracy) if tried.solved else ():
         # It may be the image of one that was just added.
         if training.number(tried.currents[k]) is None:
-            training.add(tried.currents[k], np.ascontiguousarray(tried.potentials[:, k]))
-    for currents, potential in zip(tried.currents, tried.potentials.T, strict=True):
+            training.add(tried.currents[k], tried.states[k])
+    for currents, state in zip(tried.currents, tried.states, strict=True):
         if training.number(currents) is None:
-            left.add(currents, np.ascontiguousarray(potential))
+            left.add(currents, state)
     return left
 
 
@@ -216,21 +242,44 @@ def train(
     snapshots, rounds = solve_training(solving, domain)
     require_states(states)
     modes = SolvedModes(solver, snapshots, plan.modes)
-    tried = _tried(solving, modes, domain)
+    outer = corner_signals(domain)
+    of_corners = domain.parametrisation.currents(outer)
+    tried = {
+        "in corners": solve_tried(
+            solving,
+            lambda currents: modes.basis @ modes.amplitude(currents),
+            of_corners,
+            plan.states,
+            "in corners",
+            0.5,
+            [reaches(domain, signals) for signals in outer],
+        )
+    }
     before = snapshots.solved
     tried["in corners"] = add_missing(modes, snapshots, tried["in corners"], plan.accuracy)
     if snapshots.solved > before:
         modes = SolvedModes(solver, snapshots, plan.modes)
     full, currents, amplitudes = modes.model, modes.currents, modes.amplitudes
     parts = _contributions(full, currents, amplitudes, say)
-    chosen, factors = empirical_cubature(parts, plan.points)
+    chosen, factors = empirical_cubature(parts, plan.points, _CUBATURE * plan.accuracy)
     reduced = full.sampled(chosen, factors * full.weights[chosen])
+
+    def predict(values: Array) -> Array:
+        near = int(np.argmin(np.linalg.norm(currents - values, axis=1)))
+        return np.asarray(modes.basis @ reduced.solve(values, amplitudes[near])[0])
+
+    tried["at random"] = solve_tried(
+        solving, predict, held_out(domain, plan.held_out), plan.states + len(outer), "at random", 0.75
+    )
+    require_states(states)
+    require_some(tried, states)
     say("fields of the modes", 0.95)
-    probes = _probes(*solver.surface.field_and_gradient(points, full.charge))
+    of_modes = solver.charge_density(modes.basis)
+    probes = _probes(*solver.surface.field_and_gradient(points, of_modes))
     combination, output = output_fields(amplitudes, probes, plan.fields)
     model = _model(reduced, output, currents, amplitudes, domain, reference)
     say("error on states not trained on", 0.98)
-    charge = combination @ full.charge
+    charge = combination @ of_modes
     errors = {
         name: trial.errors(_weights(reduced, output, found.currents), charge, found)
         for name, found in tried.items()
@@ -238,21 +287,6 @@ def train(
     }
     largest = _largest_weights(domain, reduced, output, np.concatenate([currents, corners(domain)]))
     return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
-
-
-def _tried(solving: Solving, modes: SolvedModes, domain: CurrentDomain) -> dict[str, Snapshots]:
-    """States that the model is tried on, by their kind."""
-    plan, states = solving.plan, solving.states
-    at_random, in_corners = held_out(domain, plan.held_out), corners(domain)
-    tried = {
-        "at random": solve_tried(solving, modes, at_random, plan.states, "at random", 0.5),
-        "in corners": solve_tried(
-            solving, modes, in_corners, plan.states + len(at_random), "in corners", 0.7
-        ),
-    }
-    require_states(states)
-    require_some(tried, states)
-    return tried
 
 
 def _probes(flux: Array, gradient: Array) -> Array:
@@ -264,7 +298,7 @@ def _probes(flux: Array, gradient: Array) -> Array:
 def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Array, currents: Array) -> Array:
     """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at the
     currents (s, c) and at a sequence that fills the domain, and a margin for the places between."""
-    places = np.concatenate([currents, sequence(domain, 0, _WEIGHED)])
+    places = np.concatenate([currents, domain.parametrisation.currents(sequence(domain, 0, _WEIGHED))])
     iron = np.abs(_weights(reduced, output, places)).max(axis=0)
     return np.concatenate([domain.largest, _MARGIN * iron])
 

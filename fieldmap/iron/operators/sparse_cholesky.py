@@ -1,0 +1,202 @@
+"""Direct solution of sparse, symmetric, positive definite systems: one analysis for each pattern, then numbers only.
+
+The order of elimination is nested dissection of the matrix's graph (METIS: Karypis and Kumar, SIAM J. Sci. Comput. 20
+(1998) 359). Each step of Newton's method only computes numbers: `fieldmap.kernels.iron.sparse_cholesky`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pymetis
+from scipy.sparse import csr_matrix
+
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.kernels.iron import sparse_cholesky as kernel
+from fieldmap.typing import Array, Index
+
+# Up to so many columns, a supernode and the last of its children are joined if at most this share of the joined columns
+# is zero.
+_ZEROS = ((16, 0.6), (32, 0.25), (64, 0.1), (10**9, 0.03))
+
+
+class SparseFactor:
+    """Solves matrix x = right by the Cholesky factor of a matrix of the pattern `analysis`."""
+
+    def __init__(self, analysis: "Elimination", panels: Array) -> None:
+        self._analysis, self._panels = analysis, panels
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the factor."""
+        return self._panels.nbytes
+
+    def solve(self, right: Array) -> Array:
+        """x with matrix x = right, for right (n,) or (n, c)."""
+        a = self._analysis
+        x = np.ascontiguousarray(right.reshape(len(right), -1)[a.order].T)
+        kernel.solve(a.start, a.rows, a.row_start, a.panel_start, self._panels, x)
+        out = np.empty(right.shape)
+        out.reshape(len(right), -1)[a.order] = x.T
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """What the factors of all matrices of one symmetric pattern share: order (n,) of elimination, and supernodes as in
+    `fieldmap.kernels.iron.sparse_cholesky`. entry (k,): which of the matrix's numbers go to the fronts, in their order;
+    entry_start, place: where.
+    """
+
+    order: Index
+    start: Index
+    rows: Index
+    row_start: Index
+    parent: Index
+    relative: Index
+    panel_start: Index
+    entry: Index
+    entry_start: Index
+    place: Index
+    work: int
+
+    @classmethod
+    def of(cls, matrix: csr_matrix) -> "Elimination":
+        """Analyse a matrix with a symmetric pattern, sorted indices and no duplicates."""
+        count = matrix.shape[0]
+        order = _nested_dissection(matrix)
+        lower = _lower(matrix, order)
+        parent = kernel.elimination_tree(lower.indptr.astype(np.int64), lower.indices.astype(np.int64))
+        post = kernel.postorder(parent)
+        order = order[post]
+        # The pattern and the tree in the new numbers.
+        lower = _lower(matrix, order)
+        by_rows = (lower.indptr.astype(np.int64), lower.indices.astype(np.int64))
+        parent = kernel.elimination_tree(*by_rows)
+        start, node_parent, sizes = _supernodes(parent, kernel.column_counts(*by_rows, parent))
+        row_start = np.concatenate([[0], np.cumsum(sizes)])
+        columns, by_column = _by_columns(matrix, order)
+        rows = kernel.supernode_rows(start, columns, by_column.rows, node_parent, row_start)
+        rows = rows[np.argsort(rows + count * np.repeat(np.arange(len(sizes)), sizes))]
+        relative = kernel.relative_rows(start, rows, row_start, node_parent)
+        width = np.diff(start)
+        panel_start = np.concatenate([[0], np.cumsum(sizes * width)])
+        node = np.repeat(np.arange(len(width)), width)
+        entry_node = node[by_column.columns]
+        # The row's place among the rows of its supernode: these are sorted.
+        key = rows + count * np.repeat(np.arange(len(width)), sizes)
+        place = np.searchsorted(key, by_column.rows + count * entry_node) - row_start[entry_node]
+        place = place + (by_column.columns - start[entry_node]) * sizes[entry_node]
+        work = int(kernel.largest_work(start, row_start, node_parent))
+        entry_start = columns[start]
+        return cls(
+            order,
+            start,
+            rows,
+            row_start,
+            node_parent,
+            relative,
+            panel_start,
+            by_column.entry,
+            entry_start,
+            place,
+            work,
+        )
+
+    def factor(self, values: Array) -> SparseFactor:
+        """Factor of the matrix of this pattern with these numbers (k,), in the order of its `data`.
+
+        Raises NotConverged if it is not positive definite.
+        """
+        panels = np.empty(self.panel_start[-1])
+        failed = kernel.factorise(
+            np.ascontiguousarray(values)[self.entry],
+            self.entry_start,
+            self.place,
+            self.start,
+            self.rows,
+            self.row_start,
+            self.parent,
+            self.relative,
+            self.panel_start,
+            panels,
+            np.empty(self.work),
+        )
+        if failed >= 0:
+            remedy = "look for slivers in the mesh, or for a B-H law that falls"
+            must_hold = "must be positive definite"
+            raise NotConverged(
+                Problem("iron solver, stiffness matrix", must_hold, "a pivot below zero", remedy)
+            )
+        return SparseFactor(self, panels)
+
+
+def _nested_dissection(matrix: csr_matrix) -> Index:
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    off = matrix.indices != rows
+    pointer = np.concatenate([[0], np.cumsum(np.bincount(rows[off], minlength=matrix.shape[0]))])
+    # Graphs without edges are refused by METIS, and any order does.
+    if not off.any():
+        return np.arange(matrix.shape[0])
+    order, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(pointer, matrix.indices[off]))
+    return np.asarray(order, np.int64)
+
+
+def _lower(matrix: csr_matrix, order: Index) -> csr_matrix:
+    """Pattern of the strict lower triangle by rows, with rows and columns in the order."""
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(len(order))
+    rows = number[np.repeat(np.arange(len(order)), np.diff(matrix.indptr))]
+    columns = number[matrix.indices]
+    below = columns < rows
+    ones = np.ones(int(below.sum()), np.int8)
+    return csr_matrix((ones, (rows[below], columns[below])), shape=matrix.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Entries:
+    """rows, columns (k,) of the lower triangle, sorted by column, and which of the matrix's numbers they are."""
+
+    rows: Index
+    columns: Index
+    entry: Index
+
+
+def _by_columns(matrix: csr_matrix, order: Index) -> tuple[Index, _Entries]:
+    """Where each column begins, and the entries of the lower triangle with the diagonal, in the order's numbers."""
+    count = len(order)
+    number = np.empty(count, np.int64)
+    number[order] = np.arange(count)
+    rows = number[np.repeat(np.arange(count), np.diff(matrix.indptr))]
+    columns = number[matrix.indices]
+    entry = np.flatnonzero(rows >= columns)
+    entry = entry[np.argsort(columns[entry] * count + rows[entry], kind="stable")]
+    pointer = np.concatenate([[0], np.cumsum(np.bincount(columns[entry], minlength=count))])
+    return pointer, _Entries(rows[entry], columns[entry], entry)
+
+
+def _supernodes(parent: Index, counts: Index) -> tuple[Index, Index, Index]:
+    """First columns (m + 1,), parents (m,) and numbers of rows (m,) of supernodes: successive columns of one
+    structure, and those joined to them."""
+    count = len(parent)
+    only_child = np.bincount(parent[parent >= 0], minlength=count) == 1
+    follows = np.zeros(count, bool)
+    follows[1:] = (parent[:-1] == np.arange(1, count)) & (counts[1:] == counts[:-1] - 1) & only_child[1:]
+    first = np.flatnonzero(~follows)
+    start = [int(c) for c in first] + [count]
+    width = np.diff(start)
+    size = counts[first].astype(np.int64)
+    node = np.repeat(np.arange(len(first)), width)
+    above = parent[np.array(start[1:]) - 1]
+    above = np.where(above >= 0, node[np.maximum(above, 0)], -1)
+    return _joined(np.array(start), above, size)
+
+
+def _joined(start: Index, parent: Index, size: Index) -> tuple[Index, Index, Index]:
+    """Supernodes joined with the last child before them, as long as few zeros come in."""
+    widths, shares = np.array([w for w, _ in _ZEROS]), np.array([share for _, share in _ZEROS])
+    begin, size, into = kernel.join_supernodes(start, parent, size, widths, shares)
+    kept = np.flatnonzero(into == np.arange(len(into)))
+    number = np.full(len(into), -1)
+    number[kept] = np.arange(len(kept))
+    above = np.where(parent[kept] >= 0, number[into[np.maximum(parent[kept], 0)]], -1)
+    return np.append(begin[kept], start[-1]), above, size[kept]
