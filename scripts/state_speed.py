@@ -56,7 +56,8 @@ def measured(package: Path, refinement: float, runs: int) -> dict[str, tuple[flo
     """Seconds of the clock and of the processors, by name, of the package in a checkout."""
     given = json.dumps([FIRST, NEXT, refinement, runs])
     environment = os.environ | {"PYTHONPATH": str(package.resolve())}
-    command = [sys.executable, "-c", CHILD, given]
+    # Without -P the folder in which it runs would come before the checkout.
+    command = [sys.executable, "-P", "-c", CHILD, given]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return {name: (wall, processor) for name, (wall, processor) in json.loads(done.stdout).items()}
 
