@@ -101,8 +101,9 @@ def test_saturating_iron_is_that_of_a_direct_solve(devices, tmp_path, sphere_bel
     path.write_text(devices.sphere.read_text().replace("polarisation_T = 1.5", "polarisation_T = 0.6"))
     state = fm.solve(fm.read_device(path), [300.0], refinement=0.6, estimate=True)
     at = run.data.sel(variant="soft", currents="strong")
-    np.testing.assert_array_equal(at.flux_density[0], state.field([0, 0, -0.014]))
-    assert float(at.largest_flux_density) == state.report.largest_flux_density
+    # Another process may sum in another order: both solve to a residual far below this bound.
+    np.testing.assert_allclose(at.flux_density[0], state.field([0, 0, -0.014]), rtol=0, atol=1e-9)
+    assert float(at.largest_flux_density) == pytest.approx(state.report.largest_flux_density, rel=1e-8)
     assert float(at.error_flux_density) == pytest.approx(state.report.error.flux_density, rel=1e-6)
     flux = run.data.flux_density.sel(component="z").values.ravel()
     air = 100 * 300 * sphere_below_loop(0.014, radius=0.01, mu_r=1.0)
