@@ -56,7 +56,7 @@ SCENES = (
     ("vertical.png", "Bz in the workspace", f"{_DIVISION} slices --quantity Bz"),
     ("surfaces.png", "grad B", f"{_DIVISION} surfaces --quantity gradB"),
     ("forces.png", "Forces on the magnet", f"{_DIVISION} forces"),
-    ("equilibrium.png", "Where it floats", "show MAPS/workspace.h5 --what equilibrium --currents 4.2"),
+    ("equilibrium.png", "Where it floats", "show MAPS/workspace.h5 --what equilibrium --currents 3"),
     (
         "difference.png",
         "Two maps of the same iron, trained on different currents",

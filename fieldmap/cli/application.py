@@ -118,7 +118,7 @@ COMMANDS: dict[str, Entry] = {
     ),
     "export": Entry(
         export.export,
-        "fieldmap export maps/out/workspace.h5 --to c -o workspace.fmap",
+        "fieldmap export maps/out/linear.h5 --to c -o linear.fmap",
         "A map for C or mag_manip; any field as CSV or for ParaView.",
         MAPS,
     ),
@@ -130,7 +130,7 @@ COMMANDS: dict[str, Entry] = {
     ),
     "equilibrium": Entry(
         equilibrium.equilibrium,
-        "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 10",
+        "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5",
         "Where a magnet floats, or the current that lifts it.",
         MAGNETS,
     ),

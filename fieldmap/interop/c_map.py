@@ -43,7 +43,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     whose coefficients the header does not read. The file appears complete or not at all.
 
     >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
-    >>> write_c_map(open_map("workspace.h5"), "workspace.fmap")                             # doctest: +SKIP
+    >>> write_c_map(open_map("linear.h5"), "linear.fmap")                                   # doctest: +SKIP
     """
     _, block = field.compiled()
     _check_readable(block)

@@ -126,7 +126,7 @@ def find_equilibrium(
 
         m = fieldmap.open_map("maps/out/workspace.h5")
         payload = fieldmap.read_device("drive_unit").payload
-        e = fieldmap.find_equilibrium(m, currents=2.4, payload=payload)
+        e = fieldmap.find_equilibrium(m, currents=3.0, payload=payload)
         print(e.position, e.stable_axes)
     """
     carried = check_payload(payload, "find_equilibrium")

@@ -1,8 +1,8 @@
 """What a moved slider of `fieldmap app` costs: field on three planes, force and equilibrium, and the picture of them.
 
-On the maps that lie in maps/out: `workspace` or `quick` (linear), `division` and `saturating`. One slider at a time is
-moved by a tenth of its range, up or down. Milliseconds of one processor, so that a busy machine matters less; the
-picture is drawn by the processor too, off-screen, which a graphics card does faster.
+On the maps that lie in maps/out: `linear` and `quick`, and `workspace`, `division` and `saturating` of saturating iron.
+One slider at a time is moved by a tenth of its range, up or down. Milliseconds of one processor, so that a busy machine
+matters less; the picture is drawn by the processor too, off-screen, which a graphics card does faster.
 """
 
 import time
@@ -19,7 +19,7 @@ from fieldmap.lookup import open_map
 from fieldmap.plot.live_window import LiveWindow
 from fieldmap.plot.rendering import can_render
 
-FOLDER, MAPS = Path("maps/out"), ("workspace", "quick", "division", "saturating")
+FOLDER, MAPS = Path("maps/out"), ("linear", "quick", "workspace", "division", "saturating")
 WANTED_MS = 100.0
 LIMIT = 12.0
 """A; linear maps need more to lift than saturating ones."""
