@@ -23,6 +23,7 @@ bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
 
 validate: $(STAMP)
+	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop/test_mag_manip_program.py
 	$(BIN)/python scripts/validate.py
 
 docs: $(VENV)/.installed-docs

@@ -17,7 +17,15 @@ from dataclasses import asdict, replace
 
 from rich.console import Console
 from rich.table import Table
-from validation import axisymmetric, closed_forms, convergence, drive_units, map_files, thesis_statics
+from validation import (
+    axisymmetric,
+    closed_forms,
+    convergence,
+    drive_units,
+    mag_manip_program,
+    map_files,
+    thesis_statics,
+)
 from validation.row import Row
 
 from fieldmap.errors import FieldmapError
@@ -39,6 +47,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "corrupted_maps": (map_files.corrupted_maps, 100),
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),
+    "mag_manip": (mag_manip_program.mag_manip, 240),
     "thesis_statics": (thesis_statics.thesis_statics, 900),
 }
 
@@ -77,7 +86,8 @@ def show(rows: list[Row], console: Console) -> None:
         cost = (f"{row.faces}", f"{row.steps}", f"{row.seconds:.0f} ({row.cpu_seconds:.0f})")
         table.add_row(row.case, row.quantity, *numbers, *cost, row.note or row.source)
     console.print(table)
-    count = {verdict: sum(row.verdict == verdict for row in rows) for verdict in ("pass", "FAIL", "NOT RUN")}
+    verdicts = ("pass", "FAIL", "NOT RUN", "skipped")
+    count = {verdict: sum(row.verdict == verdict for row in rows) for verdict in verdicts}
     console.print(", ".join(f"{number} {verdict}" for verdict, number in count.items()), highlight=False)
 
 

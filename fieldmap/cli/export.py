@@ -1,5 +1,6 @@
 """`fieldmap export`: a map, or the field of a device, for other programs."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +20,7 @@ from fieldmap.cli.options import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fieldmap.interop import VectorFields
     from fieldmap.io import IronOptions
     from fieldmap.lookup import FieldMap
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
     "csv": ("--currents", "--spacing-mm"),
-    "mag-manip": ("--spacing-mm",),
+    "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
 _OF_ANY_FIELD = ("csv", "vti")
@@ -71,8 +73,8 @@ def export(
         typer.Option(
             "--spacing-mm",
             metavar="MM",
-            help="For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes; a device "
-            "needs it.",
+            help="For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip "
+            "as many as it needs; a device needs it.",
         ),
     ] = None,
     outside: Annotated[
@@ -99,14 +101,20 @@ def export(
     _check(to, [option for option, there in given.items() if there])
     iron = checked_iron(mu_r, nonlinear, refinement, "auto")
     spacing = None if spacing_mm is None else 1e-3 * spacing_mm
-    if is_map_file(source):
+    sampled = None
+    if to == "mag-manip" and is_map_file(source):
+        sampled = _sampled(source, iron, currents, spacing)
+        written: tuple[Path, ...] = (sampled.write(output),)
+    elif is_map_file(source):
         written = _of_map(source, iron, to, output, currents, spacing, (kind, outside))
     else:
         written = _of_device(source, iron, to, output, currents, spacing)
     if json:
-        print_json({"written": written})
-    else:
-        print(*written, sep="\n")
+        print_json({"written": written} | ({} if sampled is None else sampled.to_dict()))
+        return
+    print(*written, sep="\n")
+    if sampled is not None:
+        print(sampled.summary, file=sys.stderr)
 
 
 def _check(to: str, given: list[str]) -> None:
@@ -122,6 +130,20 @@ def _check(to: str, given: list[str]) -> None:
         )
 
 
+def _sampled(
+    source: str, iron: "IronOptions", currents: list[str] | None, spacing: float | None
+) -> "VectorFields":
+    from fieldmap.cli.arguments import parse_currents
+    from fieldmap.interop import sample_for_mag_manip
+    from fieldmap.io import existing_map
+    from fieldmap.lookup import open_map
+
+    refuse_iron_of_map(iron)
+    opened = open_map(existing_map(source))
+    amperes = parse_currents(currents, opened.coil_names) if currents else None
+    return sample_for_mag_manip(opened, spacing, amperes)
+
+
 def _of_map(
     source: str,
     iron: "IronOptions",
@@ -132,7 +154,7 @@ def _of_map(
     how: tuple[str, str],
 ) -> tuple[Path, ...]:
     from fieldmap.cli.arguments import parse_currents
-    from fieldmap.interop import write_c_files, write_mag_manip
+    from fieldmap.interop import write_c_files
     from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
@@ -141,8 +163,6 @@ def _of_map(
     amperes = parse_currents(currents, opened.coil_names) if currents else None
     if to == "c":
         return write_c_files(opened if amperes is None else opened.at(amperes), output)
-    if to == "mag-manip":
-        return (write_mag_manip(opened, output, spacing),)
     return (_writer(to)(opened, output, amperes, spacing),)
 
 

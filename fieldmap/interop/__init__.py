@@ -5,7 +5,7 @@ Depends on: errors, store, lookup. Never on the packages that make maps.
 
 from fieldmap.interop.c_map import c_header, write_c_files, write_c_map
 from fieldmap.interop.csv_map import write_csv
-from fieldmap.interop.mag_manip import read_mag_manip, write_mag_manip
+from fieldmap.interop.mag_manip import VectorFields, read_mag_manip, sample_for_mag_manip, write_mag_manip
 from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements, read_measurements
 from fieldmap.interop.mujoco_magnets import MagnetForces
@@ -16,10 +16,12 @@ __all__ = [
     "MagnetForces",
     "MeasuredMap",
     "Measurements",
+    "VectorFields",
     "c_header",
     "fit_map",
     "read_mag_manip",
     "read_measurements",
+    "sample_for_mag_manip",
     "write_c_files",
     "write_c_map",
     "write_csv",

@@ -4,54 +4,247 @@
     vfields:
       coil_00:  {dim_x, dim_y, dim_z, min_x, max_x, ..., data: [[Bx, By, Bz], ...]}     T at 1 A, z fastest
 
-The reader sorts the keys as texts, so coils are numbered in current order; their names stand in a comment. Numbers are
-single precision there, gradients are differences, and nothing makes them curl-free: the program loses what the map has.
+What its reader (`ForwardModelLinearVField`) does, from the source of Tesla_core 4.0.1 (mag_control/mag_manip) and seen
+in the wheel mag_manip 3.0.0:
+
+- It takes node (i, j, k) from `i dim_x dim_y + j dim_y + k` (interpolate_regular.h:325). The data are in the order that
+  its documentation asks for only where the three counts are equal, so a map is resampled to equal counts.
+- It interpolates by cubics whose slopes at the nodes are central differences, one-sided ones in the outermost nodes
+  (interpolate_tricubic.cpp:50, interpolate_regular.cpp:58). The error of the outermost cells falls with the square of
+  the spacing only; there are as many nodes as keep it small.
+- It sorts the coils' keys as texts (forward_model_linear_vfield.cpp:126), so coils are numbered in current order; their
+  names stand in a comment.
+- Numbers of the file become single precision. A point on or beyond the rounded faces is an error
+  (interpolate_regular.h:153, interpolate_regular.cpp:77), so the faces are rounded outwards.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmap.errors import MapFileError, Problem
+from fieldmap.field import coil_currents
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements
 from fieldmap.interop.sampling import sample_grid
 from fieldmap.lookup import FieldMap
 from fieldmap.store import Grid
 from fieldmap.store.whole_files import write_whole
+from fieldmap.typing import Array
+
+ACCURACY = 1e-4
+"""What the reader's interpolation may change of B where no spacing is given, as a share of the largest B."""
+
+MOST_NODES = 49
+"""No more nodes in each direction without a given spacing: the wheel takes over a minute to read six such coils."""
+
+Cells = NDArray[np.int64]
 
 _AXES = "xyz"
+_POINTS = 1000
+# Faces by which single precision and the reader's step, a rounded quotient, leave every point of the box inside.
+_ROUNDING = 4e-7
 
 
-def write_mag_manip(field: FieldMap, path: str | PathLike[str], spacing: float | None = None) -> Path:
-    """Write a map for mag_manip, on the map's own nodes or on new ones at most `spacing` (m) apart.
+@dataclass(frozen=True, eq=False)
+class VectorFields:
+    """A map sampled for mag_manip.
 
-    Raises InputError for a map of saturating iron, which that model cannot hold, or a spacing that is not positive.
+    flux_density (count, count, count, n_coils, 3), T at 1 A of each coil, on equally spaced nodes from lower to upper
+    (3,), m; at fixed currents one field of all coils, named by these currents. map_nodes: how many the map has along x,
+    y and z. flux_error, gradient_error: largest change that the reader's interpolation makes at 1000 points of the box,
+    two thirds of each coordinate in outermost cells, as a share of the largest value of the same coil there.
     """
-    grid = sample_grid(field, spacing)
-    # Rounding must not put the outermost nodes outside.
-    flux = field.unit_field(np.clip(grid.points(), field.lower, field.upper))
-    title = field.info.provenance.title or "fieldmap"
-    lines = [
-        f"# coils in current order: {', '.join(field.coil_names)}",
-        f'name: "{_plain(title)}"',
-        "vfields:",
-    ]
-    digits = max(2, len(str(len(field.coil_names) - 1)))
-    for k in range(len(field.coil_names)):
-        lines += [f"  coil_{k:0{digits}d}:", "    data:"]
-        lines += [f"    - [{x:.9g}, {y:.9g}, {z:.9g}]" for x, y, z in flux[:, k]]
-        for a, axis in enumerate(_AXES):
-            lines += [f"    dim_{axis}: {grid.shape[a]}"]
-            lines += [
-                f"    min_{axis}: {float(field.lower[a]):.9g}",
-                f"    max_{axis}: {float(field.upper[a]):.9g}",
-            ]
-    target = Path(path)
-    write_whole(target, ("\n".join(lines) + "\n").encode())
-    return target
+
+    title: str
+    coil_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    flux_density: Array
+    map_nodes: tuple[int, int, int]
+    flux_error: float
+    gradient_error: float
+
+    @property
+    def count(self) -> int:
+        """Nodes in each direction."""
+        return len(self.flux_density)
+
+    @property
+    def summary(self) -> str:
+        """What was done to the map, and what its reader does."""
+        before = " x ".join(map(str, self.map_nodes))
+        return (
+            f"{before} nodes resampled to {self.count} in each direction, because mag_manip reads equal counts only; "
+            f"its tricubic interpolation changes B by up to {self.flux_error:.1e} and the gradient by up to "
+            f"{self.gradient_error:.1e} of the largest"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Nodes of the map and of the file in each direction, and the reader's errors."""
+        return {
+            "map_nodes": list(self.map_nodes),
+            "nodes": [self.count] * 3,
+            "flux_error": self.flux_error,
+            "gradient_error": self.gradient_error,
+        }
+
+    def write(self, path: str | PathLike[str]) -> Path:
+        """Write the file, complete or not at all. Raises InputError for a place that cannot be written."""
+        lines = [
+            f"# coils in current order: {_plain(', '.join(self.coil_names))}",
+            f"# {self.summary}",
+            f'name: "{_plain(self.title)}"',
+            "vfields:",
+        ]
+        digits = max(2, len(str(len(self.coil_names) - 1)))
+        for k in range(len(self.coil_names)):
+            lines += [f"  coil_{k:0{digits}d}:", "    data:"]
+            data = self.flux_density[..., k, :].reshape(-1, 3).tolist()
+            lines += [f"    - [{x:.9g}, {y:.9g}, {z:.9g}]" for x, y, z in data]
+            for axis, low, high in zip(_AXES, self.lower.tolist(), self.upper.tolist(), strict=True):
+                lines += [
+                    f"    dim_{axis}: {self.count}",
+                    f"    min_{axis}: {low:.9g}",
+                    f"    max_{axis}: {high:.9g}",
+                ]
+        target = Path(path)
+        write_whole(target, ("\n".join(lines) + "\n").encode())
+        return target
+
+
+def write_mag_manip(
+    field: FieldMap, path: str | PathLike[str], spacing: float | None = None, currents: object = None
+) -> Path:
+    """Write a map for mag_manip, on as many nodes as `sample_for_mag_manip` takes.
+
+    Raises InputError for a map of saturating iron without currents, because that model superposes its coils, for
+    currents that do not fit, and for a spacing that is not positive.
+    """
+    return sample_for_mag_manip(field, spacing, currents).write(path)
+
+
+def sample_for_mag_manip(
+    field: FieldMap, spacing: float | None = None, currents: object = None
+) -> VectorFields:
+    """A map on equally many nodes in the three directions, over its whole box.
+
+    At least as many as the map has in any direction, and so many that the reader's interpolation keeps `ACCURACY`, up
+    to `MOST_NODES`; with a spacing, m, as few as lie no farther apart than that in any direction. With currents
+    (n_coils,), A, the one field of these: the program's current is its factor. Raises InputError as `write_mag_manip`
+    does.
+    """
+    count = max(sample_grid(field, spacing).shape)
+    source = _coil_by_coil(field) if currents is None else _at_currents(field, currents)
+    sampled = _sample(field, source, count)
+    while spacing is None and sampled.flux_error > ACCURACY and count < MOST_NODES:
+        # The outermost cells, where the error is largest, converge with the square of the spacing.
+        wanted = 1 + int(np.ceil((count - 1) * np.sqrt(sampled.flux_error / ACCURACY)))
+        count = min(max(wanted, count + 1), MOST_NODES)
+        sampled = _sample(field, source, count)
+    return sampled
+
+
+class _Source(NamedTuple):
+    """The fields to write: their names, B (n, n_fields, 3) and gradient (n, n_fields, 3, 3) at points (n, 3)."""
+
+    names: tuple[str, ...]
+    field: Callable[[Array], Array]
+    gradient: Callable[[Array], Array]
+
+
+def _coil_by_coil(field: FieldMap) -> _Source:
+    return _Source(tuple(field.coil_names), field.unit_field, field.unit_gradient)
+
+
+def _at_currents(field: FieldMap, currents: object) -> _Source:
+    amperes = coil_currents(currents, field.coil_names)
+    fixed = field.at(amperes)
+    pairs = zip(field.coil_names, amperes.tolist(), strict=True)
+    name = ", ".join(f"{value:.9g} A in coil {coil}" for coil, value in pairs)
+    return _Source((name,), lambda x: fixed.field(x)[:, None], lambda x: fixed.gradient(x)[:, None])
+
+
+def _sample(field: FieldMap, source: _Source, count: int) -> VectorFields:
+    room = _ROUNDING * np.maximum(np.abs(field.lower), np.abs(field.upper))
+    lower, upper = (
+        face.astype(np.float32).astype(np.float64) for face in (field.lower - room, field.upper + room)
+    )
+    grid = Grid(lower, (upper - lower) / (count - 1), (count, count, count))
+    flux = source.field(np.clip(grid.points(), field.lower, field.upper))
+    flux = flux.reshape(count, count, count, -1, 3)
+    cells, shares = _places(count)
+    points = np.clip(grid.lower + (cells + shares) * grid.spacing, field.lower, field.upper)
+    read, slope = _tricubic(flux, cells, shares)
+    return VectorFields(
+        field.info.provenance.title or "fieldmap",
+        source.names,
+        lower,
+        upper,
+        flux,
+        field.info.grid.shape,
+        _share(read, source.field(points)),
+        _share(slope / grid.spacing, source.gradient(points)),
+    )
+
+
+def _places(count: int) -> tuple[Cells, Array]:
+    """Cells (n, 3) and places within them, 0 to 1; a third of each coordinate in the first, the last and any cell."""
+    rng = np.random.default_rng(0)
+    any_cell = rng.integers(0, count - 1, (_POINTS, 3))
+    which = rng.integers(0, 3, any_cell.shape)
+    cells = np.where(which == 0, 0, np.where(which == 1, count - 2, any_cell))
+    return cells, rng.random(any_cell.shape)
+
+
+def _tricubic(flux: Array, cells: Cells, shares: Array) -> tuple[Array, Array]:
+    """The reader's interpolation: B (n, n_coils, 3), and its derivatives (n, n_coils, 3, 3) by the cells' places."""
+    count = len(flux)
+    value, slope = _weights(cells, shares, count)
+    nodes = np.clip(cells[:, None] + np.arange(-1, 3)[:, None], 0, count - 1)
+    near = flux[nodes[:, :, None, None, 0], nodes[:, None, :, None, 1], nodes[:, None, None, :, 2]]
+
+    def summed(x: Array, y: Array, z: Array) -> Array:
+        found: Array = np.einsum("pi,pj,pk,pijkcb->pcb", x, y, z, near, optimize=True)
+        return found
+
+    x, y, z = np.moveaxis(value, 1, 0)
+    dx, dy, dz = np.moveaxis(slope, 1, 0)
+    derivatives = (summed(dx, y, z), summed(x, dy, z), summed(x, y, dz))
+    return summed(x, y, z), np.stack(derivatives, axis=-1)
+
+
+def _weights(cells: Cells, shares: Array, count: int) -> tuple[Array, Array]:
+    """What the nodes -1, 0, 1 and 2 of a cell count for, (n, 3, 4), and the derivative of that by the place.
+
+    The tricubic of Lekien and Marsden (2005) with differences of products as its derivatives is the product of three
+    cubic Hermite interpolations, each with the differences of its own direction as slopes.
+    """
+    t = shares
+    hermite = np.stack(
+        [2 * t**3 - 3 * t**2 + 1, 3 * t**2 - 2 * t**3, t**3 - 2 * t**2 + t, t**3 - t**2], axis=-1
+    )
+    change = np.stack([6 * t**2 - 6 * t, 6 * t - 6 * t**2, 3 * t**2 - 4 * t + 1, 3 * t**2 - 2 * t], axis=-1)
+    from_values = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0]])
+    first = np.where((cells == 0)[..., None], [0, -1.0, 1, 0], [-0.5, 0, 0.5, 0])
+    last = np.where((cells == count - 2)[..., None], [0, -1.0, 1, 0], [0, -0.5, 0, 0.5])
+    parts = np.stack([*np.broadcast_to(from_values[:, None, None], (2, *first.shape)), first, last], axis=-2)
+    value, slope = (np.einsum("paf,pafn->pan", factors, parts) for factors in (hermite, change))
+    return value, slope
+
+
+def _share(read: Array, exact: Array) -> float:
+    """Largest difference of a coil by its largest value, the worst of the coils; both (n, n_coils, ...)."""
+    points, coils = exact.shape[:2]
+    off, size = (
+        np.linalg.norm(part.reshape(points, coils, -1), axis=-1).max(axis=0) for part in (read - exact, exact)
+    )
+    return float(np.max(off / np.where(size > 0, size, 1.0)))
 
 
 def read_mag_manip(path: str | PathLike[str], spacing: float | None = None) -> MeasuredMap:

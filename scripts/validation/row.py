@@ -17,7 +17,8 @@ class Row:
     """A measured number beside its bound (None: printed for information) and the source of its reference.
 
     faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: of the solve behind the number, wall
-    clock and processor time of all threads. value is NaN for what could not be measured; `note` says why.
+    clock and processor time of all threads. value is NaN for what could not be measured; `note` says why. skipped: what
+    it needs cannot be had here, which is no failure.
     """
 
     case: str
@@ -31,10 +32,13 @@ class Row:
     cpu_seconds: float = 0.0
     note: str = ""
     study: str = ""
+    skipped: bool = False
 
     @property
     def verdict(self) -> str:
-        """ "pass", "FAIL", "NOT RUN", or "-" where there is no bound."""
+        """ "pass", "FAIL", "NOT RUN", "skipped", or "-" where there is no bound."""
+        if self.skipped:
+            return "skipped"
         if not np.isfinite(self.value):
             return "NOT RUN"
         return "-" if self.bound is None else ("pass" if abs(self.value) <= self.bound else "FAIL")

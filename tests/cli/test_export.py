@@ -1,10 +1,12 @@
 """`fieldmap export`: what it writes, and what it refuses."""
 
+import json
+
 import numpy as np
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.interop import c_header, read_measurements, write_c_map, write_csv
+from fieldmap.interop import c_header, read_measurements, write_c_map, write_csv, write_mag_manip
 from fieldmap.interop.sampling import sample_grid
 from fieldmap.io import open_field
 from fieldmap.lookup import open_map
@@ -35,6 +37,19 @@ def test_for_mag_manip(machine, tmp_path):
     assert main(["export", machine.map, "--to", "mag-manip", "-o", str(target)]) == 0
     first = target.read_text().splitlines()[0]
     assert (first[0], first.split(": ")[1]) == ("#", "loop")
+    same = write_mag_manip(open_map(machine.map), tmp_path / "same.yaml")
+    assert same.read_bytes() == target.read_bytes()
+
+
+def test_for_mag_manip_at_fixed_currents(machine, tmp_path, capsys):
+    target = tmp_path / "loop.yaml"
+    arguments = ["--to", "mag-manip", "-o", str(target), "--currents", "2", "--spacing-mm", "5", "--json"]
+    assert main(["export", machine.map, *arguments]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["written"] == [str(target)]
+    assert said["nodes"] == [max(sample_grid(open_map(machine.map), 5e-3).shape)] * 3
+    same = write_mag_manip(open_map(machine.map), tmp_path / "same.yaml", 5e-3, [2.0])
+    assert same.read_bytes() == target.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -83,7 +98,7 @@ def test_what_needs_the_nodes_of_a_map(machine, tmp_path, capsys, to):
         ["--to", "csv", "--kind", "global"],
         ["--to", "vti", "--outside", "clamp"],
         ["--to", "vti"],  # to a file that does not end in .vti
-        ["--to", "mag-manip", "--currents", "1"],
+        ["--to", "mag-manip", "--kind", "global"],
         ["--spacing-mm", "2"],
         ["--to", "csv", "--spacing-mm", "-2"],
         ["--to", "csv", "--nonlinear"],

@@ -1,16 +1,10 @@
-"""Maps from readings against the field that was read, with and without noise; their files; mag_manip and back."""
+"""Maps from readings against the field that was read, with and without noise; their files."""
 
 import numpy as np
 import pytest
 
-from fieldmap.errors import InputError, MapFileError
-from fieldmap.interop import (
-    Measurements,
-    fit_map,
-    read_mag_manip,
-    read_measurements,
-    write_mag_manip,
-)
+from fieldmap.errors import InputError
+from fieldmap.interop import Measurements, fit_map, read_measurements
 from fieldmap.lookup import interpolate, open_map
 from fieldmap.store import write_map
 
@@ -124,38 +118,3 @@ def test_every_mistake_of_a_file_is_named(tmp_path, text, words):
             raise caught.value
     with pytest.raises(InputError, match="CSV file"):
         read_measurements(tmp_path / "none.csv")
-
-
-def test_mag_manip_there_and_back(ring, tmp_path):
-    yaml = pytest.importorskip("yaml")
-    path = write_mag_manip(ring.map, tmp_path / "ring.yaml")
-    content = yaml.load(path.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    keys = list(content["vfields"])
-    assert keys == sorted(keys)
-    # As mag_manip reads it: index (i dim_y + j) dim_z + k, position min + i (max - min)/(dim - 1).
-    entry = content["vfields"][keys[2]]
-    i, j, k = 3, 7, 11
-    at = (i * entry["dim_y"] + j) * entry["dim_z"] + k
-    place = [
-        entry[f"min_{a}"] + n * (entry[f"max_{a}"] - entry[f"min_{a}"]) / (entry[f"dim_{a}"] - 1)
-        for a, n in zip("xyz", (i, j, k), strict=True)
-    ]
-    np.testing.assert_allclose(
-        entry["data"][at], ring.fields(np.array([place]))[0][2, 0], rtol=1e-6, atol=1e-10
-    )
-    assert len(entry["data"]) == 9 * 9 * 13
-    back = read_mag_manip(write_mag_manip(ring.map, tmp_path / "coarse.yaml", spacing=0.008))
-    assert back.data.coil_names == ("coil_00", "coil_01", "coil_02", "coil_03", "coil_04", "coil_05")
-    (flux, slope), (largest, steepest) = errors(ring, back, np.array([1.0, -1, 2, 0, 1, 1]))
-    assert flux < 4e-5 * largest
-    assert slope < 1e-3 * steepest
-
-
-def test_files_that_are_not_mag_manip(tmp_path, ring):
-    pytest.importorskip("yaml")
-    for text in ("name: x\n", "vfields: {a: {dim_x: 2}}\n", ": :\n  - [", "- 1\n"):
-        (tmp_path / "bad.yaml").write_text(text)
-        with pytest.raises(MapFileError, match="vfields"):
-            read_mag_manip(tmp_path / "bad.yaml")
-    with pytest.raises(InputError, match="greater than 0"):
-        write_mag_manip(ring.map, tmp_path / "ring.yaml", spacing=-1.0)

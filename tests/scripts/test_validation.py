@@ -38,6 +38,7 @@ def test_a_study_of_closed_forms_runs():
 )
 def test_verdicts(validate, value, bound, verdict):
     assert validate.Row("case", "B", value, bound, "source").verdict == verdict
+    assert validate.Row("case", "B", value, bound, "source", skipped=True).verdict == "skipped"
 
 
 def test_a_broken_study_is_a_row_and_the_rest_goes_on(validate, monkeypatch):

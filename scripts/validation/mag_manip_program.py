@@ -1,0 +1,186 @@
+"""Maps exported for mag_manip, read by that program in an environment of its own: it needs numpy < 2.
+
+The environment is made with pip in the user's cache folder, once. The wheel was built with checks and takes some 10 s
+to read 100 000 nodes of a coil.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fieldmap.errors import FieldmapError, Problem
+from fieldmap.interop import sample_for_mag_manip
+from fieldmap.lookup import FieldMap, open_map
+from fieldmap.maps import generate, read_recipe
+from fieldmap.shipped import shipped_names
+from validation.row import Array, Row, largest_error, timed
+
+REQUIREMENTS = ("mag_manip==3.0.0", "numpy==1.26.4")
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fieldmap"
+ENVIRONMENT = CACHE / f"mag_manip-3.0.0-python{sys.version_info.major}.{sys.version_info.minor}"
+MAPS = Path(__file__).parents[2] / "maps" / "out"
+SECONDS = 600
+POINTS = 1000
+# Shares of the largest value: what the export promises of B; the program takes differences for the gradient.
+FIELD_BOUND = 1e-4
+GRADIENT_BOUND = 0.03
+SOURCE = "the map, at 1000 points of its box and its corners; mag_manip 3.0.0, tricubic"
+_READER = Path(__file__).with_name("mag_manip_reader.py")
+
+
+class UnavailableError(FieldmapError):
+    """The program cannot be had here, or did not answer."""
+
+    def __init__(self, reason: str) -> None:
+        remedy = "run this on Linux with Python 3.11 or 3.12 and a package index within reach"
+        super().__init__(Problem("mag_manip", "must run in an environment of its own", reason, remedy))
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """What the program gives at points: unit_field (n, n_coils, 3), T/A; at currents gradient (n, 3, 3), T/m; and
+    inverse (n, n_coils), A, currents that it takes for the field of these."""
+
+    unit_field: Array
+    gradient: Array
+    inverse: Array
+
+
+def is_installed() -> bool:
+    """Whether the environment is there."""
+    ready = _ready(ENVIRONMENT)
+    return ready.exists() and ready.read_text() == "\n".join(REQUIREMENTS)
+
+
+def environment() -> Path:
+    """Its interpreter; the environment is made unless it is there. Raises UnavailableError."""
+    if not is_installed():
+        _install()
+    return ENVIRONMENT / "bin" / "python"
+
+
+def _install() -> None:
+    if sys.platform != "linux":
+        raise UnavailableError("another system; its wheels are for Linux")
+    if sys.version_info >= (3, 13):
+        raise UnavailableError("Python 3.13 or newer, for which numpy < 2 has no wheels")
+    # Another process may be doing the same: each makes its own, and one of them stays.
+    own = ENVIRONMENT.with_name(f"{ENVIRONMENT.name}.{os.getpid()}")
+    own.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        _run(sys.executable, "-m", "venv", str(own))
+        pip = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:")
+        _run(str(own / "bin" / "python"), *pip, *REQUIREMENTS)
+        _ready(own).write_text("\n".join(REQUIREMENTS))
+        if not is_installed():
+            shutil.rmtree(ENVIRONMENT, ignore_errors=True)
+            own.rename(ENVIRONMENT)
+    finally:
+        shutil.rmtree(own, ignore_errors=True)
+
+
+def _ready(folder: Path) -> Path:
+    return folder / "installed.txt"
+
+
+def _run(*command: str) -> None:
+    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=SECONDS, env=clean
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise UnavailableError(str(error)) from None
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+        raise UnavailableError(said[-1])
+
+
+def ask(path: Path, points: Array, currents: Array) -> Read:
+    """What the program reads from a file, at points (n, 3), m, inside its box. Raises UnavailableError."""
+    python = environment()
+    with tempfile.TemporaryDirectory() as folder:
+        given, read = Path(folder) / "given.npz", Path(folder) / "read.npz"
+        np.savez(given, points=points, currents=currents)
+        _run(str(python), str(_READER), str(path), str(given), str(read))
+        with np.load(read) as found:
+            return Read(found["unit_field"].swapaxes(1, 2), found["gradient"], found["currents"])
+
+
+def box_points(field: FieldMap, n: int = POINTS) -> Array:
+    """Random points of a map's box, and its corners."""
+    ends = np.stack([field.lower, field.upper])
+    corners = np.stack(np.meshgrid(*ends.T, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = field.lower + np.random.default_rng(5).random((n, 3)) * (field.upper - field.lower)
+    return np.concatenate([corners, inside])
+
+
+def field_error(read: Array, exact: Array) -> float:
+    """Largest difference of a coil by its largest value, the worst of the coils; both (n, n_coils, 3)."""
+    off, size = (np.linalg.norm(part, axis=-1).max(axis=0) for part in (read - exact, exact))
+    return float((off / size).max())
+
+
+def mag_manip() -> Iterator[Row]:
+    """The shipped maps as the program reads them: those of linear iron made anew, those of saturating iron, which take
+    long, where `fieldmap map` has left them, at currents of their domain."""
+    try:
+        environment()
+    except UnavailableError as error:
+        yield _skipped("mag_manip", str(error))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        for recipe in shipped_names("maps"):
+            linear = read_recipe(recipe).currents is None
+            path = Path(folder) / f"{recipe}.h5" if linear else MAPS / f"{recipe}.h5"
+            if linear:
+                generate(recipe, path)
+            elif not path.exists():
+                yield _skipped(f"mag_manip, map {recipe}", f"no map yet: fieldmap map {recipe}")
+                continue
+            yield from _map_rows(recipe, open_map(path), Path(folder) / f"{recipe}.yaml")
+
+
+def _skipped(case: str, reason: str) -> Row:
+    return Row(case, "error of B", float("nan"), FIELD_BOUND, SOURCE, note=reason, skipped=True)
+
+
+def inner_currents(field: FieldMap) -> Array | None:
+    """Currents (n_coils,), A, well inside the domain of a map of saturating iron; None for any other map."""
+    reduced = field.info.reduced_model
+    if reduced is None:
+        return None
+    lower, upper = np.array(reduced.domain.lower), np.array(reduced.domain.upper)
+    shares = np.where(np.arange(len(lower)) % 2, 0.3, 0.7)
+    return reduced.domain.parametrisation.currents(lower + shares * (upper - lower))
+
+
+def _map_rows(name: str, field: FieldMap, target: Path) -> Iterator[Row]:
+    """The program's B of each field in the file, its gradient, and what the currents give that it finds for a field."""
+    fixed = inner_currents(field)
+    sampled = sample_for_mag_manip(field, currents=fixed)
+    sampled.write(target)
+    points = box_points(field)
+    factors = np.linspace(-1.0, 2.0, len(sampled.coil_names)) if fixed is None else np.ones(1)
+    read, seconds, cpu = timed(lambda: ask(target, points, factors))
+    before = " x ".join(map(str, sampled.map_nodes))
+    kind = "" if fixed is None else " at fixed currents"
+    case = f"mag_manip, map {name}{kind}, {before} nodes written as {sampled.count} in each direction"
+    exact = field.unit_field(points) if fixed is None else field.field(points, fixed)[:, None]
+    slope = field.gradient(points, factors if fixed is None else fixed)
+    cost = {"seconds": seconds, "cpu_seconds": cpu}
+    yield Row(case, "error of B", field_error(read.unit_field, exact), FIELD_BOUND, SOURCE, **cost)
+    yield Row(case, "error of gradient", largest_error(read.gradient, slope), GRADIENT_BOUND, SOURCE)
+    if fixed is None:
+        reached = np.einsum("nci,nc->ni", exact, read.inverse)
+        quantity = "error of B of the currents that it asks for"
+        yield Row(
+            case, quantity, largest_error(reached, exact.swapaxes(1, 2) @ factors), 2 * FIELD_BOUND, SOURCE
+        )
