@@ -426,6 +426,27 @@ class CurrentDomain:
         signals = self.parametrisation.signals(currents, ROUNDING)
         return self.outside(signals) is None and self.parametrisation.excess(signals) <= ROUNDING
 
+    def largest_equal_current(self) -> float | None:
+        """The largest current, A, that all coils may carry at once. None where they may not all carry the mean of the
+        currents in the middle of the domain, from which it is searched.
+
+        >>> domain = CurrentDomain(LiftAndDirections(), np.array([1.0, -0.4, -0.4]), np.array([2.0, 0.4, 0.4]))
+        >>> round(domain.largest_equal_current(), 6)
+        2.0
+        """
+        low, high = float(self.middle.mean()), float(self.largest.min())
+        if not self._holds_equal(low):
+            return None
+        if self._holds_equal(high):
+            return high
+        while high - low > ROUNDING * high:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._holds_equal(middle) else (low, middle)
+        return low
+
+    def _holds_equal(self, current: float) -> bool:
+        return self.holds(np.full(self.parametrisation.coil_count, current))
+
 
 @dataclass(frozen=True)
 class DivisionSignals:

@@ -5,13 +5,16 @@ from typing import TYPE_CHECKING
 from fieldmap.cli.options import Json, MapArgument
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from os import PathLike
 
     from rich.console import RenderableType
 
     from fieldmap.cli.printing import Section
-    from fieldmap.io.map_summary import LiftAtHeight, MapSummary
+    from fieldmap.io.map_summary import ErrorShares, MapSummary
+    from fieldmap.levitation.comparison import LiftAtHeight, ShiftBesideMeasured
+    from fieldmap.plot.map_pictures import MapPicture
+    from fieldmap.store import FieldError
     from fieldmap.typing import Array
 
 
@@ -23,15 +26,21 @@ def info(
     print_summary(source, json)
 
 
-def print_summary(path: "str | PathLike[str]", json: bool) -> None:
-    """Open a map and print what it holds."""
+def print_summary(path: "str | PathLike[str]", json: bool, pictures: bool = False) -> None:
+    """Open a map and print what it holds. pictures: draw it too, beside the map, and say where they are."""
     from fieldmap.cli.printing import print_result
     from fieldmap.io.map_summary import summarise_map
 
-    print_result(summarise_map(path), _page, json)
+    summary = summarise_map(path)
+    saved: tuple[MapPicture, ...] = ()
+    if pictures:
+        from fieldmap.plot.map_pictures import save_map_pictures
+
+        saved = save_map_pictures(summary)
+    print_result(summary, lambda of: _page(of, saved), json, **({"pictures": saved} if saved else {}))
 
 
-def _page(summary: "MapSummary") -> "Iterator[Section]":
+def _page(summary: "MapSummary", pictures: "Sequence[MapPicture]") -> "Iterator[Section]":
     from rich.console import Group
     from rich.text import Text
 
@@ -40,88 +49,126 @@ def _page(summary: "MapSummary") -> "Iterator[Section]":
     record = summary.info.provenance
     payload = () if summary.payload is None else summary.payload.assumptions
     yield Group(heading(str(summary.path), record.title), facts(_facts(summary)))
-    yield _unit_table(summary)
+    yield facts(_accuracy(summary))
+    yield _unit_table(summary) if summary.domain is None else None
     yield _lift_table(summary) if summary.lift else None
+    for shift in summary.shifts:
+        yield _shift_table(shift)
     yield facts(assumption_lines((*record.assumptions, *payload)))
     yield Text(summary.saturation, style="bold") if summary.saturation else None
+    if pictures:
+        yield facts((one.shows, str(one.path or one.problem)) for one in pictures)
 
 
 def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     from fieldmap.cli.printing import count_of
 
     info, record, grid = summary.info, summary.info.provenance, summary.info.grid
-    names = info.coil_names
+    names, solver = info.coil_names, info.provenance.solver_report
     yield "device", f"{record.device_name}, {count_of(len(names), 'coil', 'coils')}: {', '.join(names)}"
-    yield "iron", ", ".join(_solver_words(record.solver_report))
+    yield "iron", ", ".join(_solver_words(solver))
+    if summary.domain is not None:
+        yield "currents", _currents(summary)
     shape = " x ".join(str(n) for n in grid.shape)
     steps = dict.fromkeys(grid.spacing.round(9).tolist())
     spacing = " x ".join(f"{1e3 * step:g}" for step in steps)
     corners = f"{_mm(grid.lower)} to {_mm(grid.upper)} mm"
     yield "grid", f"{shape} nodes, {spacing} mm apart, from {corners}"
-    yield "file", f"{summary.size / 1e6:.2f} MB, made {record.created}"
-    error = info.interpolation_error
-    if error is not None:
-        sizes = f"{1e6 * error.flux_density:.2g} uT and {1e3 * error.gradient:.2g} mT/m"
-        where = f"at sampled points, {info.reference_current[0]:g} A in every coil"
-        yield "interpolation", f"within {sizes} of the solver {where}; mesh error not included"
-    bound = info.error_bounds.get("harmonic")
-    if bound is not None:
-        sizes = f"{1e6 * bound.flux_density:.2g} uT and {1e3 * bound.gradient:.2g} mT/m"
-        below = " at all currents below; the errors of the current model come on top"
-        currents = "" if summary.domain is None else below
-        yield (
-            "certified",
-            f"lookups (harmonic) are within {sizes} of the solver anywhere in the box{currents}",
+    made = f"{summary.size / 1e6:.2f} MB, made {record.created}"
+    if summary.domain is not None:
+        yield "field", _middle(summary)
+        made += (
+            f", {solver['states_solved']} states in {solver['generation_seconds'] / 60:.1f} minutes, "
+            f"{solver['generation_processor_seconds'] / 60:.1f} of processor time"
         )
-    yield from _current_facts(summary)
+    yield "file", made
+    for number, reason in solver.get("states_failed", {}).items():
+        yield f"state {number}", f"not solved: {reason}"
 
 
-def _current_facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
-    domain, solver = summary.domain, summary.info.provenance.solver_report
-    if domain is None:
-        return
-    ranges, of = summary.signal_ranges(), domain.parametrisation
+def _currents(summary: "MapSummary") -> str:
+    domain, ranges = summary.domain, summary.signal_ranges()
+    assert domain is not None
+    of = domain.parametrisation
     if of.name == "independent" and len(set(ranges.values())) == 1:
         low, high = next(iter(ranges.values()))
-        yield "currents", f"{low:g} to {high:g} A in every coil, independently"
-    elif of.name == "independent":
-        yield "currents", ", ".join(f"{name}: {low:g} to {high:g} A" for name, (low, high) in ranges.items())
-    else:
-        units = dict(zip(ranges, of.signal_units, strict=True))
-        words = ", ".join(
-            f"{name} {low:g} to {high:g}{' A' if units[name] == 'A' else ''}"
-            for name, (low, high) in ranges.items()
+        return f"{low:g} to {high:g} A in every coil, independently"
+    if of.name == "independent":
+        return ", ".join(f"{name} {low:g} to {high:g} A" for name, (low, high) in ranges.items())
+    units = dict(zip(ranges, of.signal_units, strict=True))
+    words = [
+        f"{name} {low:g} to {high:g}{' A' if units[name] == 'A' else ''}"
+        for name, (low, high) in ranges.items()
+    ]
+    given = of.parameters
+    words += [
+        f"{name} = {value:g}" for name, value in given.items() if isinstance(value, float) and name != "limit"
+    ]
+    limit = f"; no coil above {given['limit']:g} A" if "limit" in given else ""
+    return f"{of.name}: {', '.join(words)}{limit}"
+
+
+def _middle(summary: "MapSummary") -> str:
+    """Of a map over currents: at its reference currents."""
+    middle = summary.middle
+    flux, slope = 1e3 * middle.Bz[0], 1e3 * middle.dBz_dz[0]
+    return f"Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m at {_mm(middle.at)} mm with {_reference(summary)}"
+
+
+def _reference(summary: "MapSummary") -> str:
+    currents = summary.info.reference_current
+    if len(set(currents.tolist())) == 1:
+        return f"{currents[0]:.4g} A in every coil"
+    return ", ".join(f"{i:.4g}" for i in currents) + " A"
+
+
+def _accuracy(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
+    """Each kind of error by name."""
+    of = summary.accuracy
+    if of.meshed:
+        finer = "not measured; a map with a larger refinement under [iron] shows it"
+        yield "mesh error", f"{_shares(of.mesh)} of the largest, estimated" if of.mesh else finer
+    found = []
+    if of.bound is not None:
+        currents = "" if summary.domain is None else " at any of its currents"
+        found.append(f"within {_sizes(of.bound)} of the solver anywhere in the box{currents} (certified)")
+    if of.interpolation is not None:
+        found.append(
+            f"largest found {_sizes(of.interpolation)}, at sampled points with {_reference(summary)}"
         )
-        given = ", ".join(
-            f"{name} = {value:g}" for name, value in of.parameters.items() if isinstance(value, float)
+    yield "interpolation", "; ".join(found) or "not measured"
+    if summary.domain is not None:
+        yield "current model", _current_model(summary)
+
+
+def _shares(error: "ErrorShares") -> str:
+    return f"{100 * error.flux_density:.2g} % of B, {100 * error.gradient:.2g} % of the gradient"
+
+
+def _sizes(error: "FieldError") -> str:
+    return f"{1e6 * error.flux_density:.2g} uT, {1e3 * error.gradient:.2g} mT/m"
+
+
+def _current_model(summary: "MapSummary") -> str:
+    solver, of, error = summary.info.provenance.solver_report, summary.accuracy, summary.info.current_error
+    text = "not measured"
+    if of.current_model is not None:
+        in_units = f" ({_sizes(error)})" if error else ""
+        tried = "; ".join(
+            f"{one.states} {one.kind}, {'all' if one.solved == one.states else one.solved} solved"
+            for one in of.tried
         )
-        yield "currents", f"{of.name}{f' ({given})' if given else ''}: {words}"
-    yield (
-        "reduced model",
-        (
-            f"{solver['modes']} modes and {solver['sample_points']} points from {solver['states_trained_on_solved']} "
-            f"solved states, {solver['corners_trained_on']} of them corners of the domain; with mirror images "
-            f"{solver['states_trained_on']}"
-        ),
-    )
-    for name, tried in solver["states_tried"].items():
-        yield (
-            f"error {name}",
-            (
-                f"B within {100 * tried['flux_density_share']:.2g} %, gradient within "
-                f"{100 * tried['gradient_share']:.2g} % of the largest of the state in the workspace, on "
-                f"{tried['states']} states not trained on, {tried['solved']} of them solved"
-            ),
+        text = (
+            f"largest found {_shares(of.current_model)} of the state's largest{in_units}, at states not trained on "
+            f"({tried})"
         )
-    yield (
-        "cost",
-        (
-            f"{solver['states_solved']} states solved; {solver['generation_seconds'] / 60:.1f} minutes, "
-            f"{solver['generation_processor_seconds'] / 60:.1f} of processor time, for the whole map"
-        ),
-    )
-    for number, reason in solver["states_failed"].items():
-        yield f"state {number}", f"not solved: {reason}"
+    solved, count = solver["states_trained_on_solved"], solver["states_trained_on"]
+    trained = [f"{solver['modes']} modes and {solver['sample_points']} points from {solved} solved states"]
+    if solver["corners_trained_on"]:
+        trained.append(f"{solver['corners_trained_on']} of them corners of the domain")
+    if count > solved:
+        trained.append(f"{count} with mirror images")
+    return f"{text}\n{', '.join(trained)}"
 
 
 def _solver_words(solver: "Mapping[str, object]") -> list[str]:
@@ -156,44 +203,79 @@ def _unit_table(summary: "MapSummary") -> "RenderableType":
         ("Bz, mT", *(f"{1e3 * value:.4f}" for value in middle.Bz)),
         ("dBz/dz, mT/m", *(f"{1e3 * value:.4f}" for value in middle.dBz_dz)),
     )
-    if summary.domain is not None:
-        amperes = ", ".join(f"{current:.4g}" for current in summary.info.reference_current)
-        return table((f"at {_mm(middle.at)} mm", f"{amperes} A"), rows)
     names = [f"coil {name}" for name in summary.info.coil_names]
     return table((f"1 A, at {_mm(middle.at)} mm", *names, "all"), rows)
 
 
 def _lift_table(summary: "MapSummary") -> "RenderableType":
     from rich.console import Group
-    from rich.text import Text
 
-    from fieldmap.cli.printing import table
+    from fieldmap.cli.printing import remark, table
 
-    payload = summary.payload
+    payload, fit = summary.payload, summary.force_fit
     assert payload is not None
     title = f"lift {1e3 * payload.mass:.4g} g, {payload.moment:.3g} A m2"
-    iron = "A per coil (linear)" if summary.domain is None else "A per coil"
-    if not summary.lift_source:
-        heights = ((f"magnet at z = {_mm_z(row)} mm", _amperes(row)) for row in summary.lift)
-        return table((title, iron), heights)
-    rows = (
+    if fit is None:
+        iron = "A per coil (linear)" if summary.domain is None else "A per coil"
+        rows = ((f"magnet at z = {1e3 * row.height:.1f} mm", _amperes(row)) for row in summary.lift)
+        return table((title, iron), rows)
+    columns = (
+        title,
+        "z, mm",
+        "measured, A",
+        "lift/weight",
+        "ours, A",
+        f"force x {fit.factor:.2f}, A",
+        "off by",
+    )
+    fitted = (
         (
             f"sensor {row.sensor_mm:g} mm",
-            _mm_z(row),
-            _amperes(row),
+            f"{1e3 * row.height:.1f}",
             f"{row.measured:.3f}",
-            "" if row.ratio is None else f"{row.ratio:.2f}",
+            "-" if row.lift_share is None else f"{row.lift_share:.3f}",
+            _amperes(row),
+            "-" if current is None else f"{current:.3f}",
+            "-" if deviation is None else f"{100 * deviation:+.1f} %",
         )
-        for row in summary.lift
+        for row, current, deviation in zip(summary.lift, fit.currents, fit.deviations, strict=True)
     )
-    columns = (title, "magnet z, mm", iron, f"measured {summary.lift_source}", "ratio")
-    ratio = "A ratio above 1: this model needs more current than was measured (docs/theory/equilibrium.md)."
-    return Group(table(columns, rows), Text(f" {ratio}", style="dim"))
+    words = (
+        f"Measured: {summary.lift_source}; lift/weight is ours at that current. One factor on the force, "
+        f"{fit.factor:.3f}, turns ours into the measured: least squares of lift/weight. No other number here "
+        "contains it (docs/thesis_statics.md)."
+    )
+    return Group(table(columns, fitted), remark(words))
 
 
 def _amperes(row: "LiftAtHeight") -> str:
-    return "beyond the map" if row.current is None else f"{row.current:.3f}"
+    if row.current is not None:
+        return f"{row.current:.3f}"
+    return "beyond the map" if row.beyond is None else f"> {row.beyond:.3g}"
 
 
-def _mm_z(row: "LiftAtHeight") -> str:
-    return f"{1e3 * row.height:.1f}"
+def _shift_table(shift: "ShiftBesideMeasured") -> "RenderableType":
+    import numpy as np
+    from rich.console import Group
+
+    from fieldmap.cli.printing import remark, table
+
+    rows = (
+        (f"measured, {shift.source}", *_millimetres(shift.measured)),
+        ("ours, lift constant", *_millimetres(shift.constant_lift)),
+        ("ours, level constant", *_millimetres(shift.constant_level)),
+    )
+    columns = ("x of the magnet, mm, at x signal", *(f"{signal:g}" for signal in shift.signals))
+    held = shift.levels[np.isfinite(shift.levels)]
+    follows = f" to {held[-1]:.3f} A" if held.size else ""
+    words = (
+        f"n = {shift.n:g}, sensor {shift.sensor_mm:g} mm, {1e3 * shift.zero:g} mm at signal 0; nothing is fitted. "
+        f"The level is {shift.level:.3f} A; with the lift constant it rises{follows}, as a controller of the height "
+        "makes it."
+    )
+    beyond = " -: beyond the map." if len(held) < len(shift.signals) else ""
+    return Group(table(columns, rows), remark(words + beyond))
+
+
+def _millimetres(places: "Array") -> list[str]:
+    return [f"{1e3 * x:.2f}" if x == x else "-" for x in places]

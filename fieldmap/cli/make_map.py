@@ -27,6 +27,13 @@ def make_map(
         bool, typer.Option("--summary", help="Print a summary of the map when it is done.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    pictures: Annotated[
+        bool | None,
+        typer.Option(
+            "--pictures/--no-pictures",
+            help="Draw the map in two pictures beside it, NAME.png and NAME_3d.png. Default: with --summary.",
+        ),
+    ] = None,
     workers: NumberOfWorkers = 1,
     scheduler: Scheduler = None,
 ) -> None:
@@ -43,10 +50,10 @@ def make_map(
         print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
         raise
     _tell_failed_states(path)
-    if summary or json:
+    if summary or json or pictures:
         from fieldmap.cli.info import print_summary
 
-        print_summary(path, json)
+        print_summary(path, json, (summary and not json) if pictures is None else pictures)
     else:
         print(path)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rich import box
 from rich.console import Console, RenderableType
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -69,6 +70,11 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     for name, value in rows:
         out.add_row(Text(name), Text(value))
     return out
+
+
+def remark(words: str) -> RenderableType:
+    """A sentence or two below a table, indented as its cells are."""
+    return Padding(Text(words, style="dim"), (0, 1))
 
 
 def assumption_lines(assumptions: Iterable[str]) -> list[tuple[str, str]]:

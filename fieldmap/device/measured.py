@@ -1,12 +1,15 @@
-"""What was measured on a machine: the frame of its vertical sensor, and the current that lifts its magnet.
+"""What was measured on a machine: the frame of its vertical sensor, the current that lifts its magnet, and where the
+magnet came to rest over a direction signal.
 
 The numbers lie in geometry/measured/NAME.toml. A device is a description of the machine if its name begins with that of
 the machine and it has as many coils.
 """
 
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 from fieldmap.shipped import shipped_folder
 
@@ -15,12 +18,25 @@ DEFAULT = "drive_unit"
 
 
 @dataclass(frozen=True)
+class MeasuredShift:
+    """Where a magnet came to rest, as x_mm (k,) over rising x_signals (k,) of a current division with this n, a
+    controller keeping its vertical reading at reading_mm. zero_mm: what was read at signal 0. source: where printed."""
+
+    n: float
+    reading_mm: float
+    x_signals: tuple[float, ...]
+    x_mm: tuple[float, ...]
+    zero_mm: float
+    source: str
+
+
+@dataclass(frozen=True)
 class MeasuredMachine:
     """Measurements of one machine.
 
     sensor_zero: z of the point at which the vertical sensor reads 0, m; readings in mm grow downward. readings_mm: at
     which the lift current is stated. lift_slope, A/mm, and lift_at_zero, A: the current in each coil that lifts, as a
-    line over the reading. lift_source: where that line is printed.
+    line over the reading. lift_source: where that line is printed. shifts: places over a direction signal.
     """
 
     device: str
@@ -30,6 +46,7 @@ class MeasuredMachine:
     lift_slope: float
     lift_at_zero: float
     lift_source: str
+    shifts: tuple[MeasuredShift, ...] = ()
 
     def height(self, reading_mm: float, magnet_offset: float = 0.0) -> float:
         """z of the magnet's centre, m, at a reading in mm. magnet_offset: depth of the centre below the point that the
@@ -87,6 +104,18 @@ def _machines() -> tuple[MeasuredMachine, ...]:
                 lift["slope_A_per_mm"],
                 lift["at_zero_A"],
                 lift["source"],
+                _shifts(content.get("equilibrium_shift", ())),
             )
         )
     return tuple(machines)
+
+
+def _shifts(tables: Sequence[Mapping[str, Any]]) -> tuple[MeasuredShift, ...]:
+    """The tables of a file; one that was not read at signal 0 counts from the first."""
+    shifts: list[MeasuredShift] = []
+    for table in tables:
+        rows = dict(zip(table["x_signals"], table["x_mm"], strict=True))
+        zero = rows.pop(0.0) if 0.0 in rows else shifts[0].zero_mm
+        signals, places = tuple(rows), tuple(rows.values())
+        shifts.append(MeasuredShift(table["n"], table["reading_mm"], signals, places, zero, table["source"]))
+    return tuple(shifts)

@@ -114,15 +114,22 @@ def device_of(document: Document) -> Device:
     return _build(contents, document, curves, included)
 
 
-def recorded_device(text: str) -> Device:
+def recorded_device(text: str, solids: bool = False) -> Device:
     """The device in the text of a file, as a map records it: coils, payload, driver and workspace; its iron, which the
-    map holds the field of, is left out. Raises DeviceFileError for a text that is no device."""
+    map holds the field of, is left out. Raises DeviceFileError for a text that is no device.
+
+    solids: with the shapes of its iron, for pictures; bodies from other files, and all materials, are left out.
+    """
     document = Document(Path("device recorded in the map"), text, tomllib.loads(text))
     contents = DEVICE.contents(document)
+    bodies = (body.to_model(Path()) for body in contents.body) if solids else ()
     return Device(
         name=contents.name,
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
+        bodies=tuple(
+            one for one in bodies if not any(isinstance(part.shape, StepFile) for part in one.parts)
+        ),
         payload=contents.payload.to_model() if contents.payload else None,
         driver=contents.driver.to_model() if contents.driver else None,
         workspace=contents.workspace.to_model() if contents.workspace else None,

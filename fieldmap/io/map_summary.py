@@ -1,6 +1,7 @@
-"""What a map file holds: device, grid, field in the middle, accuracy, and the current that lifts its payload."""
+"""What a map file holds: device, grid, field in the middle, how exact it is, and what it says beside measurements."""
 
-from collections.abc import Iterator, Mapping
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -10,22 +11,26 @@ import numpy as np
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.device import recorded_device
-from fieldmap.device.measured import MeasuredMachine, measured_on
+from fieldmap.device.measured import measured_on
 from fieldmap.device.model import Device, Payload
-from fieldmap.errors import Infeasible, OutsideMapError
 from fieldmap.io.field_source import existing_map
-from fieldmap.levitation import lift_current
+from fieldmap.levitation.comparison import (
+    ForceFit,
+    LiftAtHeight,
+    ShiftBesideMeasured,
+    fit_force,
+    lift_by_height,
+    shifts_beside_measured,
+)
 from fieldmap.lookup import FieldMap, open_map
-from fieldmap.plain import Plain, plain_items
-from fieldmap.store import MapInfo
+from fieldmap.plain import Plain, plain_fields, plain_items
+from fieldmap.store import FieldError, MapInfo
 from fieldmap.typing import Array
 
 NO_SATURATION = (
     'This map is linear: no saturation. A recipe with iron.model = "saturating" makes a map over currents with '
     "saturation (docs/recipes.md)."
 )
-_HEIGHTS = 6
-"""Of a box, ends included, at whose inner ones the lift current is stated where there is no sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,37 +44,56 @@ class MiddleField:
 
 
 @dataclass(frozen=True)
-class LiftAtHeight:
-    """The current in each coil, A, that lifts the payload with its magnet at z = height, m, on the axis.
+class ErrorShares:
+    """Errors of B and of its gradient, as shares of the largest in the workspace."""
 
-    current: None where it lies beyond the map. sensor_mm: reading of the machine's sensor, and measured: the current
-    that was measured there; None where nothing was measured.
+    flux_density: float
+    gradient: float
+
+
+@dataclass(frozen=True)
+class TriedStates:
+    """Solved states of one kind, not trained on, at which a current model was tried: so many, so many of them solved
+    (the others are mirror images), and the largest errors found."""
+
+    kind: str
+    states: int
+    solved: int
+    largest: ErrorShares
+
+
+@dataclass(frozen=True)
+class MapAccuracy:
+    """How exact a map is: mesh, interpolation between its nodes, and current model. None: not measured.
+
+    meshed: whether there is iron with a mesh, which makes an error. mesh: estimated. interpolation: the largest found,
+    T and T/m; bound: a certified one. current_model: the largest found at the states `tried`; nothing is tried of a map
+    that is linear in the currents.
     """
 
-    height: float
-    current: float | None
-    sensor_mm: float | None = None
-    measured: float | None = None
+    meshed: bool
+    mesh: ErrorShares | None
+    interpolation: FieldError | None
+    bound: FieldError | None
+    tried: tuple[TriedStates, ...] = ()
 
     @property
-    def ratio(self) -> float | None:
-        """Ours over the measured one."""
-        return None if self.measured is None or self.current is None else self.current / self.measured
+    def current_model(self) -> ErrorShares | None:
+        """Over all kinds of states tried."""
+        if not self.tried:
+            return None
+        found = [one.largest for one in self.tried]
+        return ErrorShares(max(e.flux_density for e in found), max(e.gradient for e in found))
 
     def to_dict(self) -> dict[str, Plain]:
-        """The row as plain Python. The measured current stands under "thesis", as in earlier versions."""
-        return plain_items(
-            sensor_mm=self.sensor_mm,
-            height=self.height,
-            current=self.current,
-            thesis=self.measured,
-            ratio=self.ratio,
-        )
+        """The errors as plain Python."""
+        return plain_fields(self) | plain_items(current_model=self.current_model)
 
 
 @dataclass(frozen=True, eq=False)
 class MapSummary:
-    """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed."""
+    """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed;
+    force_fit and shifts: beside what was measured on the machine, if anything was."""
 
     path: Path
     size: int
@@ -78,6 +102,8 @@ class MapSummary:
     middle: MiddleField
     lift: tuple[LiftAtHeight, ...]
     lift_source: str
+    force_fit: ForceFit | None = None
+    shifts: tuple[ShiftBesideMeasured, ...] = ()
 
     @property
     def payload(self) -> Payload | None:
@@ -93,6 +119,27 @@ class MapSummary:
     def saturation(self) -> str:
         """That a linear map knows no saturation, where its iron has some; otherwise empty."""
         return NO_SATURATION if self.domain is None and _saturates(self.info.provenance.device_text) else ""
+
+    @property
+    def accuracy(self) -> MapAccuracy:
+        """As the file has it."""
+        info, report = self.info, self.info.provenance.solver_report
+        estimate, tried = report.get("error"), report.get("states_tried", {})
+        return MapAccuracy(
+            meshed=bool(report.get("tetrahedra")),
+            mesh=ErrorShares(estimate["flux_density"], estimate["gradient"]) if estimate else None,
+            interpolation=info.interpolation_error,
+            bound=info.error_bounds.get("harmonic"),
+            tried=tuple(
+                TriedStates(
+                    kind,
+                    of["states"],
+                    of["solved"],
+                    ErrorShares(of["flux_density_share"], of["gradient_share"]),
+                )
+                for kind, of in tried.items()
+            ),
+        )
 
     def signal_ranges(self) -> dict[str, tuple[float, float]]:
         """Range of each signal of `domain`; of independent currents by the names of the coils."""
@@ -119,11 +166,14 @@ class MapSummary:
             interpolation_error=info.interpolation_error,
             error_bounds=info.error_bounds,
             current_error=info.current_error,
+            accuracy=self.accuracy.to_dict(),
             current_domain=self._domain_items(),
             middle=self.middle,
             assumptions=record.assumptions,
             payload=self.payload,
             lift=[row.to_dict() for row in self.lift],
+            force_fit=self.force_fit,
+            shifts=self.shifts,
             saturation=self.saturation,
         )
 
@@ -135,6 +185,7 @@ class MapSummary:
             "division_exponent": parametrisation.parameters.get("n"),
             "ranges": self.signal_ranges(),
             "parametrisation": parametrisation.name,
+            "limit": parametrisation.parameters.get("limit"),
         }
 
 
@@ -152,14 +203,23 @@ def summarise_map(path: str | PathLike[str]) -> MapSummary:
     device = recorded_device(record.device_text) if record.device_text else None
     machine = measured_on(record.device_name, len(opened.coil_names))
     payload = None if device is None else device.payload
+    domain = None if opened.info.reduced_model is None else opened.info.reduced_model.domain
+    lift: tuple[LiftAtHeight, ...] = ()
+    shifts: tuple[ShiftBesideMeasured, ...] = ()
+    if payload is not None:
+        lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
+    if payload is not None and machine is not None and domain is not None:
+        shifts = shifts_beside_measured(opened, payload, machine, domain.parametrisation)
     return MapSummary(
         path=place,
         size=place.stat().st_size,
         info=opened.info,
         device=device,
         middle=middle_field(opened),
-        lift=() if payload is None else lift_by_height(opened, payload, machine),
+        lift=lift,
         lift_source="" if machine is None else machine.lift_source,
+        force_fit=None if payload is None else fit_force(opened, payload, lift),
+        shifts=shifts,
     )
 
 
@@ -176,48 +236,8 @@ def middle_field(opened: FieldMap) -> MiddleField:
     )
 
 
-def lift_by_height(
-    opened: FieldMap, payload: Payload, machine: MeasuredMachine | None = None
-) -> tuple[LiftAtHeight, ...]:
-    """The lift current on the axis at several heights inside the map.
-
-    The heights are those of the stated readings of a measured machine, beside what was measured; otherwise they divide
-    the box. Heights where the field does not lift are left out.
-    """
-    first = float(np.mean(opened.info.reference_current))
-    rows = []
-    for reading, height in _heights(opened, payload.magnet_offset, machine):
-        try:
-            current: float | None = lift_current(opened, payload, [0.0, 0.0, height], first=first).current
-        except Infeasible:
-            continue
-        except OutsideMapError:
-            current = None
-        measured = None if machine is None or reading is None else machine.lift_current(reading)
-        rows.append(LiftAtHeight(height, current, reading, measured))
-    return tuple(rows)
-
-
-def _heights(
-    opened: FieldMap, offset: float, machine: MeasuredMachine | None
-) -> Iterator[tuple[float | None, float]]:
-    """Sensor readings, mm, and heights, m, inside the box."""
-    low, high = float(opened.lower[2]), float(opened.upper[2])
-    if not (opened.lower[0] <= 0.0 <= opened.upper[0] and opened.lower[1] <= 0.0 <= opened.upper[1]):
-        return
-    if machine is None:
-        yield from ((None, float(height)) for height in np.linspace(high, low, _HEIGHTS)[1:-1])
-        return
-    for reading in machine.readings_mm:
-        height = machine.height(reading, offset)
-        if low <= height <= high:
-            yield reading, height
-
-
 def _saturates(text: str) -> bool:
     """Whether a device file, as recorded, has a material that saturates."""
-    import tomllib
-
     from fieldmap.device.materials import keys_of_table
 
     tables: Mapping[str, Mapping[str, Any]] = tomllib.loads(text).get("material", {}) if text else {}

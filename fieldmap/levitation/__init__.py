@@ -17,6 +17,14 @@ from fieldmap.levitation.balance import (
 )
 from fieldmap.levitation.branches import EquilibriumBranch, equilibrium_at, follow_equilibrium
 from fieldmap.levitation.calibration import Calibration, LiftReadings, PositionReadings, Reading, calibrate
+from fieldmap.levitation.comparison import (
+    ForceFit,
+    LiftAtHeight,
+    ShiftBesideMeasured,
+    fit_force,
+    lift_by_height,
+    shifts_beside_measured,
+)
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equilibrium
 from fieldmap.levitation.former_names import DifferencedField, FixedCurrents, lift_current_nonlinear
@@ -37,6 +45,8 @@ __all__ = [
     "FixedCurrents",
     "Fold",
     "FollowedBranch",
+    "ForceFit",
+    "LiftAtHeight",
     "LiftCurrent",
     "LiftReadings",
     "MagnetModel",
@@ -44,6 +54,7 @@ __all__ = [
     "Reading",
     "SearchReport",
     "Sensitivity",
+    "ShiftBesideMeasured",
     "StationaryPoint",
     "StationarySet",
     "calibrate",
@@ -53,15 +64,18 @@ __all__ = [
     "equilibrium_sensitivity",
     "equilibrium_surface",
     "find_equilibrium",
+    "fit_force",
     "follow_branch",
     "follow_equilibrium",
     "force_per_ampere",
+    "lift_by_height",
     "lift_current",
     "lift_current_nonlinear",
     "lift_shares",
     "magnet_balance",
     "model_assumptions",
     "push_shares",
+    "shifts_beside_measured",
     "stationary_points",
 ]
 

@@ -27,8 +27,7 @@ def add_equilibrium(scene: pv.Plotter, shown: Shown) -> None:
     shown.need("field", "lower", "payload", "equilibrium")
     assert shown.payload is not None
     places = places_in_box(shown)
-    weight = np.array([0.0, 0.0, -shown.payload.mass * GRAVITY])
-    _add_arrows(scene, places, magnetic_force(shown, places) + weight, NET, shown)
+    _add_arrows(scene, places, net_force(shown, places), NET, shown)
     add_magnet(scene, shown.payload.magnet, MM * np.asarray(shown.equilibrium))
 
 
@@ -47,6 +46,23 @@ def magnetic_force(shown: Shown, places: Array) -> Array:
     assert shown.payload is not None
     force = dipole_force(np.array([0.0, 0.0, shown.payload.moment]), shown.gradient_at(places))
     return force if force[:, 2].sum() >= 0 else -force
+
+
+def net_force(shown: Shown, places: Array) -> Array:
+    """Magnetic force and weight together (n, 3), N."""
+    assert shown.payload is not None
+    return magnetic_force(shown, places) + np.array([0.0, 0.0, -shown.payload.mass * GRAVITY])
+
+
+def grid_in_plane(shown: Shown, count: tuple[int, int]) -> Array:
+    """Points (n, 3), m, in the middle of `count` cells along x and z in the plane y = middle of the box; x runs
+    slowest."""
+    lower, upper = np.asarray(shown.lower, dtype=float), np.asarray(shown.upper, dtype=float)
+    x, z = (
+        lower[k] + (np.arange(n) + 0.5) / n * (upper - lower)[k] for k, n in zip((0, 2), count, strict=True)
+    )
+    grid = np.stack(np.meshgrid(x, [0.5 * (lower + upper)[1]], z, indexing="ij"), axis=-1)
+    return grid.reshape(-1, 3)
 
 
 def _add_arrows(scene: pv.Plotter, places: Array, force: Array, title: str, shown: Shown) -> None:

@@ -7,14 +7,18 @@ import pyvista as pv
 from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
-from fieldmap.field import AnyField
-from fieldmap.plot.device_drawing import device_scene, workspace_outline
+from fieldmap.field import AnyField, as_field, coil_currents, require_bounds
+from fieldmap.plot.device_drawing import MM, device_scene, workspace_outline
+from fieldmap.plot.forces import grid_in_plane, net_force
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK
+from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import winding_surface
 from fieldmap.typing import Array
 
 _PANELS = 2
+# Arrows along x and z, and how far in front of the plane of the field they lie, m.
+_ARROWS, _IN_FRONT = (7, 9), 3e-4
 # The viewer stands in front (-y), a little to the right and above.
 _VIEW = np.array([0.42, -1.0, 0.27])
 FROM_ABOVE = np.array([0.42, -1.0, 0.75])
@@ -28,8 +32,12 @@ def save_picture(
     magnet_at: ArrayLike | None = None,
     caption: str = "",
     window_size: tuple[int, int] = (2000, 1240),
+    forces: bool = False,
 ) -> Path:
     """Draw a device in two panels and save it as PNG; arguments as in `device_scene`; caption: a line below the field.
+
+    forces: arrows of magnetic force and weight together on the payload's magnet, wherever its centre may be in the
+    plane y = middle of the field's box; of a field, and a device with a payload.
 
     >>> import fieldmap                                                           # doctest: +SKIP
     >>> save_picture("drive_unit.png", fieldmap.read_device("drive_unit"))        # doctest: +SKIP
@@ -44,12 +52,31 @@ def save_picture(
     scene.subplot(0, 1)
     device_scene(device, field, currents, magnet_at, axes=False, plotter=scene)
     look_at(scene, core_bounds(device), panels=_PANELS)
+    if field is not None and forces and device.payload is not None:
+        _add_net_force(scene, device, field, currents)
     if field is not None:
         words = _words(device, currents) + (f"\n{caption}" if caption else "")
         scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
     scene.screenshot(str(path))
     scene.close()
     return Path(path)
+
+
+def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents: ArrayLike | None) -> None:
+    source = as_field(field)
+    lower, upper = require_bounds(source)
+    amperes = coil_currents(1.0 if currents is None else currents, source.coil_names)
+    shown = Shown(device.title, device, source, amperes, lower, upper, payload=device.payload)
+    places = grid_in_plane(shown, _ARROWS)
+    force = net_force(shown, places)
+    cloud = pv.PolyData(MM * (places - [0.0, _IN_FRONT, 0.0]))
+    size = np.linalg.norm(force, axis=1)
+    cloud["direction"], cloud["size"] = force, size / size.max()
+    # The longest fits into its cell, about the middle of which it turns.
+    cell = MM * float(np.min((upper - lower)[[0, 2]] / _ARROWS))
+    slender = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.17, shaft_radius=0.055)
+    arrows = cloud.glyph(orient="direction", scale="size", factor=cell, geom=slender)
+    scene.add_mesh(arrows, color="white", lighting=False, show_scalar_bar=False)
 
 
 def _bounds(scene: pv.Plotter) -> Array:

@@ -2,7 +2,8 @@
 
 A row file (S14.toml) declares a system and its parts: what is printed, its unit and place, the inputs, the function
 that computes ours, what it assumes and why it differs. numbers.toml has each number that more than one part reads,
-once; texts.toml the sentences that several parts say. README.md beside them describes the keys.
+once, or says where geometry/measured has it; texts.toml the sentences that several parts say. README.md beside them
+describes the keys.
 """
 
 import re
@@ -16,6 +17,8 @@ from string import Formatter
 from typing import Any
 
 import numpy as np
+
+from fieldmap.shipped import shipped_folder
 
 PRINTED_NUMBERS = Path(__file__).parent / "printed_numbers"
 """The row files."""
@@ -165,9 +168,29 @@ def _value_and_place(entry: Mapping[str, Any]) -> tuple[Any, str]:
 def _shared_number(path: str) -> tuple[Any, str]:
     section, _, name = path.partition(".")
     found = _shared()[section][name]
-    if isinstance(found, dict):
+    if not isinstance(found, dict):
+        return found, _shared()[section]["place"]
+    if "measured" not in found:
         return found["value"], found["place"]
-    return found, _shared()[section]["place"]
+    value = _measured_number(found["measured"])
+    if "from_entry" in found:
+        value = value[found["from_entry"] :]
+    return value, found.get("place", _shared()[section]["place"])
+
+
+def _measured_number(path: str) -> Any:
+    """What geometry/measured/MACHINE.toml has at a path of keys and numbers: texts, with the digits that it writes."""
+    machine, *keys = path.split(".")
+    found: Any = _measured_file(machine)
+    for key in keys:
+        found = found[int(key)] if isinstance(found, list) else found[key]
+    return found
+
+
+@cache
+def _measured_file(machine: str) -> dict[str, Any]:
+    text = (shipped_folder("geometry") / "measured" / f"{machine}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text, parse_float=str)
 
 
 def shared_value(path: str) -> Any:

@@ -14,7 +14,7 @@ from fieldmap.cli import main
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.io.answers import Levitation
-from fieldmap.io.map_summary import LiftAtHeight, MapSummary, MiddleField
+from fieldmap.io.map_summary import MapSummary, MiddleField
 from fieldmap.iron.error.estimate import ErrorEstimate
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.summary import (
@@ -25,7 +25,7 @@ from fieldmap.iron.summary import (
     SectionMean,
     SolutionSummary,
 )
-from fieldmap.levitation import LiftCurrent
+from fieldmap.levitation import ForceFit, LiftAtHeight, LiftCurrent, ShiftBesideMeasured
 from fieldmap.store import FieldError, Grid, Provenance
 from fieldmap.thesis import Comparison, PartResult
 
@@ -135,8 +135,8 @@ def test_info_beside_what_was_measured(printed, golden):
     golden("info_measured", printed("info", "six.h5"))
 
 
-def summary_of(domain, names):
-    """A made-up summary of a map over currents."""
+def summary_of(domain, names, measured=False):
+    """A made-up summary of a map over currents; measured: beside what was measured on its machine."""
     tried = {"flux_density_share": 0.0012, "gradient_share": 0.0034, "states": 56, "solved": 7}
     report = {
         "form": "potential",
@@ -169,12 +169,31 @@ def summary_of(domain, names):
         reference_current=np.arange(1.0, n + 1),
         interpolation_error=FieldError(1.2e-6, 3.4e-4),
         error_bounds={"harmonic": FieldError(5.6e-6, 7.8e-4)},
+        current_error=FieldError(9.8e-6, 7.6e-4),
         reduced_model=SimpleNamespace(domain=domain),
     )
     device = SimpleNamespace(payload=Payload(0.010, 0.8))
     middle = MiddleField(np.array([0.0, 0.0, -0.095]), (0.0123456,), (-0.345678,))
-    lift = (LiftAtHeight(-0.08, 1.234), LiftAtHeight(-0.10, 2.345), LiftAtHeight(-0.12, None))
-    return MapSummary(Path("over_currents.h5"), 1_230_000, info, device, middle, lift, "")
+    about = Path("over_currents.h5"), 1_230_000, info, device, middle
+    if not measured:
+        lift = (LiftAtHeight(-0.08, 1.234), LiftAtHeight(-0.10, 2.345), LiftAtHeight(-0.12, None, 2.5))
+        return MapSummary(*about, lift, "")
+    lift = (
+        LiftAtHeight(-0.08, 3.234, None, 0.0, 1.2, 0.456),
+        LiftAtHeight(-0.09, None, 3.55, 10.0, 1.4, 0.467),
+        LiftAtHeight(-0.10, None, None, 20.0, 1.6),
+    )
+    fit = ForceFit(2.167, (1.222, 1.388, None), (0.0183, -0.0086, None))
+    signals, shifted = np.array([0.1, 0.2, 0.3]), np.array([1e-3, 2.5e-3, np.nan])
+    about_shift = ("Table 6-2", 1.25, 10.0, -0.09, 1.4, -8.8e-5, signals)
+    shift = ShiftBesideMeasured(
+        *about_shift,
+        np.array([1.1e-3, 2.2e-3, 4.4e-3]),
+        shifted,
+        np.array([1.41, 1.52, np.nan]),
+        1.5 * shifted,
+    )
+    return MapSummary(*about, lift, "(7-18)", fit, (shift,))
 
 
 @pytest.mark.parametrize(
@@ -187,13 +206,18 @@ def summary_of(domain, names):
         ),
         (
             "info_over_lift_and_directions",
-            CurrentDomain(LiftAndDirections(1.25), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])),
+            CurrentDomain(
+                LiftAndDirections(1.25, 3.55), np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])
+            ),
             tuple("123456"),
         ),
     ],
 )
 def test_info_of_a_map_over_currents(printed, golden, monkeypatch, name, domain, names):
-    monkeypatch.setattr("fieldmap.io.map_summary.summarise_map", lambda path: summary_of(domain, names))
+    measured = len(names) == 6
+    monkeypatch.setattr(
+        "fieldmap.io.map_summary.summarise_map", lambda path: summary_of(domain, names, measured)
+    )
     golden(name, printed("info", "over_currents.h5"))
 
 

@@ -1,5 +1,6 @@
 """Exit codes, messages, help, progress: how the commands behave when things go wrong or take long."""
 
+import json
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, application
 from fieldmap.cli.arguments import join_lists
 from fieldmap.cli.progress import Progress
+from fieldmap.plot.rendering import can_render
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -164,8 +166,29 @@ def test_progress_without_a_terminal_is_a_few_plain_lines(capsys):
 
 
 def test_the_summary_of_a_map_is_what_info_prints(capsys, machine):
-    assert main(["map", machine.recipe, "-o", machine.map, "--summary"]) == 0
+    made = ["map", machine.recipe, "-o", machine.map]
+    assert main([*made, "--summary", "--no-pictures"]) == 0
     caught = capsys.readouterr()
     assert "complete already" in caught.err
     assert main(["info", machine.map]) == 0
     assert capsys.readouterr().out == caught.out
+    # Neither --json nor a map without its summary draws unless told.
+    assert main([*made, "--json"]) == main(made) == 0
+    assert json.loads(capsys.readouterr().out.rpartition("}")[0] + "}")["title"] == "Field of a thin loop"
+    assert not list(Path(machine.map).parent.glob("*.png"))
+
+
+@pytest.mark.parametrize("asked", [["--summary"], ["--json", "--pictures"]])
+def test_the_pictures_of_a_map_lie_beside_it(capsys, machine, tmp_path, asked):
+    path = tmp_path / "loop.h5"
+    path.write_bytes(Path(machine.map).read_bytes())
+    assert main(["map", machine.recipe, "-o", str(path), *asked]) == 0
+    printed = capsys.readouterr().out
+    written = [path.with_name("loop.png"), *([path.with_name("loop_3d.png")] if can_render() else [])]
+    assert sorted(tmp_path.glob("*.png")) == sorted(written)
+    for one in written:
+        assert one.read_bytes().startswith(b"\x89PNG")
+        assert str(one) in "".join(printed.split())
+    if "--json" in asked:
+        shown = json.loads(printed)["pictures"]
+        assert [one["path"] for one in shown][: len(written)] == [str(one) for one in written]

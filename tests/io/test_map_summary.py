@@ -7,15 +7,8 @@ import pytest
 from scipy.constants import g as gravity
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
-from fieldmap.device.measured import measured_machine
-from fieldmap.io.map_summary import (
-    LiftAtHeight,
-    MapSummary,
-    lift_by_height,
-    middle_field,
-    signal_names,
-    summarise_map,
-)
+from fieldmap.io.map_summary import ErrorShares, MapSummary, middle_field, signal_names, summarise_map
+from fieldmap.store import FieldError
 
 BODY = """
 [[body]]
@@ -32,9 +25,9 @@ SATURATING = '[material.iron]\nkind = "froehlich"\nmu_r = 400\nsaturation_polari
 class Opened:
     """A field as an opened map, with reference currents."""
 
-    def __init__(self, field, reference=(1.0, 2.0), saturating=False, x=(-0.01, 0.01), z=(-0.1, -0.02)):
+    def __init__(self, field, reference=(1.0, 2.0), saturating=False):
         self.inner = field
-        self.lower, self.upper = self.bounds = (np.array([x[0], -0.01, z[0]]), np.array([x[1], 0.01, z[1]]))
+        self.lower, self.upper = self.bounds = field.bounds
         self.info = SimpleNamespace(
             reference_current=np.array(reference), reduced_model="a model" if saturating else None
         )
@@ -55,40 +48,35 @@ def test_the_middle_of_the_box(polynomial):
     np.testing.assert_allclose(saturating.Bz, [flux * (1.0 + 0.5 * 2.0)], rtol=1e-12)
 
 
-def test_lift_at_heights_that_divide_the_box(polynomial):
-    rows = lift_by_height(Opened(polynomial.field), polynomial.payload)
-    np.testing.assert_allclose([row.height for row in rows], np.linspace(-0.02, -0.1, 6)[1:-1])
-    for row in rows:
-        pull = 0.8 * 1.5 * (polynomial.b1 + polynomial.b2 * row.height)
-        assert row.current == pytest.approx(0.010 * gravity / pull, rel=1e-9)
-        assert (row.sensor_mm, row.measured, row.ratio) == (None, None, None)
+def reported(**report):
+    """The accuracy that a summary finds in a solver's report."""
+    info = SimpleNamespace(
+        provenance=SimpleNamespace(solver_report=report),
+        interpolation_error=FieldError(1e-6, 2e-4),
+        error_bounds={"harmonic": FieldError(3e-6, 4e-4)},
+    )
+    return MapSummary("a.h5", 1, info, None, None, (), "").accuracy
 
 
-def test_lift_at_the_readings_of_a_machine_that_lie_in_the_box(polynomial):
-    # A magnet's centre lies 77 + 15 mm below the zero, so of 10, 20, ... mm none is above -100 mm.
-    machine = measured_machine("drive_unit")
-    assert lift_by_height(Opened(polynomial.field), polynomial.payload, machine) == ()
-    rows = lift_by_height(Opened(polynomial.field, z=(-0.115, -0.02)), polynomial.payload, machine)
-    assert [row.sensor_mm for row in rows] == [10.0, 20.0]
-    np.testing.assert_allclose([row.height for row in rows], [-0.102, -0.112])
-    np.testing.assert_allclose([row.measured for row in rows], [1.558, 1.901])
-
-
-def test_no_lift_off_the_axis_or_without_pull(polynomial):
-    assert lift_by_height(Opened(polynomial.field, x=(0.005, 0.01)), polynomial.payload) == ()
-
-    class Uniform(type(polynomial.field)):
-        def gradient(self, points, currents):
-            return np.zeros((len(np.atleast_2d(points)), 3, 3))
-
-    assert lift_by_height(Opened(Uniform()), polynomial.payload) == ()
-
-
-def test_a_row_beside_the_measured_current():
-    row = LiftAtHeight(-0.1, 3.0, 10.0, 1.5)
-    assert row.ratio == 2.0
-    assert row.to_dict() == {"sensor_mm": 10.0, "height": -0.1, "current": 3.0, "thesis": 1.5, "ratio": 2.0}
-    assert LiftAtHeight(-0.1, None, 10.0, 1.5).ratio is None
+def test_each_kind_of_error_has_its_number_or_none():
+    tried = {
+        "at random": {"states": 20, "solved": 18, "flux_density_share": 0.002, "gradient_share": 0.003},
+        "in corners": {"states": 8, "solved": 8, "flux_density_share": 0.001, "gradient_share": 0.004},
+    }
+    estimate = {"flux_density": 5e-4, "gradient": 6e-4, "gap": None}
+    found = reported(tetrahedra=10, error=estimate, states_tried=tried)
+    assert found.meshed
+    assert (found.mesh, found.current_model) == (ErrorShares(5e-4, 6e-4), ErrorShares(0.002, 0.004))
+    assert (found.interpolation, found.bound) == (FieldError(1e-6, 2e-4), FieldError(3e-6, 4e-4))
+    assert [(one.kind, one.states, one.solved) for one in found.tried] == [
+        ("at random", 20, 18),
+        ("in corners", 8, 8),
+    ]
+    assert found.to_dict()["current_model"] == {"flux_density": 0.002, "gradient": 0.004}
+    # Nothing was estimated, or there is nothing to mesh.
+    assert reported(tetrahedra=10, error=None).mesh is None
+    assert reported().current_model is None
+    assert not reported(form="coils").meshed
 
 
 def test_signals_are_named_and_have_their_ranges():
@@ -126,6 +114,25 @@ def test_a_map_file(circle_of_six, dipole_map, tmp_path, valid_text, material, w
     assert plain["grid"]["shape"] == [9, 9, 13]
     np.testing.assert_allclose(plain["grid"]["spacing"], [0.005, 0.005, 0.064 / 12])
     assert len(plain["lift"]) == 4
+    # Nothing was measured on this rig.
+    assert (plain["force_fit"], plain["shifts"]) == (None, [])
     h = 0.026 + 0.108
     exact = 6 * 2e-7 * 8 * (h**2 - 0.044**2 / 2) / (h**2 + 0.044**2) ** 2.5
     assert plain["middle"]["Bz"] == pytest.approx([exact / 6] * 6 + [exact], rel=1e-4)
+
+
+def test_a_map_of_a_measured_machine(circle_of_six, dipole_map, tmp_path, valid_text):
+    """The drive unit's name is enough; its map is linear, so that no shift is stated."""
+    coil = valid_text[valid_text.index("[[coil]]") :]
+    coil = coil[: coil.index("[[coil]]", 1)]
+    head = 'format = 1\nname = "drive_unit"\ntitle = "Six dipoles"\n'
+    payload = "[payload]\nmass_g = 10.0\nmoment_A_m2 = 0.8\nmagnet_offset_mm = 15\n"
+    path = dipole_map(circle_of_six, tmp_path / "six.h5", head + coil + payload, device_name="drive_unit")
+    plain = summarise_map(path).to_dict()
+    assert [row["sensor_mm"] for row in plain["lift"]] == [0.0, 10.0, 20.0, 30.0]
+    # In a linear map the share of the weight that is lifted is the measured current over ours.
+    shares = np.array([row["thesis"] / row["current"] for row in plain["lift"]])
+    np.testing.assert_allclose([row["lift_share"] for row in plain["lift"]], shares, rtol=1e-9)
+    factor = np.linalg.lstsq(shares[:, None], np.ones(4), rcond=None)[0][0]
+    assert plain["force_fit"]["factor"] == pytest.approx(factor, rel=1e-9)
+    assert plain["shifts"] == []

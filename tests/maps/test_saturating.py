@@ -114,12 +114,14 @@ def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
     print_summary(folder / "map.h5", False)
     text = " ".join(capsys.readouterr().out.split())
+    tried = data.provenance.solver_report["states_tried"]
+    largest = max(found["flux_density_share"] for found in tried.values())
+    assert f"largest found {100 * largest:.2g} % of B" in text
     for name in ("at random", "in corners"):
-        tried = data.provenance.solver_report["states_tried"][name]
-        assert f"error {name} B within {100 * tried['flux_density_share']:.2g} %" in text
+        assert f"{tried[name]['states']} {name}" in text
     bound = data.error_bounds["harmonic"]
     assert f"within {1e6 * bound.flux_density:.2g} uT" in text
-    assert f"cost {data.provenance.solver_report['states_solved']} states solved;" in text
+    assert f"{data.provenance.solver_report['states_solved']} states in" in text
 
 
 def test_images_of_states_are_states(solver):

@@ -1,0 +1,216 @@
+"""The two pictures of a finished map, written beside it: NAME.png, forces on its magnet (and where it comes to rest
+beside what was measured), and NAME_3d.png, the machine with the field in its workspace."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from fieldmap.curves import Curves, Series
+from fieldmap.device import recorded_device
+from fieldmap.device.model import MagnetCylinder, Payload
+from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.io.map_summary import MapSummary
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
+from fieldmap.lookup import FieldMap, open_map
+from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM
+from fieldmap.plot.figures import DOTS_PER_INCH, draw_curves
+from fieldmap.plot.forces import grid_in_plane, net_force
+from fieldmap.plot.gather import amperes_in_words
+from fieldmap.plot.picture import save_picture
+from fieldmap.plot.rulers import label_step
+from fieldmap.plot.shown import Shown
+from fieldmap.typing import Array
+
+_SIZE = (11.4, 5.2)
+_SHADED, _ARROWS = (61, 81), (9, 13)
+"""Points along x and z: of what is coloured, and of the arrows."""
+_SIGNALS = 81
+"""Points of a line over a direction signal."""
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """A picture of a map: "figure" or "3-D picture". path: where it was written; None, and then why in `problem`."""
+
+    shows: str
+    path: Path | None
+    problem: str = ""
+
+
+def save_map_pictures(summary: MapSummary) -> tuple[MapPicture, ...]:
+    """Write both pictures beside the map, NAME.png and NAME_3d.png.
+
+    A picture that cannot be drawn, on a machine without OpenGL or of a map that records no device, is left out and says
+    why; nothing is raised for it.
+    """
+    figure = summary.path.with_suffix(".png")
+    scene = figure.with_name(f"{figure.stem}_3d.png")
+    drawn = _drawn(summary)
+    return (
+        _saved("figure", figure, lambda: _save_figure(drawn, figure)),
+        _saved("3-D picture", scene, lambda: _save_scene(drawn, scene)),
+    )
+
+
+def _saved(shows: str, path: Path, save: Callable[[], Path]) -> MapPicture:
+    try:
+        return MapPicture(shows, save())
+    except FieldmapError as error:
+        problem = error.problems[0]
+        return MapPicture(shows, None, f"{path} not drawn: {problem.must_hold}; {problem.received}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A map at the currents (n_coils,), A, at which it is drawn; height: z of the magnet that they carry, m."""
+
+    summary: MapSummary
+    opened: FieldMap
+    currents: Array
+    height: float | None = None
+
+    @property
+    def amperes(self) -> str:
+        """The currents in words."""
+        return amperes_in_words(self.currents, self.opened.coil_names)
+
+    @property
+    def shown(self) -> Shown:
+        """The field at these currents in the map's box, and the payload."""
+        lower, upper = self.opened.bounds
+        return Shown(
+            "",
+            field=self.opened,
+            currents=self.currents,
+            lower=lower,
+            upper=upper,
+            payload=self.summary.payload,
+        )
+
+
+def _drawn(summary: MapSummary) -> _Drawn:
+    """At equal currents that carry the magnet at the middle one of the heights where they do; else at the reference
+    currents."""
+    opened = open_map(summary.path)
+    carried = [(row.current, row.height) for row in summary.lift if row.current is not None]
+    if not carried:
+        return _Drawn(summary, opened, summary.info.reference_current)
+    current, height = carried[len(carried) // 2]
+    return _Drawn(summary, opened, np.full(len(opened.coil_names), round(current, 3)), height)
+
+
+def _save_scene(drawn: _Drawn, path: Path) -> Path:
+    """The machine, its magnet, and the field and net force in the workspace, in three dimensions."""
+    text = drawn.summary.info.provenance.device_text
+    if not text:
+        remedy = "make the map from a recipe"
+        raise InputError(Problem(str(path), "the map must record its device", "none recorded", remedy))
+    device, at, caption = recorded_device(text, solids=True), None, ""
+    if drawn.height is not None:
+        at = (0.0, 0.0, drawn.height)
+        caption = f"they carry the magnet at z = {MM * drawn.height:.0f} mm; arrows: net force on it"
+    return save_picture(path, device, drawn.opened, drawn.currents, at, caption, forces=True)
+
+
+def _save_figure(drawn: _Drawn, path: Path) -> Path:
+    """Two panels: forces, or the field of a map without a payload, in the plane y = middle; and beside it where the
+    magnet comes to rest beside what was measured, or else the field on the axis."""
+    summary = drawn.summary
+    figure = Figure(figsize=_SIZE, layout="constrained", dpi=DOTS_PER_INCH)
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
+    if summary.payload is None:
+        _draw_strength(left, drawn)
+    else:
+        _draw_forces(left, drawn, summary.payload)
+    if summary.payload is not None and summary.shifts:
+        draw_curves(right, shift_curves(drawn.opened, summary.payload, summary.shifts[0]))
+    else:
+        draw_curves(right, _axis_curves(drawn))
+    figure.suptitle(summary.info.provenance.title, fontsize=11)
+    figure.savefig(path)
+    return path
+
+
+def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured) -> Curves:
+    """x of the magnet over its signal: measured, with the lift constant, and with the level constant."""
+    signals = np.linspace(0.0, float(shift.signals.max()), _SIGNALS)
+    measured = np.append(0.0, shift.signals), MM * np.append(shift.zero, shift.measured)
+    about = (opened, payload, signals, [0.0], shift.level, shift.height, shift.n)
+    lines = []
+    for held, rule in ((True, "lift constant"), (False, f"level constant, {shift.level:.3f} A")):
+        x = equilibrium_surface(*about, hold_height=held).positions[:, 0, 0]
+        ends = " (to the end of the map)" if np.isnan(x).any() else ""
+        lines.append(Series(f"ours, {rule}{ends}", signals, MM * (shift.zero + x - x[0])))
+    points = Series(f"measured, {shift.source}", *measured, "measured", points=True)
+    title = (
+        f"Where the magnet comes to rest: n = {shift.n:g}, sensor {shift.sensor_mm:g} mm, "
+        f"magnet at z = {MM * shift.height:.0f} mm\nNothing is fitted"
+    )
+    return Curves(title, "x signal (1)", "x of the magnet (mm)", (points, *lines))
+
+
+def _axis_curves(drawn: _Drawn) -> Curves:
+    """Bz on the vertical line through the middle of the box."""
+    lower, upper = drawn.opened.bounds
+    z = np.linspace(lower[2], upper[2], 201)
+    middle = np.broadcast_to(0.5 * (lower + upper)[:2], (len(z), 2))
+    flux = drawn.opened.field(np.column_stack([middle, z]), drawn.currents)[:, 2]
+    return Curves(f"On the axis, {drawn.amperes}", "z (mm)", "Bz (mT)", (Series("Bz", MM * z, MM * flux),))
+
+
+def _draw_forces(axes: Axes, drawn: _Drawn, payload: Payload) -> None:
+    """Lift over weight as colour, its line of 1, and arrows of magnetic force and weight together."""
+    shown = drawn.shown
+    places = grid_in_plane(shown, _SHADED)
+    _shade(
+        axes,
+        places,
+        net_force(shown, places)[:, 2] / (payload.mass * GRAVITY) + 1.0,
+        "lift / weight (1)",
+        line=1.0,
+    )
+    places = grid_in_plane(shown, _ARROWS)
+    net = net_force(shown, places)
+    x, z = MM * places[:, 0], MM * places[:, 2]
+    axes.quiver(x, z, net[:, 0], net[:, 2], color="white", width=0.007, pivot="middle")
+    red = ""
+    if drawn.height is not None:
+        red = "red: where they carry the magnet"
+        if isinstance(payload.magnet, MagnetCylinder):
+            size = MM * payload.magnet.diameter, MM * payload.magnet.height
+            corner = -0.5 * size[0], MM * drawn.height - 0.5 * size[1]
+            axes.add_patch(Rectangle(corner, *size, facecolor="none", edgecolor=MAGNET, linewidth=1.8))
+    longest = 1e3 * float(np.linalg.norm(net, axis=1).max())
+    lines = (drawn.amperes, red, f"arrows: net force on it, longest {longest:.2g} mN")
+    axes.set_title("\n".join(line for line in lines if line), fontsize=10)
+
+
+def _draw_strength(axes: Axes, drawn: _Drawn) -> None:
+    """The size of B as colour."""
+    places = grid_in_plane(drawn.shown, _SHADED)
+    _shade(axes, places, MM * np.linalg.norm(drawn.opened.field(places, drawn.currents), axis=1), "B (mT)")
+    axes.set_title(f"Size of B, y = middle\n{drawn.amperes}", fontsize=10)
+
+
+def _shade(axes: Axes, places: Array, values: Array, label: str, line: float | None = None) -> None:
+    """Colour values (n,) at places of `grid_in_plane`, with a bar of round numbers and a red line where told."""
+    x, z, shown = (one.reshape(_SHADED) for one in (MM * places[:, 0], MM * places[:, 2], values))
+    step = label_step(float(np.ptp(values)))
+    low, high = step * np.floor(values.min() / step), step * np.ceil(values.max() / step)
+    levels = np.linspace(low, high, 5 * round((high - low) / step) + 1)
+    shaded = axes.contourf(x, z, shown, levels=levels, cmap=COLOUR_MAP)
+    figure: Any = axes.figure
+    bar = figure.colorbar(shaded, ax=axes, label=label, ticks=levels[::5])
+    if line is not None and values.min() < line < values.max():
+        axes.contour(x, z, shown, levels=[line], colors=[MAGNET], linewidths=1.6)
+        bar.ax.axhline(line, color=MAGNET, linewidth=1.6)
+    axes.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal")

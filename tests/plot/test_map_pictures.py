@@ -1,0 +1,113 @@
+"""The pictures that lie beside a map: files, what they show, and what a map cannot show."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fieldmap.currents import divide_currents
+from fieldmap.io.map_summary import summarise_map
+from fieldmap.levitation import ShiftBesideMeasured
+from fieldmap.lookup import open_map
+from fieldmap.plot.forces import grid_in_plane, net_force
+from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
+from fieldmap.plot.rendering import can_render
+from fieldmap.plot.shown import Shown
+
+MASS, MOMENT = 0.010, 0.8
+SHIFT = ShiftBesideMeasured(
+    source="Table 2",
+    n=1.25,
+    sensor_mm=10.0,
+    height=-0.1,
+    level=2.0,
+    zero=-1e-4,
+    signals=np.array([0.1, 0.2]),
+    measured=np.array([1e-3, 2e-3]),
+    constant_lift=np.array([1.1e-3, 2.2e-3]),
+    levels=np.array([2.1, 2.2]),
+    constant_level=np.array([1.2e-3, 2.4e-3]),
+)
+
+
+@pytest.fixture
+def recorded(valid_text):
+    """Text of a device with the first coil of `valid_text`, and a payload."""
+    coil = valid_text[valid_text.index("[[coil]]") :]
+    coil = coil[: coil.index("[[coil]]", 1)]
+    payload = f"[payload]\nmass_g = {1e3 * MASS}\nmoment_A_m2 = {MOMENT}\n"
+    return f'format = 1\nname = "rig"\ntitle = "Six dipoles"\n{coil}', payload
+
+
+@pytest.fixture
+def six_map(circle_of_six, dipole_map, tmp_path, recorded):
+    """The map of six dipoles, of a device with a payload."""
+    return dipole_map(circle_of_six, tmp_path / "six.h5", "".join(recorded), title="Dipoles")
+
+
+def dark(path):
+    """Share of the pixels that are not white."""
+    from matplotlib.image import imread
+
+    return float((imread(path)[..., :3].min(axis=-1) < 0.9).mean())
+
+
+def test_both_pictures_are_written_beside_the_map(six_map):
+    figure, scene = save_map_pictures(summarise_map(six_map))
+    assert (figure.shows, scene.shows) == ("figure", "3-D picture")
+    assert figure.path == six_map.with_name("six.png")
+    assert 0.1 < dark(figure.path) < 0.9
+    if can_render():
+        assert scene.path == six_map.with_name("six_3d.png")
+        assert dark(scene.path) > 0.02
+    else:
+        assert scene.path is None
+        assert scene.problem
+
+
+@pytest.mark.parametrize("has_device", [True, False])
+def test_a_map_without_a_payload_shows_its_field(circle_of_six, dipole_map, tmp_path, recorded, has_device):
+    path = dipole_map(circle_of_six, tmp_path / "bare.h5", recorded[0] if has_device else "")
+    figure, scene = save_map_pictures(summarise_map(path))
+    assert dark(figure.path) > 0.1
+    # What records no device cannot be drawn in space.
+    assert (scene.path is not None) is (has_device and can_render())
+    assert (scene.path is None) == bool(scene.problem)
+
+
+def test_the_figure_beside_measurements(six_map, legible):
+    from dataclasses import replace
+
+    summary = summarise_map(six_map)
+    curves = shift_curves(open_map(six_map), summary.payload, SHIFT)
+    legible([curves])
+    measured, follows, stays = curves.series
+    np.testing.assert_allclose(measured.x, [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(measured.y, [-0.1, 1.0, 2.0])
+    # From the reading at signal 0 on; in a linear map both rules are one, and no force acts along x.
+    assert follows.y[0] == stays.y[0] == pytest.approx(-0.1)
+    np.testing.assert_allclose(follows.y, stays.y, atol=2e-3)
+    place = np.array([1e-3 * (stays.y[-1] + 0.1), 0.0, -0.1])
+    gradient = open_map(six_map).gradient(place, divide_currents(2.0, 0.2, 0.0, 1.25))
+    assert abs(gradient[2, 0]) < 1e-3 * abs(gradient[2, 2])
+    before = six_map.with_name("six.png")
+    save_map_pictures(summary)
+    without = before.read_bytes()
+    save_map_pictures(replace(summary, shifts=(SHIFT,)))
+    assert before.read_bytes() != without
+
+
+def test_the_net_force_is_pull_and_weight_in_the_plane(six_map):
+    opened = open_map(six_map)
+    currents = np.arange(1.0, 7.0)
+    payload = SimpleNamespace(mass=MASS, moment=MOMENT)
+    about = {"currents": currents, "lower": opened.lower, "upper": opened.upper, "payload": payload}
+    shown = Shown("", field=opened, **about)
+    places = grid_in_plane(shown, (4, 3))
+    assert places.shape == (12, 3)
+    np.testing.assert_allclose(np.unique(places[:, 0].round(9)), [-0.015, -0.005, 0.005, 0.015])
+    np.testing.assert_allclose(places[:, 1], 0.0, atol=1e-12)
+    # x runs slowest, z from below.
+    np.testing.assert_allclose(places[:3, 2], -0.14 + 0.064 * np.array([1, 3, 5]) / 6)
+    expected = MOMENT * opened.gradient(places, currents)[:, 2] - [0.0, 0.0, MASS * 9.80665]
+    np.testing.assert_allclose(net_force(shown, places), expected, rtol=1e-9, atol=1e-12)
