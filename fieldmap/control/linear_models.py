@@ -1,10 +1,11 @@
 """Linear models of plants: transfer functions and state spaces, continuous and sampled.
 
 Plain arrays, so that they go straight into scipy.signal or python-control: a transfer function is (numerator,
-denominator), highest power first, a state space is (A, B, C, D).
+denominator), highest power first, a state space is (A, B, C, D). `to_control` makes systems of python-control.
 """
 
-from typing import Any, NamedTuple, cast
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import scipy.linalg
@@ -12,7 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_matrix, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import require
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import control as python_control
 
 
 class TransferFunction(NamedTuple):
@@ -31,6 +36,15 @@ class TransferFunction(NamedTuple):
         """Roots of the denominator."""
         return np.roots(self.denominator)
 
+    def to_control(self, Ts: float | None = None) -> "python_control.TransferFunction":
+        """A transfer function of python-control, in s, or in q with a sampling time Ts, s.
+
+        Raises FieldmapError where python-control is not installed.
+        """
+        library = require("control", "control", "TransferFunction.to_control")
+        system: python_control.TransferFunction = library.tf(self.numerator, self.denominator, _period(Ts))
+        return system
+
 
 class StateSpace(NamedTuple):
     """dx/dt = A x + B u (or x[n+1] = A x[n] + B u[n]), y = C x + D u."""
@@ -39,6 +53,31 @@ class StateSpace(NamedTuple):
     B: Array
     C: Array
     D: Array
+
+    def to_control(
+        self,
+        Ts: float | None = None,
+        states: Sequence[str] | None = None,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+    ) -> "python_control.StateSpace":
+        """A state space of python-control, continuous, or sampled with a sampling time Ts, s; with names, if given.
+
+        Raises FieldmapError where python-control is not installed.
+        """
+        library = require("control", "control", "StateSpace.to_control")
+        named = {"states": states, "inputs": inputs, "outputs": outputs}
+        given = {name: list(labels) for name, labels in named.items() if labels is not None}
+        system: python_control.StateSpace = library.ss(*self, _period(Ts), **given)
+        return system
+
+
+def _period(Ts: float | None) -> float:
+    """As python-control states it: 0 of a continuous system."""
+    if Ts is None:
+        return 0.0
+    check_positive("to_control", Ts=Ts)
+    return Ts
 
 
 def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferFunction:

@@ -1,7 +1,7 @@
 """Linear plants of a levitated body about its equilibrium: from a map's forces, or from the lumped model."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy.constants
@@ -17,6 +17,9 @@ from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import control as python_control
 
 
 def levitated_plant(
@@ -161,6 +164,13 @@ class MapPlant:
     def model(self) -> StateSpace:
         """All three axes: states x, y, z and their velocities, inputs the signals, outputs x, y, z."""
         return levitated_plant(self.mass, self.stiffness, self.force_per_signal, self.damping)
+
+    def to_control(self) -> "python_control.StateSpace":
+        """`model` as a state space of python-control, with names. Raises FieldmapError where that is not installed."""
+        axes = ("x", "y", "z")
+        states = (*axes, *(f"velocity_{axis}" for axis in axes))
+        inputs = [f"signal_{k}" for k in range(self.force_per_signal.shape[1])]
+        return self.model().to_control(None, states, inputs, axes)
 
     def axis(self, axis: Literal["x", "y", "z"], signal: int = 0) -> StateSpace:
         """One axis alone, the others held: input one of the signals, output the coordinate."""

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import MapFileError, Problem
+from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements
@@ -252,10 +253,9 @@ def read_mag_manip(path: str | PathLike[str], spacing: float | None = None) -> M
 
     Harmonic polynomials are fitted to its numbers as to measured ones, which restores gradients free of curl and
     divergence; the report says how well. Coils are named as in the file, in its order of currents. Raises MapFileError
-    if the file is no such model.
+    if the file is no such model, FieldmapError without PyYAML.
     """
-    import yaml
-
+    yaml = require("yaml", "mag-manip", "read_mag_manip")
     source = Path(path)
     try:
         with source.open(encoding="utf-8") as stream:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import require
 from fieldmap.lookup import FieldMap, FiniteMagnet
 from fieldmap.typing import Array
 
@@ -21,7 +22,7 @@ class MagnetForces:
     magnets: per body, by name, its moment (3,) in A m^2 in the body's frame, at the body's origin, or a `FiniteMagnet`
     with its centre there and magnetised along the body's z. currents (n_coils,), A: assign `currents` between steps,
     as a controller does. offset (3,), m: where the map's origin lies in the world. Axes of map and world are parallel,
-    units SI. Raises InputError for a body that does not exist.
+    units SI. Raises InputError for a body that does not exist, FieldmapError without MuJoCo.
 
     A magnet that leaves the box feels nothing from there on, and `check`, or the end of the context, raises the
     OutsideMapError: an exception cannot pass through MuJoCo. With outside="clamp" it feels the field of the edge.
@@ -41,8 +42,7 @@ class MagnetForces:
         currents: ArrayLike,
         offset: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        import mujoco
-
+        mujoco = require("mujoco", "mujoco", "MagnetForces")
         self._mujoco, self._field = mujoco, field
         self.currents = np.array(currents, dtype=np.float64)
         self._offset = np.array(offset, dtype=np.float64)

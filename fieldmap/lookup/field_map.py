@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import cached_property
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,9 @@ from fieldmap.lookup.evaluation import (
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import xarray
 
 
 def check_choices(kind: str, outside: str, outside_currents: str) -> None:
@@ -363,6 +366,22 @@ class FieldMap(BaseField):
             return currents_of_sum(self._evaluator, self.coil_names, position, demand, limits, weight)
         about = (self._evaluator, self.coil_names, self._model)
         return currents_of_model(*about, position, demand, limits, weight, start)
+
+    def to_xarray(self, currents: Any = None) -> "xarray.Dataset":
+        """B and gradient on the nodes, with coordinates, units and attributes: an xarray.Dataset.
+
+        At currents (n_coils,), A: `flux_density` (x, y, z, component), T, `gradient` (x, y, z, component, direction) =
+        dB_component/dx_direction, T/m, and `current` (coil). Without: `unit_flux_density` and `unit_gradient`, per
+        ampere, with the dimension `coil` after z. Raises FieldmapError where xarray is not installed, InputError for a
+        map of saturating iron without currents.
+        """
+        from fieldmap.lookup.data_set import data_set
+
+        nodes = np.clip(self.info.grid.points(), self.lower, self.upper)
+        if currents is None:
+            return data_set(self.info, self.kind, None, self.unit_field(nodes), self.unit_gradient(nodes))
+        amperes = coil_currents(currents, self.coil_names)
+        return data_set(self.info, self.kind, amperes, *self.at(amperes).field_and_gradient(nodes))
 
     def unit_field(self, points: ArrayLike) -> Array:
         """B per ampere in each coil, (n, n_coils, 3), T/A: what an allocation of currents starts from."""

@@ -1,18 +1,18 @@
 """The results of a study as an xarray data set, as NetCDF and as CSV."""
 
 import csv
-import importlib
 import io
 import itertools
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, Problem
+from fieldmap.extras import require
 from fieldmap.provenance import library_versions
 from fieldmap.store.whole_files import whole_file
 from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
@@ -30,16 +30,10 @@ _OF_THE_PAYLOAD = (
 )
 
 
-def require_xarray() -> Any:
+def require_xarray() -> ModuleType:
     """The module xarray. Raises FieldmapError, with the extra to install, where it or h5netcdf is missing."""
-    try:
-        importlib.import_module("h5netcdf")
-        return importlib.import_module("xarray")
-    except ImportError as error:
-        remedy = 'install them: pip install "fieldmap[studies]"'
-        raise FieldmapError(
-            Problem("fieldmap.studies", "xarray and h5netcdf must be installed", str(error), remedy)
-        ) from None
+    require("h5netcdf", "studies", "fieldmap.studies")
+    return require("xarray", "studies", "fieldmap.studies")
 
 
 def data_set(study: Study, results: Sequence[VariantResult]) -> Any:

@@ -36,6 +36,20 @@ def test_coil_by_coil(ring, tmp_path):
     assert path.read_text().splitlines()[2].startswith("# frame: ")
 
 
+def test_pandas_reads_it(ring, tmp_path):
+    pandas = pytest.importorskip("pandas", reason="pandas, which xarray brings, is not installed")
+    frame = pandas.read_csv(write_csv(ring.map, tmp_path / "ring.csv"), comment="#")
+    nodes = ring.grid.points()
+    assert len(frame) == 6 * len(nodes)
+    of_coil_4 = frame[frame["I_4_A"] == 1.0]
+    np.testing.assert_allclose(of_coil_4[["x_m", "y_m", "z_m"]], nodes, atol=1e-15)
+    exact, slope = (part[3] for part in ring.fields(nodes))
+    flux = of_coil_4[["Bx_T", "By_T", "Bz_T"]]
+    np.testing.assert_allclose(flux, exact, rtol=0, atol=1e-5 * np.abs(exact).max())
+    steep = of_coil_4["dBx_dz_T_per_m"]
+    np.testing.assert_allclose(steep, slope[:, 0, 2], rtol=0, atol=1e-4 * np.abs(slope).max())
+
+
 def test_numbers_read_back_to_the_last_bit(ring, tmp_path):
     read = read_measurements(write_csv(ring.map, tmp_path / "ring.csv", CURRENTS))
     assert read.coil_names == ("fixed",)

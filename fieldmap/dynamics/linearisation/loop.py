@@ -1,20 +1,23 @@
 """A linear machine under its sampled controller: docs/theory/dynamics.md (34)..(37)."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from fieldmap.arguments import check_positive
-from fieldmap.control import zero_order_hold
+from fieldmap.control import StateSpace, zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation.machine import LinearMachine
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import control as python_control
 
 Complex = NDArray[Any]
 
@@ -27,6 +30,17 @@ class SampledMachine(NamedTuple):
     B: Array
     before: Array
     C: Array
+
+    def to_control(self, period: float) -> "python_control.StateSpace":
+        """A sampled state space of python-control; the states after those of x are the last outputs u[n-1].
+
+        period: s. Raises FieldmapError where python-control is not installed.
+        """
+        order, inputs = self.B.shape
+        A = np.block([[self.A, self.before], [np.zeros((inputs, order + inputs))]])
+        C = np.hstack([self.C, np.zeros((len(self.C), inputs))])
+        B = np.vstack([self.B, np.eye(inputs)])
+        return StateSpace(A, B, C, np.zeros((len(C), inputs))).to_control(period)
 
 
 def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) -> SampledMachine:
@@ -75,6 +89,15 @@ class ClosedLoop:
     def stable(self) -> bool:
         """Whether all poles lie inside the unit circle."""
         return bool(np.abs(self.poles).max() < 1.0)
+
+    def to_control(self) -> "python_control.StateSpace":
+        """A sampled state space of python-control: references to sensed places, "x", "y", "z", all as deviations.
+
+        Raises FieldmapError where python-control is not installed.
+        """
+        model = StateSpace(self.A, self.B, self.C, np.zeros((len(self.C), self.B.shape[1])))
+        axes = ("x", "y", "z")
+        return model.to_control(self.period, None, [f"reference_{axis}" for axis in axes], axes)
 
 
 def close_loop(

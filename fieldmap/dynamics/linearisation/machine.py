@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,9 @@ from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TU
 from fieldmap.kernels.motion.rotation import turn_matrix
 from fieldmap.kernels.motion.step import rates
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import control as python_control
 
 # Steps of the differences: m, rad, m/s, rad/s, A. Wide enough for the steps of a map from cell to cell (1e-7 of the
 # field), narrow enough for what is left out, which is of fourth order.
@@ -67,8 +71,15 @@ class LinearMachine:
 
     @property
     def model(self) -> StateSpace:
-        """(A, B, C, D), as fieldmap.control and `control.ss(*model)` of python-control take them."""
+        """(A, B, C, D), as fieldmap.control and scipy.signal take them."""
         return StateSpace(self.A, self.B, self.C, self.D)
+
+    def to_control(self) -> "python_control.StateSpace":
+        """A state space of python-control with the names of states, inputs and outputs: u to y, without the loads w.
+
+        Raises FieldmapError where python-control is not installed.
+        """
+        return self.model.to_control(None, self.states, self.inputs, self.outputs)
 
     def only(self, names: tuple[str, ...]) -> "LinearMachine":
         """The same with these states alone, the others held. Raises InputError for names that are not of its states."""

@@ -1,0 +1,81 @@
+"""A map on its nodes as an xarray data set, with coordinates, units, and what the map rests on."""
+
+from typing import TYPE_CHECKING, Any
+
+from fieldmap.extras import require
+from fieldmap.provenance import library_versions
+from fieldmap.store import FieldError, MapInfo
+from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import xarray
+
+_FRAME = "Right-handed frame, z up, SI units."
+_GRADIENT = "dB_component/dx_direction"
+
+
+def data_set(
+    info: MapInfo, kind: str, currents: Array | None, flux: Array, gradient: Array
+) -> "xarray.Dataset":
+    """B and gradient on the nodes of a map, z fastest: (nodes, 3) and (nodes, 3, 3) at currents (n_coils,), A.
+
+    Without currents (nodes, n_coils, 3) and (nodes, n_coils, 3, 3) per ampere. kind: of the lookup that they come from.
+    Raises FieldmapError without xarray.
+    """
+    xarray_module = require("xarray", "xarray", "FieldMap.to_xarray")
+    axes = ("x", "y", "z")
+    shape: tuple[int, ...] = info.grid.shape
+    dims: tuple[str, ...] = axes
+    found: dict[str, Any] = {
+        "reference_current": ("coil", info.reference_current, _about("A", "currents of the stated errors"))
+    }
+    if currents is None:
+        names, per = ("unit_flux_density", "unit_gradient"), " A-1"
+        dims, shape = (*axes, "coil"), (*shape, len(info.coil_names))
+        meaning = " of 1 A in this coil alone"
+    else:
+        names, per, meaning = ("flux_density", "gradient"), "", " of the currents"
+        found["current"] = ("coil", currents, _about("A", "current of each coil"))
+    bound = info.error_bounds.get(kind)
+    found[names[0]] = (
+        (*dims, "component"),
+        flux.reshape(*shape, 3),
+        _about(f"T{per}", f"flux density B{meaning}") | _bound(bound, "flux_density"),
+    )
+    found[names[1]] = (
+        (*dims, "component", "direction"),
+        gradient.reshape(*shape, 3, 3),
+        _about(f"T m-1{per}", f"{_GRADIENT}{meaning}") | _bound(bound, "gradient"),
+    )
+    coordinates: dict[str, Any] = {
+        axis: (axis, values, {**_about("m", f"{axis} of the node"), "axis": axis.upper()})
+        for axis, values in zip(axes, info.grid.axes, strict=True)
+    }
+    coordinates |= {letters: (letters, list(axes)) for letters in ("component", "direction")}
+    coordinates["coil"] = ("coil", list(info.coil_names), {"long_name": "coils in current order"})
+    data: xarray.Dataset = xarray_module.Dataset(found, coordinates, _attributes(info, kind))
+    return data
+
+
+def _about(unit: str, meaning: str) -> dict[str, str]:
+    return {"units": unit, "long_name": meaning}
+
+
+def _bound(bound: FieldError | None, quantity: str) -> dict[str, float]:
+    """Certified for currents up to the reference currents, T or T/m; nothing for a map without certificate."""
+    return {} if bound is None else {"certified_error": float(getattr(bound, quantity))}
+
+
+def _attributes(info: MapInfo, kind: str) -> dict[str, str]:
+    made = info.provenance
+    return {
+        "title": made.title,
+        "Conventions": "CF-1.10",
+        "comment": _FRAME,
+        "source": f"fieldmap {library_versions()['fieldmap']}",
+        "device": made.device_name,
+        "lookup": kind,
+        "assumptions": "\n".join(made.assumptions),
+        "created": made.created,
+        "fingerprint": made.fingerprint,
+    }
