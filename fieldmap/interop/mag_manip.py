@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.errors import MapFileError, Problem
+from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
@@ -140,6 +140,10 @@ def sample_for_mag_manip(
     (n_coils,), A, the one field of these: the program's current is its factor. Raises InputError as `write_mag_manip`
     does.
     """
+    if currents is None and not field.proportional:
+        must_hold = "must be given for a map of saturating iron: mag_manip adds the fields of coils"
+        remedy = "give currents, or --currents on the command line"
+        raise InputError(Problem("sample_for_mag_manip(currents)", must_hold, "none", remedy))
     count = max(sample_grid(field, spacing).shape)
     source = _coil_by_coil(field) if currents is None else _at_currents(field, currents)
     sampled = _sample(field, source, count)

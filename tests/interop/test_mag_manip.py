@@ -104,6 +104,14 @@ def test_one_field_at_fixed_currents(flat, tmp_path):
         sample_for_mag_manip(flat, currents=[1.0, 2.0, 3.0])
 
 
+def test_saturating_iron_needs_currents(flat, monkeypatch):
+    monkeypatch.setattr(type(flat), "proportional", False)
+    with pytest.raises(InputError) as caught:
+        sample_for_mag_manip(flat)
+    assert "currents" in caught.value.problems[0].where
+    assert len(sample_for_mag_manip(flat, 0.01, 1.0).coil_names) == 1
+
+
 def test_as_many_nodes_as_the_spacing_asks_for(flat, ring):
     # The longest side is 48 mm.
     assert sample_for_mag_manip(flat, 0.005).count == 11
