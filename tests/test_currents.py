@@ -201,3 +201,20 @@ def test_a_name_is_taken_once():
 
     with pytest.raises(ValueError, match="groups"):
         register(Another)
+
+
+@pytest.mark.parametrize(
+    ("kind", "lower", "upper", "largest"),
+    [
+        # Beyond u = 2 A all coils alike leave the range of u, though single coils carry more with x and y.
+        (LiftAndDirections(1.25), (1.0, -0.4, -0.4), (2.0, 0.4, 0.4), 2.0),
+        (LiftAndDirections(1.25, 1.8), (1.0, -0.4, -0.4), (2.0, 0.4, 0.4), 1.8),
+        (LiftAndDirections(1.25), (1.0, 0.1, -0.4), (2.0, 0.4, 0.4), None),
+        (IndependentCurrents(2), (0.5, -1.0), (2.0, 3.0), 2.0),
+        (IndependentCurrents(2), (0.0, 5.0), (1.0, 6.0), None),
+        (CoilGroups([[0, 2], [1]]), (-10.0, -4.0), (10.0, 4.0), 4.0),
+    ],
+)
+def test_the_largest_current_that_all_coils_may_carry(kind, lower, upper, largest):
+    found = CurrentDomain(kind, np.array(lower), np.array(upper)).largest_equal_current()
+    assert found == (None if largest is None else pytest.approx(largest, rel=1e-8))

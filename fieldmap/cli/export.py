@@ -162,6 +162,7 @@ def _of_map(
     opened: FieldMap = open_map(existing_map(source), *how)
     amperes = parse_currents(currents, opened.coil_names) if currents else None
     if to == "c":
+        require_currents(not opened.proportional, currents, f"{source} --to c")
         return write_c_files(opened if amperes is None else opened.at(amperes), output)
     return (_writer(to)(opened, output, amperes, spacing),)
 

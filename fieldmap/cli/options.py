@@ -192,14 +192,14 @@ def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, fo
     return problems
 
 
-def require_currents(nonlinear: bool, currents: list[str] | None) -> None:
-    """Currents must be given where the answer is not proportional to them."""
+def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "--nonlinear") -> None:
+    """Currents must be given where the answer is not proportional to them. where: what is not."""
     from fieldmap.errors import InputError, Problem
 
     if nonlinear and not currents:
         raise InputError(
             Problem(
-                "--nonlinear",
+                where,
                 "must come with --currents: how far iron saturates depends on them",
                 "no --currents",
                 "add --currents A (one number for all coils, or one per coil)",

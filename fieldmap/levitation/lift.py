@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible, InputError, NotConverged, Problem
+from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import Balance, check_payload, check_position, dipole_force
@@ -169,7 +169,11 @@ def _by_secant(
             return _of_trials(field, trials, payload, moment, point, shares)
         if len(trials) == MAX_STATES:
             raise _not_converged(point, tried)
-        trials.append(trial(_next_current(tried)))
+        following = _next_current(tried)
+        try:
+            trials.append(trial(following))
+        except OutsideMapError as error:
+            raise _beyond(point, tried, following) from error
 
 
 def _next_current(tried: Sequence[tuple[float, float]]) -> float:
@@ -235,13 +239,27 @@ def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array
     return weights
 
 
-def _not_converged(point: Array, tried: list[tuple[float, float]]) -> NotConverged:
-    last = ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
+def _beyond(point: Array, tried: Sequence[tuple[float, float]], current: float) -> OutsideMapError:
+    return OutsideMapError(
+        Problem(
+            f"lift_current at {(1e3 * point).round(3).tolist()} mm",
+            "the lift must reach the weight at a current that the field holds",
+            f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A",
+            "choose a position nearer to the iron, or a field that holds more current",
+        )
+    )
+
+
+def _last(tried: Sequence[tuple[float, float]]) -> str:
+    return ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
+
+
+def _not_converged(point: Array, tried: Sequence[tuple[float, float]]) -> NotConverged:
     return NotConverged(
         Problem(
             f"lift_current at {(1e3 * point).round(3).tolist()} mm",
             f"the lift must reach the weight within {MAX_STATES} states",
-            f"lift / weight at the last of them: {last}",
+            f"lift / weight at the last of them: {_last(tried)}",
             "choose a position nearer to the iron, other shares, or a first current nearer to the answer",
         ),
         residuals=tuple(abs(value) for _, value in tried),

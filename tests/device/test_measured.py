@@ -14,6 +14,17 @@ def test_the_drive_unit_as_printed():
     assert machine.lift_source == "(7-18)"
 
 
+def test_shifts_count_from_what_was_read_at_signal_0():
+    """Table 6-2; at signal 0 -0.088 mm (Table 6-4), where the table of n = 1.5 has nothing."""
+    first, second = measured_machine("drive_unit").shifts
+    assert (first.n, second.n) == (1.25, 1.5)
+    assert (first.reading_mm, second.reading_mm) == (10.0, 10.0)
+    assert (first.zero_mm, second.zero_mm) == (-0.088, -0.088)
+    assert (first.x_signals[0], first.x_mm[0], first.x_mm[-1]) == (0.05, 0.844, 9.329)
+    assert (second.x_signals[-1], second.x_mm[-1]) == (0.39, 10.67)
+    assert len(first.x_mm) == len(first.x_signals) == 8
+
+
 @pytest.mark.parametrize("reading", [0.0, 12.5, 40.0])
 @pytest.mark.parametrize("offset", [0.0, 0.015])
 def test_reading_and_height_are_inverse(reading, offset):

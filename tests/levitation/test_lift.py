@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError
+from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import BaseField, as_field
 from fieldmap.levitation import (
     DifferencedField,
@@ -89,6 +89,19 @@ class Law(BaseField):
 
     def gradient(self, points, currents):
         return self.state(currents).gradient(points)
+
+
+class UpTo(Law):
+    """The same, held up to a largest current."""
+
+    def __init__(self, shape, law, largest):
+        super().__init__(shape, law)
+        self.largest = largest
+
+    def state(self, currents):
+        if currents[0] > self.largest:
+            raise OutsideMapError(Problem("currents", "must be held", f"{currents[0]}", "none"))
+        return super().state(currents)
 
 
 def knee(slope):
@@ -217,3 +230,13 @@ def test_former_names_warn_and_give_the_same_bits(axisymmetric):
     assert old.history == new.history
     for name in ("currents", "force", "force_per_ampere", "stiffness", "field"):
         np.testing.assert_array_equal(getattr(old, name), getattr(new, name))
+
+
+def test_a_current_beyond_the_field_says_how_far_it_came(axisymmetric):
+    field = UpTo(axisymmetric(COEFFICIENTS), knee(0.5), 1.2 * NEEDED)
+    with pytest.raises(OutsideMapError) as caught:
+        lift_current(field, PAYLOAD, POINT, first=NEEDED)
+    (problem,) = caught.value.problems
+    assert problem.where.startswith("lift_current at [0.0, 0.0, 20.0] mm")
+    # 0.6 + 0.5 (1 - 0.6) of the weight at what a straight law would need.
+    assert f"0.8 at {NEEDED:.4g} A" in problem.received

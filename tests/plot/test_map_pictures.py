@@ -75,6 +75,14 @@ def test_a_map_without_a_payload_shows_its_field(circle_of_six, dipole_map, tmp_
     assert (scene.path is None) == bool(scene.problem)
 
 
+def test_without_opengl_the_figure_is_drawn_all_the_same(six_map, monkeypatch):
+    monkeypatch.setattr("fieldmap.plot.rendering.can_render", lambda: False)
+    figure, scene = save_map_pictures(summarise_map(six_map))
+    assert figure.path == six_map.with_name("six.png")
+    assert (scene.path, bool(scene.problem)) == (None, True)
+    assert [path.name for path in six_map.parent.glob("*.png")] == ["six.png"]
+
+
 def test_the_figure_beside_measurements(six_map, legible):
     from dataclasses import replace
 
