@@ -128,17 +128,21 @@ def _accuracy(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     if of.meshed:
         finer = "not measured; a map with a larger refinement under [iron] shows it"
         yield "mesh error", f"{_shares(of.mesh)} of the largest, estimated" if of.mesh else finer
-    found = []
-    if of.bound is not None:
-        currents = "" if summary.domain is None else " at any of its currents"
-        found.append(f"within {_sizes(of.bound)} of the solver anywhere in the box{currents} (certified)")
-    if of.interpolation is not None:
-        found.append(
-            f"largest found {_sizes(of.interpolation)}, at sampled points with {_reference(summary)}"
-        )
-    yield "interpolation", "; ".join(found) or "not measured"
+    yield "interpolation", _interpolation(summary)
     if summary.domain is not None:
         yield "current model", _current_model(summary)
+
+
+def _interpolation(summary: "MapSummary") -> str:
+    """The bound of the form that `open_map` takes; where there is none, what was sampled of the other form."""
+    of, reference = summary.accuracy, _reference(summary)
+    if of.bound is not None:
+        currents = f"up to {reference}" if summary.domain is None else "at all currents"
+        return f"certified: within {_sizes(of.bound)} of the solver in the box, {currents}"
+    if of.interpolation is not None:
+        found = _sizes(of.interpolation)
+        return f"largest found {found}, at sampled points in the Hermite form with {reference}"
+    return "not measured"
 
 
 def _shares(error: "ErrorShares") -> str:

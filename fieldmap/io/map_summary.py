@@ -66,9 +66,9 @@ class TriedStates:
 class MapAccuracy:
     """How exact a map is: mesh, interpolation between its nodes, and current model. None: not measured.
 
-    meshed: whether there is iron with a mesh, which makes an error. mesh: estimated. interpolation: the largest found,
-    T and T/m; bound: a certified one. current_model: the largest found at the states `tried`; nothing is tried of a map
-    that is linear in the currents.
+    meshed: whether there is iron with a mesh, which makes an error. mesh: estimated. bound: certified for lookups by
+    the harmonic form, T and T/m; interpolation: the largest found at sampled points, of the Hermite form.
+    current_model: the largest found at the states `tried`; nothing is tried of a map that is linear in the currents.
     """
 
     meshed: bool
