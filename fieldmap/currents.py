@@ -30,7 +30,6 @@ TOLERANCE = 1e-6
 """Currents belong to signals if they differ from those of the nearest signals by no more than this share."""
 ROUNDING = 1e-9
 """Signals lie in a domain if they are beyond it by no more than this share of its range."""
-MOST_CORNERS = 64
 ASSUMED_N = 1.25
 """n of `LiftAndDirections` where six coils are divided and nothing says how: an assumption, of one rig."""
 

@@ -16,6 +16,7 @@ import numpy as np
 from fieldmap.errors import InputError
 from fieldmap.interpolants import Form, cell_form, contract, global_form, hermite_form, set_size
 from fieldmap.kernels.map import lookup as kernels
+from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array
 
@@ -104,9 +105,13 @@ def certified_bounds(data: MapData, unit_fields: UnitFields, scale: Array) -> Ma
         whole, scale, surface, unit_fields
     )
     cells = cell_form(data, "raise")
-    inner = between_samples(FACE_POINTS, FACE_DEGREE) * np.max(
-        [difference_of_forms(cells, whole, scale, points) for points in _faces_of_cells(data.grid)], axis=0
-    )
+
+    def of_slab(number: int) -> Array:
+        return difference_of_forms(cells, whole, scale, _faces_of_cells(data.grid, number))
+
+    slabs = range(data.grid.shape[0] - 1)
+    found = [outcome.result() for outcome in in_threads(of_slab, slabs, threads_of_kernels())]
+    inner = between_samples(FACE_POINTS, FACE_DEGREE) * np.max(found, axis=0)
     return {"harmonic": FieldError(*map(float, outer + inner)), "global": FieldError(*map(float, outer))}
 
 
@@ -129,12 +134,9 @@ def _on_faces(lower: Array, size: Array, count: int, inside: float) -> Array:
     return lower[:, None, :] + unit * size
 
 
-def _faces_of_cells(grid: Grid) -> Iterator[Array]:
-    """Points (m, 3) on the faces of all cells, a slab of cells after the other."""
+def _faces_of_cells(grid: Grid, slab: int) -> Array:
+    """Points (m, 3) on the faces of the cells of one slab across x."""
     spacing = np.array(grid.spacing)
     ny, nz = (n - 1 for n in grid.shape[1:])
-    for i in range(grid.shape[0] - 1):
-        index = np.stack(np.meshgrid([i], np.arange(ny), np.arange(nz), indexing="ij"), axis=-1).reshape(
-            -1, 3
-        )
-        yield _on_faces(grid.lower + index * spacing, spacing, FACE_POINTS, _INSIDE).reshape(-1, 3)
+    index = np.stack(np.meshgrid([slab], np.arange(ny), np.arange(nz), indexing="ij"), axis=-1).reshape(-1, 3)
+    return _on_faces(grid.lower + index * spacing, spacing, FACE_POINTS, _INSIDE).reshape(-1, 3)

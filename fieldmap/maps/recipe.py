@@ -158,7 +158,7 @@ class CurrentKeys(Table):
     )
     modes: Annotated[int, Field(ge=2, le=200)] = Field(default=60, description="most amplitudes of the iron")
     points: Annotated[int, Field(ge=20, le=5000)] = Field(
-        default=800, description="about how many points of the iron at which the law is evaluated"
+        default=800, description="most points of the iron at which the law is evaluated"
     )
     fields: Annotated[int, Field(ge=1, le=100)] = Field(
         default=20, description="most fields of the iron in the map"
@@ -256,9 +256,9 @@ class Plan:
     """How a reduced model is trained.
 
     states: most that are solved to train it; accuracy: share of the largest flux density in the workspace (of the
-    largest gradient: twice that) within which the model must predict the states that it is least sure of, so that no
-    more are solved; modes: most amplitudes; points: conditions of the cubature, about as many sample points; fields:
-    most iron fields in the map; held_out: states at random solved to measure the error; tolerance: of the solver.
+    largest gradient: twice that) within which the model must predict the last states that were solved, so that no
+    more are; modes: most amplitudes; points: most sample points; fields: most iron fields in the map; held_out: states
+    at random solved to measure the error; tolerance: of the solver.
     """
 
     states: int

@@ -3,7 +3,22 @@
 Depends on: errors, arguments, numba, threadpoolctl; dask.distributed where there is more than one process.
 """
 
-from fieldmap.parallel.work import Common, Outcome, WorkerDied, same_arithmetic
+from fieldmap.parallel.work import (
+    Common,
+    Outcome,
+    WorkerDied,
+    in_threads,
+    same_arithmetic,
+    threads_of_kernels,
+)
 from fieldmap.parallel.workers import Workers
 
-__all__ = ["Common", "Outcome", "WorkerDied", "Workers", "same_arithmetic"]
+__all__ = [
+    "Common",
+    "Outcome",
+    "WorkerDied",
+    "Workers",
+    "in_threads",
+    "same_arithmetic",
+    "threads_of_kernels",
+]

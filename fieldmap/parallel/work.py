@@ -3,14 +3,18 @@
 Whoever computes, the last bits are the same: linear algebra sums in an order that does not follow the number of cores.
 """
 
+import itertools
 import traceback
 import uuid
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from time import monotonic, process_time
+from time import monotonic, process_time, thread_time
 from typing import Any, Generic, TypeVar, cast
 
+import numba
 from threadpoolctl import threadpool_limits
 
 from fieldmap.errors import FieldmapError
@@ -105,14 +109,58 @@ class Outcome(Generic[R]):
 
 def attempt(index: int, function: Callable[..., R], *arguments: Any) -> Outcome[R]:
     """Call the function; an error becomes part of the outcome, unless it is an interruption."""
-    begin, processor = monotonic(), process_time()
+    with same_arithmetic():
+        return _attempt(index, function, arguments, process_time)
+
+
+def in_threads(
+    function: Callable[..., R], items: Sequence[Any], count: int, *shared: Any
+) -> Iterator[Outcome[R]]:
+    """function(*shared, item) for every item, in `count` threads of this process: outcomes in the order of the items.
+
+    Kernels use one thread in each of them.
+    """
+    with (
+        same_arithmetic(),
+        ThreadPoolExecutor(count, initializer=numba.set_num_threads, initargs=(1,)) as executor,
+    ):
+        tasks = (
+            executor.submit(_attempt, index, function, (*shared, item), thread_time)
+            for index, item in enumerate(items)
+        )
+        under_way = deque(itertools.islice(tasks, count))
+        try:
+            while under_way:
+                outcome = under_way.popleft().result()
+                # Not all at once: whoever stops early must not wait for the others.
+                under_way.extend(itertools.islice(tasks, 1))
+                yield outcome
+        finally:
+            for future in under_way:
+                future.cancel()
+
+
+def threads_of_kernels() -> int:
+    """How many threads may call kernels at the same time: the processors of this process, where the layer by which
+    kernels divide their own work allows it, else 1."""
+    try:
+        safe = numba.threading_layer() in ("omp", "tbb")
+    except ValueError:
+        # No kernel has divided its work yet.
+        return 1
+    return int(numba.config.NUMBA_NUM_THREADS) if safe else 1  # type: ignore[attr-defined]
+
+
+def _attempt(
+    index: int, function: Callable[..., R], arguments: tuple[Any, ...], clock: Callable[[], float]
+) -> Outcome[R]:
+    begin, processor = monotonic(), clock()
     value, failed = None, None
     try:
-        with same_arithmetic():
-            value = function(*arguments)
+        value = function(*arguments)
     except Exception as error:
         if not isinstance(error, FieldmapError):
             # Tracebacks do not travel between processes; where to look for the mistake should.
             error.add_note(traceback.format_exc())
         failed = error
-    return Outcome(index, value, failed, monotonic() - begin, process_time() - processor)
+    return Outcome(index, value, failed, monotonic() - begin, clock() - processor)

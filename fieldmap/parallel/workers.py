@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 from fieldmap.arguments import check_count
 from fieldmap.errors import InputError, Problem
-from fieldmap.parallel.work import Common, Outcome, attempt
+from fieldmap.parallel.work import Common, Outcome, attempt, in_threads, threads_of_kernels
 
 R = TypeVar("R")
 _REMEDY = 'install it with   pip install "fieldmap[cluster]"'
@@ -78,11 +78,16 @@ class Workers:
             self._pool.prepare(common)
 
     def map(
-        self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None = None
+        self,
+        function: Callable[..., R],
+        items: Sequence[Any],
+        common: Common[Any] | None = None,
+        threads: bool = False,
     ) -> Iterator[Outcome[R]]:
         """function(item), or function(common.here(), item), for every item: one outcome each, as they are done.
 
-        In this process they come in the order of the items, elsewhere in any. An item whose process dies is given to
+        In this process they come in the order of the items, elsewhere in any. threads: here, several items at a time;
+        the function must allow it. An item whose process dies is given to
         another one, as if nothing had happened; if that happens to it four times, its outcome is an error. function,
         items and results must be picklable where other processes do the work: a function of a module, not a lambda.
         """
@@ -91,8 +96,14 @@ class Workers:
                 self._processor_seconds += outcome.processor_seconds
                 yield outcome
             return
+        if not items:
+            return
+        shared = () if common is None else (common.here(),)
+        count = min(threads_of_kernels(), len(items)) if threads else 1
+        if count > 1:
+            yield from in_threads(function, items, count, *shared)
+            return
         for index, item in enumerate(items):
-            shared = () if common is None else (common.here(),)
             yield attempt(index, function, *shared, item)
 
     def results(

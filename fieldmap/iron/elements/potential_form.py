@@ -116,19 +116,26 @@ class ConvexForm(Generic[E]):
         """One source of nonlinear iron, by Newton with exact line search from `start` (n, 1). Raises NotConverged."""
         phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
         scale, residuals = 0.0, []
+        factor: SparseFactor | None = None
         # The air is linear: its share of the residual is carried along instead of computed anew.
         air = self._exterior.apply(phi[:, None])[:, 0]
         inner = self._residual(phi, field, 0, material)
         for _ in range(_MAX_NEWTON_STEPS):
             right = inner - air
+            if factor is not None:
+                # Close to the solution the tangent of the step before is as good a norm.
+                norm = _energy_norm(right, factor.solve(right))
+                if norm < tolerance * scale:
+                    residuals.append(norm / scale)
+                    return self._state(phi[:, None], field, material, tuple(residuals))
             entries = self._tangent_entries(phi, field, 0, material)
             factor = self._factor(entries)
             first = factor.solve(right)
             # The energy norm of the residual, relative to that of the coils' drive.
-            norm = float(np.sqrt(max(float(right @ first), 0.0)))
+            norm = _energy_norm(right, first)
             if scale == 0.0:
                 drive = inner if start is None else self._residual(np.zeros_like(phi), field, 0, material)
-                scale = float(np.sqrt(drive @ factor.solve(drive))) or 1.0
+                scale = _energy_norm(drive, factor.solve(drive)) or 1.0
             residuals.append(norm / scale)
             if residuals[-1] < tolerance:
                 return self._state(phi[:, None], field, material, tuple(residuals))
@@ -158,14 +165,6 @@ class ConvexForm(Generic[E]):
     def tangent(self, material: Magnetisation, field: Any, potential: Array) -> csr_matrix:
         """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
         return self._tangent(potential, field, 0, material)
-
-    def inner_residual(self, potential: Array, field: Any, material: Magnetisation) -> Array:
-        """The iron's share (n,) of R at a potential (n,): R is this less `air`."""
-        return self._residual(np.ascontiguousarray(potential), field, 0, material)
-
-    def preconditioner(self, material: Magnetisation, field: Any, potential: Array) -> SparseFactor:
-        """The tangent at a potential (n,), with a mass of the body's capacity for the air, factored."""
-        return self._factor(self._tangent_entries(potential, field, 0, material))
 
     def _factor(self, entries: Array) -> SparseFactor:
         """Of a tangent, with the capacity for the air."""
@@ -273,6 +272,11 @@ class PotentialForm(ConvexForm[NodalElements]):
     def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
         law, tables, remanence = material.law, material.tables, material.remanence
         return PotentialField(self.elements, potential, field, law, tables, remanence)
+
+
+def _energy_norm(residual: Array, step: Array) -> float:
+    """sqrt(R . K^-1 R) of a residual R and K^-1 R."""
+    return float(np.sqrt(max(float(residual @ step), 0.0)))
 
 
 def _unit_law() -> LawTables:

@@ -4,8 +4,9 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_blas_funcs, get_lapack_funcs
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_lapack_funcs
 
+from fieldmap.kernels.iron.symmetric_product import symmetric_product
 from fieldmap.typing import Array
 
 # Numbers that are scaled at a time: 8 MB.
@@ -67,6 +68,8 @@ class DenseMutualPotential:
             self._inverse, failed = invert(factor, lower=True, overwrite_c=True)
             if failed:
                 raise LinAlgError(f"the inverse of a factor has failed at row {failed}")
+            # The lower triangle in Fortran's order is the upper one in C's.
+            self._inverse = self._inverse.T
 
     def _scaled(self, precision: type[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """The matrix with a unit diagonal, in Fortran's order, row by row: nothing else of its size is made."""
@@ -95,7 +98,7 @@ class DenseMutualPotential:
 
     def __matmul__(self, charge: Array) -> Array:
         """Mean potentials (s, c) of charges (s, c)."""
-        return _symmetric_product(self.matrix.T, charge)
+        return _product(self.matrix, charge)
 
     def solve(self, potential: Array, refinements: int = 0) -> Array:
         """Charges (s, c) with these mean potentials (s, c); see `MutualPotential.solve`."""
@@ -107,14 +110,13 @@ class DenseMutualPotential:
     def _approximate(self, right: Array) -> Array:
         scaled = (self._scale * right).astype(self._factor[0].dtype)
         if self._inverse is not None:
-            return self._scale * _symmetric_product(self._inverse, scaled)
+            return self._scale * _product(self._inverse, scaled)
         return self._scale * cho_solve(self._factor, scaled, overwrite_b=True, check_finite=False)
 
 
-def _symmetric_product(matrix: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Product of a symmetric matrix (n, n) in Fortran's order, of which the lower triangle counts, with (n, c).
-
-    Column by column: BLAS reads half the matrix for each, where for several at once it reads the whole more slowly.
-    """
-    (product,) = get_blas_funcs(("symv",), (matrix, right))
-    return np.stack([product(1.0, matrix, column, lower=True) for column in right.T], axis=1)
+def _product(matrix: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """Product of a symmetric matrix (n, n), of which the upper triangle counts, with (n, c)."""
+    columns = np.ascontiguousarray(right.T, matrix.dtype)
+    out = np.empty_like(columns)
+    symmetric_product(matrix, columns, out)
+    return out.T

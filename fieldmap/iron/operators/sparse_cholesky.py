@@ -113,7 +113,6 @@ class Elimination:
             self.entry_start,
             self.place,
             self.start,
-            self.rows,
             self.row_start,
             self.parent,
             self.relative,

@@ -44,7 +44,19 @@ def _gradient(values, nodes, d, out):
         out[2] += p * d[i, 2]
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, inline="always")
+def _strength(potential, bubble, nodes, source, d, h):
+    """h (3,) = source (3,) + grad bubble - grad potential, for shape gradients d; returns its size."""
+    h[0], h[1], h[2] = source[0], source[1], source[2]
+    for i in range(10):
+        p = bubble[nodes[i]] - potential[nodes[i]]
+        h[0] += p * d[i, 0]
+        h[1] += p * d[i, 1]
+        h[2] += p * d[i, 2]
+    return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
+
+
+@njit(cache=True, parallel=True, nogil=True)
 def residual(
     potential, source, bubble, nodes, gradients, volume, law, remanence, offset, knots, coefficients
 ):
@@ -58,26 +70,24 @@ def residual(
     out = np.zeros((count, 10))
     for e in prange(count):
         d = np.empty((10, 3))
-        up, ub = np.empty(3), np.empty(3)
+        h, g = np.empty(3), np.empty(3)
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
-            _gradient(potential, nodes[e], d, up)
-            _gradient(bubble, nodes[e], d, ub)
-            tx, ty, tz = source[e, 0] + ub[0], source[e, 1] + ub[1], source[e, 2] + ub[2]
-            hx, hy, hz = tx - up[0], ty - up[1], tz - up[2]
-            h = math.sqrt(hx * hx + hy * hy + hz * hz)
-            b, slope = flux_density(h, law[e], offset, knots, coefficients)
-            m = b / h if h > 1e-30 else slope
+            size = _strength(potential, bubble, nodes[e], source[e], d, h)
+            _gradient(potential, nodes[e], d, g)
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            # b(h) - t = (b / |h| - 1) h - grad potential
+            m = (b / size if size > 1e-30 else slope) - 1.0
             w = 0.25 * volume[e]
-            rx = w * (m * hx + remanence[e, 0] - tx)
-            ry = w * (m * hy + remanence[e, 1] - ty)
-            rz = w * (m * hz + remanence[e, 2] - tz)
+            rx = w * (m * h[0] + remanence[e, 0] - g[0])
+            ry = w * (m * h[1] + remanence[e, 1] - g[1])
+            rz = w * (m * h[2] + remanence[e, 2] - g[2])
             for i in range(10):
                 out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
     return out
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, nogil=True)
 def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, knots, coefficients):
     """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j; arguments as for `residual`.
 
@@ -88,23 +98,16 @@ def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, kn
     for e in prange(count):
         d = np.empty((10, 3))
         along = np.empty(10)
-        up, ub = np.empty(3), np.empty(3)
+        h = np.empty(3)
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
-            _gradient(potential, nodes[e], d, up)
-            _gradient(bubble, nodes[e], d, ub)
-            hx, hy, hz = (
-                source[e, 0] + ub[0] - up[0],
-                source[e, 1] + ub[1] - up[1],
-                source[e, 2] + ub[2] - up[2],
-            )
-            h = math.sqrt(hx * hx + hy * hy + hz * hz)
-            b, slope = flux_density(h, law[e], offset, knots, coefficients)
-            m = b / h if h > 1e-30 else slope
+            size = _strength(potential, bubble, nodes[e], source[e], d, h)
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            m = b / size if size > 1e-30 else slope
             w = 0.25 * volume[e]
-            extra = w * (slope - m) / (h * h) if h > 1e-30 else 0.0
+            extra = w * (slope - m) / (size * size) if size > 1e-30 else 0.0
             for i in range(10):
-                along[i] = d[i, 0] * hx + d[i, 1] * hy + d[i, 2] * hz
+                along[i] = d[i, 0] * h[0] + d[i, 1] * h[1] + d[i, 2] * h[2]
             for i in range(10):
                 for j in range(i + 1):
                     dot = d[i, 0] * d[j, 0] + d[i, 1] * d[j, 1] + d[i, 2] * d[j, 2]
@@ -115,7 +118,7 @@ def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, kn
     return out
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, nogil=True)
 def source_response(
     potential,
     source,
@@ -136,31 +139,30 @@ def source_response(
     out = np.zeros((count, 10))
     for e in prange(count):
         d = np.empty((10, 3))
-        up, ub, uc = np.empty(3), np.empty(3), np.empty(3)
+        h, t = np.empty(3), np.empty(3)
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
-            _gradient(potential, nodes[e], d, up)
-            _gradient(bubble, nodes[e], d, ub)
-            _gradient(by_bubble, nodes[e], d, uc)
-            hx, hy, hz = (
-                source[e, 0] + ub[0] - up[0],
-                source[e, 1] + ub[1] - up[1],
-                source[e, 2] + ub[2] - up[2],
-            )
-            tx, ty, tz = by_source[e, 0] + uc[0], by_source[e, 1] + uc[1], by_source[e, 2] + uc[2]
-            h = math.sqrt(hx * hx + hy * hy + hz * hz)
-            b, slope = flux_density(h, law[e], offset, knots, coefficients)
-            m = b / h if h > 1e-30 else slope
+            size = _strength(potential, bubble, nodes[e], source[e], d, h)
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            m = b / size if size > 1e-30 else slope
+            _gradient(by_bubble, nodes[e], d, t)
+            for k in range(3):
+                t[k] += by_source[e, k]
             w = 0.25 * volume[e]
-            along = w * (slope - m) * (hx * tx + hy * ty + hz * tz) / (h * h) if h > 1e-30 else 0.0
+            along = w * (slope - m) / (size * size) if size > 1e-30 else 0.0
+            along *= h[0] * t[0] + h[1] * t[1] + h[2] * t[2]
             across = w * (m - 1.0)
-            rx, ry, rz = across * tx + along * hx, across * ty + along * hy, across * tz + along * hz
+            rx, ry, rz = (
+                across * t[0] + along * h[0],
+                across * t[1] + along * h[1],
+                across * t[2] + along * h[2],
+            )
             for i in range(10):
                 out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
     return out
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, nogil=True)
 def mean_fields(potential, source, bubble, nodes, gradients, law, remanence, offset, knots, coefficients):
     """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points."""
     count = nodes.shape[0]
@@ -168,21 +170,13 @@ def mean_fields(potential, source, bubble, nodes, gradients, law, remanence, off
     largest = np.zeros(count)
     for e in prange(count):
         d = np.empty((10, 3))
-        up, ub = np.empty(3), np.empty(3)
+        h = np.empty(3)
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
-            _gradient(potential, nodes[e], d, up)
-            _gradient(bubble, nodes[e], d, ub)
-            hx, hy, hz = (
-                source[e, 0] + ub[0] - up[0],
-                source[e, 1] + ub[1] - up[1],
-                source[e, 2] + ub[2] - up[2],
-            )
-            h = math.sqrt(hx * hx + hy * hy + hz * hz)
-            b, slope = flux_density(h, law[e], offset, knots, coefficients)
-            m = b / h if h > 1e-30 else slope
-            largest[e] = max(largest[e], h)
-            mean[e, 0] += 0.25 * (m * hx + remanence[e, 0])
-            mean[e, 1] += 0.25 * (m * hy + remanence[e, 1])
-            mean[e, 2] += 0.25 * (m * hz + remanence[e, 2])
+            size = _strength(potential, bubble, nodes[e], source[e], d, h)
+            b, slope = flux_density(size, law[e], offset, knots, coefficients)
+            m = b / size if size > 1e-30 else slope
+            largest[e] = max(largest[e], size)
+            for k in range(3):
+                mean[e, k] += 0.25 * (m * h[k] + remanence[e, k])
     return mean, largest

@@ -185,6 +185,13 @@ def relative_rows(start, rows, row_start, parent):
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
+def _scale(factor, x):
+    """x *= factor."""
+    for j in range(x.size):
+        x[j] *= factor
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def _add(factor, x, y):
     """y += factor x."""
     for j in range(x.size):
@@ -218,8 +225,7 @@ def _eliminate(front, size, width):
             if not pivot > 0.0:
                 return False
             row = front[j * size + j : (j + 1) * size]
-            # (1 + factor) x = x / sqrt(pivot)
-            _add(1.0 / math.sqrt(pivot) - 1.0, row, row)
+            _scale(1.0 / math.sqrt(pivot), row)
             for k in range(j + 1, end):
                 _add(-row[k - j], row[k - j :], front[k * size + k : (k + 1) * size])
         whole = end - begin == _UNROLLED
@@ -234,9 +240,7 @@ def _eliminate(front, size, width):
 
 
 @njit(cache=True, nogil=True)
-def factorise(
-    values, entry_start, place, start, rows, row_start, parent, relative, panel_start, panels, work
-):
+def factorise(values, entry_start, place, start, row_start, parent, relative, panel_start, panels, work):
     """Fill `panels` with the columns of the factor: those of supernode s as (rows, columns) from panel_start[s] on.
 
     values: the entries of the lower triangle, those of supernode s from entry_start[s] to entry_start[s + 1], each at
@@ -244,12 +248,16 @@ def factorise(
     the first column whose pivot is not positive, or -1.
     """
     nodes = start.size - 1
-    top = 0
+    top, largest = 0, 0
+    for s in range(nodes):
+        largest = max(largest, row_start[s + 1] - row_start[s])
+    scratch = np.empty(largest * largest)
     begin_of = np.empty(nodes, np.int64)
     waiting, stack = 0, np.empty(nodes, np.int64)
     for s in range(nodes):
         size, width = row_start[s + 1] - row_start[s], start[s + 1] - start[s]
-        front = np.zeros(size * size)
+        front = scratch[: size * size]
+        front[:] = 0.0
         for p in range(entry_start[s], entry_start[s + 1]):
             front[place[p]] += values[p]
         while waiting and parent[stack[waiting - 1]] == s:

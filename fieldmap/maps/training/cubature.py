@@ -22,6 +22,7 @@ _OVERSAMPLING = 20
 _PROJECTIONS = 40
 # Eigenvalues of a Gram matrix below this share of the largest are rounding.
 _ROUNDING = 1e-13
+_GOLDEN = (5**0.5 - 1.0) / 2.0
 
 
 def empirical_cubature(
@@ -73,13 +74,17 @@ def _importance(sketch: Array, combined: Array, random: np.random.Generator) -> 
 
 
 def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Generator) -> Array:
-    """Random combinations (p, columns) of all contributions. Those of one state go to some of the columns only,
+    """Random combinations (p, columns) of all contributions. Those of one state go to some successive columns only,
     twice as many as they are themselves: as good a range for a fraction of the products."""
     total: Array | None = None
-    for part in contributions:
+    for number, part in enumerate(contributions):
         if total is None:
             total = np.zeros((len(part), columns), order="F")
         few = min(columns, 2 * part.shape[1])
-        to = random.permutation(columns)[:few]
-        total[:, to] += part @ (random.standard_normal((part.shape[1], few)) / np.sqrt(few))
+        mixed = part @ (random.standard_normal((part.shape[1], few)) / np.sqrt(few))
+        # Every column gets about as many states: successive ones lie a golden section apart.
+        first = int(columns * (number * _GOLDEN % 1.0))
+        end = min(first + few, columns)
+        total[:, first:end] += mixed[:, : end - first]
+        total[:, : first + few - end] += mixed[:, end - first :]
     return np.empty((0, columns)) if total is None else total

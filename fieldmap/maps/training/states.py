@@ -225,7 +225,7 @@ class SolvedStates:
         done, begin = len(wanted) - len(missing), monotonic()
         if missing:
             tell(done)
-        for outcome in self.workers.map(_solved, items, self.solver):
+        for outcome in self.workers.map(_solved, items, self.solver, threads=True):
             number = missing[outcome.index]
             found[number] = self._put(wanted[number], outcome, monotonic() - begin)
             done, begin = done + 1, monotonic()

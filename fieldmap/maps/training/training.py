@@ -20,7 +20,6 @@ from fieldmap.maps.training.states import (
     SolvedStates,
     Wanted,
     corner_signals,
-    corners,
     held_out,
     is_among,
     nothing,
@@ -285,7 +284,7 @@ def train(
         for name, found in tried.items()
         if found.solved
     }
-    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, corners(domain)]))
+    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, of_corners]))
     return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
 
 
