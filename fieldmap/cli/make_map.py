@@ -40,22 +40,24 @@ def make_map(
     """Compute the map that a recipe describes. A stopped run continues where it was."""
     from fieldmap.cli.progress import Progress
     from fieldmap.io import refuse_directory
+    from fieldmap.kernels.compile_ahead import compiled_ahead
     from fieldmap.maps import generate
 
     refuse_directory(recipe)
-    try:
-        with Progress("map") as progress:
-            path = generate(recipe, output, resume, progress, workers, scheduler)
-    except KeyboardInterrupt:
-        print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
-        raise
-    _tell_failed_states(path)
-    if summary or json or pictures:
-        from fieldmap.cli.info import print_summary
+    with compiled_ahead():
+        try:
+            with Progress("map") as progress:
+                path = generate(recipe, output, resume, progress, workers, scheduler)
+        except KeyboardInterrupt:
+            print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
+            raise
+        _tell_failed_states(path)
+        if summary or json or pictures:
+            from fieldmap.cli.info import print_summary
 
-        print_summary(path, json, (summary and not json) if pictures is None else pictures)
-    else:
-        print(path)
+            print_summary(path, json, (summary and not json) if pictures is None else pictures)
+        else:
+            print(path)
 
 
 def _tell_failed_states(path: Path) -> None:

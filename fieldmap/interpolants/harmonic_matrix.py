@@ -1,6 +1,9 @@
 """What a harmonic polynomial gives at points, as a matrix on its coefficients."""
 
+from math import factorial
+
 import numpy as np
+from scipy.sparse import csr_array
 
 from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
 from fieldmap.typing import Array
@@ -21,3 +24,32 @@ def gradient_matrix(degree: int, points: Array) -> Array:
         for j in range(3)
     ]
     return np.stack(rows, axis=1).reshape(len(points), 3, 3, (degree + 1) ** 2)
+
+
+def about(coefficients: Array, degree: int, axis: int, shift: float) -> Array:
+    """Coefficients ((degree + 1)^2, n) of the same polynomials about an origin `shift` further along an axis.
+
+    Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
+    """
+    derivative = csr_array(derivative_matrix(degree, axis))
+    # The derivative has one degree less: its coefficients of the last degree are zero.
+    derivative.resize(((degree + 1) ** 2, (degree + 1) ** 2))
+    total, term = coefficients.copy(), coefficients
+    for k in range(1, degree + 1):
+        term = (shift / k) * (derivative @ term)
+        total += term
+    return total
+
+
+def largest_on_sphere(degree: int) -> Array:
+    """Weights ((degree + 1)^2,) w with |p_l| <= r^l sqrt(sum_m w_lm c_lm^2) at radius r, for each degree l of p.
+
+    |p_l|^2 is at most (2 l + 1) / (4 pi) times its integral over the unit sphere (addition theorem), where the
+    harmonics are orthogonal with squares 4 pi / ((2 l + 1) (l + m)! (l - m)!), half of it for m > 0.
+    """
+    weights = np.empty((degree + 1) ** 2)
+    for l in range(degree + 1):
+        of_order = [1.0 / (factorial(l + m) * factorial(l - m)) for m in range(l + 1)]
+        weights[l * l] = of_order[0]
+        weights[l * l + 1 : (l + 1) ** 2] = np.repeat(of_order[1:], 2) / 2.0
+    return weights

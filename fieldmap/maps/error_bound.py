@@ -12,10 +12,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeAlias
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from fieldmap.errors import InputError
 from fieldmap.interpolants import Form, cell_form, contract, global_form, hermite_form, set_size
+from fieldmap.interpolants.harmonic_matrix import about, field_matrix, gradient_matrix, largest_on_sphere
 from fieldmap.kernels.map import lookup as kernels
+from fieldmap.kernels.map.map_block import DEGREE, HEADER, LENGTH
+from fieldmap.kernels.map.solid_harmonics import derivative_matrix
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array
@@ -29,9 +33,7 @@ SURFACE_POINTS, SURFACE_DEGREE = 24, 18
 SOLVER_POINTS = 6 * SURFACE_POINTS**2
 # The polynomials of cells have degree 5; a cell is small against the distance of all sources.
 FACE_POINTS, FACE_DEGREE = 12, 8
-# Points on the faces of a cell lie this share of it inside, so that a lookup takes this cell and no other.
-_INSIDE = 1e-9
-
+_SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 UnitFields: TypeAlias = Callable[[Array], Pair]
 """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3) at points (n, 3), per ampere or at weight 1."""
@@ -68,11 +70,6 @@ def difference_to_solver(form: Form, scale: Array, points: Array, unit_fields: U
     return _largest(_by_field(form, points), zip(*unit_fields(points), strict=True), scale)
 
 
-def difference_of_forms(one: Form, other: Form, scale: Array, points: Array) -> Array:
-    """The same between two forms of one map."""
-    return _largest(_by_field(one, points), _by_field(other, points), scale)
-
-
 def _by_field(form: Form, points: Array) -> Iterator[tuple[Array, Array]]:
     """Field (n, 3) and gradient (n, 3, 3) of one coil after the other, per ampere."""
     for one in np.eye(form.n_coils):
@@ -104,15 +101,94 @@ def certified_bounds(data: MapData, unit_fields: UnitFields, scale: Array) -> Ma
     outer = between_samples(SURFACE_POINTS, SURFACE_DEGREE) * difference_to_solver(
         whole, scale, surface, unit_fields
     )
-    cells = cell_form(data, "raise")
-
-    def of_slab(number: int) -> Array:
-        return difference_of_forms(cells, whole, scale, _faces_of_cells(data.grid, number))
-
-    slabs = range(data.grid.shape[0] - 1)
-    found = [outcome.result() for outcome in in_threads(of_slab, slabs, threads_of_kernels())]
-    inner = between_samples(FACE_POINTS, FACE_DEGREE) * np.max(found, axis=0)
+    inner = difference_of_polynomials(cell_form(data, "raise"), whole, data.grid, scale)
     return {"harmonic": FieldError(*map(float, outer + inner)), "global": FieldError(*map(float, outer))}
+
+
+def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array) -> Array:
+    """(2,): bounds of B and gradient between the polynomials of cells and that of the whole box, all over the cells."""
+    unit, count = float(cells.unit[LENGTH]), whole.n_coils
+    degree = max(int(form.unit[DEGREE]) for form in (cells, whole))
+    polynomial = np.zeros(((degree + 1) ** 2, count))
+    polynomial[: set_size(whole.unit)] = whole.unit[HEADER:].reshape(count, -1).T
+    # In lengths of the cells: B is the derivative of the potential by the local coordinates.
+    polynomial *= ((unit / float(whole.unit[LENGTH])) ** (_degrees(degree) - 1.0))[:, None]
+    centres = [
+        (np.arange(n - 1) - (n - 2) / 2) * h / unit for n, h in zip(grid.shape, grid.spacing, strict=True)
+    ]
+    shape = tuple(len(axis) for axis in centres)
+    ours = cells.unit[HEADER:].reshape(*shape, count, -1)
+    size = np.array(grid.spacing) / unit
+    on_faces = _faces_matrix(size)
+    derivatives = _BeyondFaces(degree, float(np.linalg.norm(size)) / 2)
+
+    def of_slab(i: int) -> Array:
+        worst = np.zeros(2)
+        slab = about(polynomial, degree, 0, centres[0][i])
+        for j, y in enumerate(centres[1]):
+            row = about(slab, degree, 1, y)
+            difference = np.stack([about(row, degree, 2, z) for z in centres[2]], axis=1)
+            difference[: ours.shape[-1]] -= np.moveaxis(ours[i, j], -1, 0)
+            found = _largest_sampled(on_faces, difference, scale) + derivatives.largest(difference, scale)
+            worst = np.maximum(worst, found)
+        return worst
+
+    found = [outcome.result() for outcome in in_threads(of_slab, range(shape[0]), threads_of_kernels())]
+    return np.array(np.max(found, axis=0)) / (1.0, unit)
+
+
+def _degrees(degree: int) -> Array:
+    """Of every coefficient ((degree + 1)^2,)."""
+    return np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
+
+
+def _faces_matrix(size: Array) -> Array:
+    """(9, n, (FACE_DEGREE + 2)^2): field and gradient at the points of the faces of a cell about the origin; of the
+    gradient six entries whose squares add up to those of all nine."""
+    points = _on_faces(-size / 2, size, FACE_POINTS)
+    gradient = gradient_matrix(FACE_DEGREE + 1, points)
+    entries = [gradient[:, i, j] * (1.0 if i == j else np.sqrt(2.0)) for i, j in _SYMMETRIC]
+    return np.stack([*np.moveaxis(field_matrix(FACE_DEGREE + 1, points), 1, 0), *entries])
+
+
+def _largest_sampled(on_faces: Array, difference: Array, scale: Array) -> Array:
+    """(2,) of differences (terms, cells, fields): the largest between the samples that its lower degrees can take."""
+    terms = min(on_faces.shape[-1], len(difference))
+    low = difference[:terms]
+    values = on_faces[..., :terms].reshape(-1, terms) @ low.reshape(terms, -1)
+    squares = (values**2).reshape(9, -1, len(scale))
+    norms = [np.sqrt(part.sum(axis=0)) @ scale for part in (squares[:3], squares[3:])]
+    return between_samples(FACE_POINTS, FACE_DEGREE) * np.array([norm.max() for norm in norms])
+
+
+class _BeyondFaces:
+    """What the degrees above FACE_DEGREE of B can add in a cell of radius `radius`, by their coefficients."""
+
+    def __init__(self, degree: int, radius: float) -> None:
+        first = [csr_array(derivative_matrix(degree, i)) for i in range(3)]
+        second = [csr_array(derivative_matrix(degree - 1, j)) @ first[i] for i, j in _SYMMETRIC]
+        self._matrices = first, second
+        twice = [1.0 if i == j else 2.0 for i, j in _SYMMETRIC]
+        self._shares = np.ones(3), np.array(twice)
+        self._radius, self._degree = radius, degree
+
+    def largest(self, difference: Array, scale: Array) -> Array:
+        """(2,) of differences (terms, cells, fields)."""
+        flat = difference.reshape(len(difference), -1).copy()
+        flat[: (FACE_DEGREE + 2) ** 2] = 0.0
+        return np.array([self._of(order, flat, scale) for order in (0, 1)])
+
+    def _of(self, order: int, flat: Array, scale: Array) -> float:
+        degree = self._degree - 1 - order
+        squares = sum(
+            share * (matrix @ flat) ** 2
+            for share, matrix in zip(self._shares[order], self._matrices[order], strict=True)
+        )
+        squares = squares * largest_on_sphere(degree)[:, None]
+        starts = np.arange(degree + 1) ** 2
+        of_degree = np.sqrt(np.add.reduceat(squares, starts, axis=0))
+        of_field = (self._radius ** np.arange(degree + 1)) @ of_degree
+        return float((of_field.reshape(-1, len(scale)) @ scale).max())
 
 
 def between_samples(count: int, degree: int) -> float:
@@ -122,21 +198,12 @@ def between_samples(count: int, degree: int) -> float:
 
 def box_surface(grid: Grid, count: int) -> Array:
     """Points (6 count^2, 3): count x count Chebyshev points on every face of the box."""
-    return _on_faces(grid.lower[None], np.array(grid.upper - grid.lower), count, 0.0)[0]
+    return _on_faces(grid.lower, np.array(grid.upper - grid.lower), count)
 
 
-def _on_faces(lower: Array, size: Array, count: int, inside: float) -> Array:
-    """Points (n, 6 count^2, 3) on the faces of n boxes of one size (3,) at corners lower (n, 3)."""
+def _on_faces(lower: Array, size: Array, count: int) -> Array:
+    """Points (6 count^2, 3) on the faces of a box of a size (3,) at its corner lower (3,)."""
     t = (1 - np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))) / 2
     plane = np.stack(np.meshgrid(t, t, indexing="ij"), axis=-1).reshape(-1, 2)
-    ends = (inside, 1 - inside)
-    unit = np.concatenate([np.insert(plane, axis, end, axis=1) for axis in range(3) for end in ends])
-    return lower[:, None, :] + unit * size
-
-
-def _faces_of_cells(grid: Grid, slab: int) -> Array:
-    """Points (m, 3) on the faces of the cells of one slab across x."""
-    spacing = np.array(grid.spacing)
-    ny, nz = (n - 1 for n in grid.shape[1:])
-    index = np.stack(np.meshgrid([slab], np.arange(ny), np.arange(nz), indexing="ij"), axis=-1).reshape(-1, 3)
-    return _on_faces(grid.lower + index * spacing, spacing, FACE_POINTS, _INSIDE).reshape(-1, 3)
+    unit = np.concatenate([np.insert(plane, axis, end, axis=1) for axis in range(3) for end in (0.0, 1.0)])
+    return lower + unit * size

@@ -13,6 +13,7 @@ from fieldmap.device.model import Device
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, SolverReport, check_geometry
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
+from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.linear_fields import linear_fields
 from fieldmap.maps.recipe import (
     CurrentPlan,
@@ -24,6 +25,7 @@ from fieldmap.maps.recipe import (
     with_box,
 )
 from fieldmap.maps.saturating_fields import SaturatingFields, Stopwatch, trained_map
+from fieldmap.maps.training.expected import STAGES, expect_training
 from fieldmap.maps.training.states import corners
 from fieldmap.parallel import Common, Workers, same_arithmetic
 from fieldmap.provenance import fingerprint, library_versions
@@ -46,10 +48,9 @@ CODE = (
     "iron",
     "maps",
 )
-# Shares of the whole at which a step begins; the fields at the nodes and the certificate share what is left.
-SOLVE, EVALUATE, TRAINED = 0.03, 0.6, 0.9
-
-
+# What the fields at the nodes and the certificate are expected to take before a point is evaluated, as shares of the
+# solve before them; and the differences of two polynomials in one cell, for one field, s.
+_NODES, _CERTIFICATE, _CELL = 0.1, 0.3, 1e-4
 # Points of one piece of work: about as many as the nodes of a part of the file.
 _POINTS = 1000
 Fields: TypeAlias = LinearSolution | SaturatingFields
@@ -154,16 +155,22 @@ def _generate_linear(
     workers: Workers,
     say: Progress,
 ) -> None:
+    forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
+
+    def tell(message: str, share: float) -> None:
+        forecast.at("solving", message, share)
+        _expect_fields(forecast, forecast.expected("solving"))
+
     solution = linear_fields(
         device,
         recipe.mu_r,
         recipe.tolerance,
         recipe.refinement,
         checkpoint,
-        lambda message, share: say(message, SOLVE + share * (EVALUATE - SOLVE)),
+        tell,
     )
     writer = MapWriter(target, info, checkpoint)
-    _fill(writer, DividedFields(solution, workers), info.reference_current, dict, say)
+    _fill(writer, DividedFields(solution, workers), info.reference_current, dict, forecast)
 
 
 def _generate_saturating(
@@ -176,6 +183,13 @@ def _generate_saturating(
     workers: Workers,
     say: Progress,
 ) -> None:
+    forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
+
+    def assembling(message: str, share: float) -> None:
+        forecast.at("assembling", message, share)
+        expect_training(forecast, plan.training)
+        _expect_fields(forecast, forecast.expected("assembling"))
+
     trained = trained_map(
         device,
         current_domain(recipe, plan, device.coil_names),
@@ -184,12 +198,13 @@ def _generate_saturating(
         info.grid,
         checkpoint,
         workers,
-        lambda message, share: say(message, SOLVE + share * (TRAINED - SOLVE)),
+        assembling,
+        forecast,
     )
     spent = Stopwatch(workers, *trained.spent)
     info = replace(info, reduced_model=trained.model, current_error=trained.error)
     writer, fields = MapWriter(target, info, checkpoint), DividedFields(trained.fields, workers)
-    _fill(writer, fields, trained.largest_weights, lambda: {**trained.about, **spent.read()}, say)
+    _fill(writer, fields, trained.largest_weights, lambda: {**trained.about, **spent.read()}, forecast)
 
 
 def _fill(
@@ -197,13 +212,13 @@ def _fill(
     fields: DividedFields,
     largest_weights: Array,
     about: Callable[[], Mapping[str, Any]],
-    say: Progress,
+    forecast: Forecast,
 ) -> None:
     """Fields at the nodes, their error, and the file; about(): what its report says beside the solver's."""
     if writer.resumed:
-        say(f"resumed with {writer.resumed} of {len(writer.chunks)} parts", EVALUATE)
-    _evaluate(fields, writer, say)
-    say("certifying the lookup against the solver", _certificate_begins(writer.info))
+        forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
+    _evaluate(fields, writer, forecast)
+    forecast.at("certificate", "certifying the lookup against the solver")
     data = writer.data()
     read = data.as_read()
     error = interpolation_error(read, fields.unit_fields)
@@ -283,15 +298,21 @@ def _is_done(target: Path, info: MapInfo) -> bool:
         return False
 
 
-def _evaluate(fields: DividedFields, writer: MapWriter, say: Progress) -> None:
-    total, missing = len(writer.chunks), writer.missing
-    share = (_certificate_begins(writer.info) - EVALUATE) / total
-    _, ny, nz = writer.info.grid.shape
-    done = total - len(missing)
+def _expect_fields(forecast: Forecast, solving: float) -> None:
+    """Before any point is evaluated, by the seconds of the solve."""
+    forecast.expect("nodes", _NODES * solving)
+    forecast.expect("certificate", _CERTIFICATE * solving)
+
+
+def _evaluate(fields: DividedFields, writer: MapWriter, forecast: Forecast) -> None:
+    total, missing, info = len(writer.chunks), writer.missing, writer.info
+    _, ny, nz = info.grid.shape
+    done, before = total - len(missing), total - len(missing)
 
     def tell() -> None:
         if done < total:
-            say(f"field at the nodes, part {done + 1} of {total}", EVALUATE + done * share)
+            message = f"field at the nodes, part {done + 1} of {total}"
+            forecast.at("nodes", message, done - before, len(missing))
 
     tell()
     parts = [writer.info.grid.points(chunk.first, chunk.last) for chunk in missing]
@@ -301,12 +322,10 @@ def _evaluate(fields: DividedFields, writer: MapWriter, say: Progress) -> None:
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
         done += 1
         tell()
-
-
-def _certificate_begins(info: MapInfo) -> float:
-    """As if all that remains were fields of the solver at points: at the nodes, then at those of the certificate."""
-    nodes = int(np.prod(info.grid.shape))
-    return EVALUATE + (1 - EVALUATE) * nodes / (nodes + SOLVER_POINTS)
+    if parts:
+        per_point = forecast.taken() / sum(map(len, parts))
+        cells = int(np.prod(np.array(info.grid.shape) - 1))
+        forecast.expect("certificate", per_point * SOLVER_POINTS + _CELL * cells * len(flux))
 
 
 def _finished_by(workers: Workers) -> dict[str, str]:

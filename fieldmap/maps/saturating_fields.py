@@ -12,6 +12,7 @@ from fieldmap.currents import CurrentDomain, parametrisation_from_json
 from fieldmap.device.model import Coil, Device
 from fieldmap.iron import NonlinearSolver, SolverReport
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.training.states import SolvedStates
 from fieldmap.maps.training.training import Trained, train
@@ -93,13 +94,16 @@ def trained_map(
     checkpoint: Checkpoint,
     workers: Workers,
     say: Progress,
+    forecast: Forecast,
 ) -> TrainedMap:
-    """Solve the states that are not in the checkpoint yet, and train on all of them.
+    """Solve the states that are not in the checkpoint yet, and train on all of them. say: told of the assembly;
+    forecast: of all that comes after it.
 
     Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on.
     """
     if _TRAINED not in checkpoint:
-        checkpoint.put(_TRAINED, *_train(device, domain, plan, reference, grid, checkpoint, workers, say))
+        trained = _train(device, domain, plan, reference, grid, checkpoint, workers, say, forecast)
+        checkpoint.put(_TRAINED, *trained)
     # Read back, so that a resumed run gives the same bits.
     kept = checkpoint.get(_TRAINED)
     assert kept is not None
@@ -115,16 +119,23 @@ def _train(
     checkpoint: Checkpoint,
     workers: Workers,
     say: Progress,
+    forecast: Forecast,
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     spent = Stopwatch(workers)
     # An assembled solver is large: every process assembles its own, while this one does.
     common = Common(_solver, device, plan.refinement)
     workers.prepare(common)
-    solver = common.use(
-        _solver(device, plan.refinement, lambda message, share: say(message, 0.05 * min(share, 1.0)))
-    )
+    assembled = False
+
+    def assembling(message: str, share: float) -> None:
+        # The solver goes on to speak of every state that it solves.
+        if not assembled:
+            say(message, share)
+
+    solver = common.use(_solver(device, plan.refinement, assembling))
+    assembled = True
     states = SolvedStates(checkpoint, common, workers)
-    trained = train(solver, domain, plan.training, box_surface(grid), reference, states, say)
+    trained = train(solver, domain, plan.training, box_surface(grid), reference, states, forecast)
     spent.add(states.earlier_seconds, states.earlier_processor_seconds)
     middle = solver.solve(domain.middle, plan.training.tolerance, trained.snapshots.nearest(domain.middle))
     arrays = dict(trained.model.arrays)

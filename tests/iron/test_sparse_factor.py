@@ -56,6 +56,14 @@ def test_one_analysis_serves_all_numbers_of_a_pattern():
     assert other @ elimination.factor(other.data).solve(right) == pytest.approx(right, rel=1e-11)
 
 
+@pytest.mark.parametrize("scale", [1e20, 1e-20])
+def test_the_units_of_a_matrix_do_not_matter(scale):
+    matrix = laplacian(6)
+    right = np.random.default_rng(4).random(matrix.shape[0])
+    found = Elimination.of(matrix).factor(scale * matrix.data).solve(right)
+    assert scale * found == pytest.approx(np.linalg.solve(matrix.toarray(), right), rel=1e-10)
+
+
 def test_the_factor_is_sparse():
     """Of n^3 nodes about n^4 numbers (A. George, SIAM J. Numer. Anal. 10 (1973) 345, in three dimensions), and not many
     more than another program's factor in order of minimum degree: zeros that join supernodes are stored too."""
@@ -139,3 +147,13 @@ def test_air_takes_energy_from_smooth_potentials(form):
     assert left.item() == pytest.approx(
         right.item(), abs=1e-6 * np.abs(one.T @ form._exterior.apply(one)).item()
     )
+
+
+def test_the_rough_air_is_the_air_to_three_digits(form):
+    """What preconditions: in single precision, and symmetric."""
+    exterior = form._exterior
+    one, other = np.random.default_rng(5).standard_normal((2, form.elements.count, 1))
+    exact, rough = exterior.apply(one), exterior.apply_roughly(one)
+    assert 0.0 < np.linalg.norm(rough - exact) < 1e-3 * np.linalg.norm(exact)
+    left, right = other.T @ rough, one.T @ exterior.apply_roughly(other)
+    assert left.item() == pytest.approx(right.item(), abs=1e-3 * np.abs(one.T @ exact).item())

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 
 from fieldmap.device import read_device
+from fieldmap.interpolants import cell_form, global_form
 from fieldmap.lookup import open_map
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import generate, generation
-from fieldmap.maps.error_bound import between_samples, box_surface, certified_bounds
+from fieldmap.maps.error_bound import (
+    between_samples,
+    box_surface,
+    certified_bounds,
+    difference_of_polynomials,
+)
 from fieldmap.sources import unit_flux_densities
 from fieldmap.store import Grid, read_map
 
@@ -95,6 +101,27 @@ def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states, 
         # Chebyshev points cost a factor of up to 6.8 and 4; fields that cancel, and currents that are less, the rest.
         assert largest[0] <= bound.flux_density < 30 * largest[0]
         assert largest[1] <= bound.gradient < 30 * largest[1]
+
+
+def test_polynomials_of_cells_and_box_differ_by_no_more_than_the_bound(rig_map):
+    """Against lookups of both, at points all over the cells; the bound is not far above."""
+    data = read_map(rig_map)
+    scale = np.array([2.0, 0.5])
+    whole, cells = global_form(data, "raise"), cell_form(data, "raise")
+    bound = difference_of_polynomials(cells, whole, data.grid, scale)
+    opened = open_map(rig_map), open_map(rig_map, "global")
+    points = dense_points(opened[0], 4000)
+    for form, opening in zip((cells, whole), opened, strict=True):
+        assert form.kind == opening.kind
+    flux, slope = (
+        np.tensordot(np.linalg.norm(one - other, axis=axes), scale, axes=(1, 0)).max()
+        for one, other, axes in (
+            (*(m.unit_field(points) for m in opened), 2),
+            (*(m.unit_gradient(points) for m in opened), (2, 3)),
+        )
+    )
+    assert flux <= bound[0] < 6 * flux
+    assert slope <= bound[1] < 6 * slope
 
 
 def test_forms_without_a_certificate_say_so(rig_map):

@@ -83,6 +83,15 @@ def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
     np.testing.assert_array_equal(sequence(box, 8, 16), sequence(box, 0, 24)[8:])
 
 
+def test_of_many_corners_some_are_taken():
+    lower, upper = np.arange(8.0), 10.0 + np.arange(8.0)
+    taken = corners(CurrentDomain(IndependentCurrents(8), lower, upper))
+    assert ((taken == lower) | (taken == upper)).all()
+    assert len(np.unique(taken, axis=0)) == len(taken) == 64
+    # Each coil is at either end about as often.
+    assert np.abs((taken == lower).mean(axis=0) - 0.5).max() < 0.2
+
+
 def test_a_domain_holds_its_states_and_no_others():
     box = CurrentDomain(IndependentCurrents(2), np.array([0.0, -1.0]), np.array([1.0, 1.0]))
     lower, upper = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])

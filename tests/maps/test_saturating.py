@@ -16,6 +16,7 @@ from fieldmap.cli.info import print_summary
 from fieldmap.currents import CoilGroups, LiftAndDirections, divide_currents
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, RecipeError
 from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.solvers import reduced
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.training.modes import SolvedModes, proper_modes
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
@@ -182,6 +183,25 @@ def test_modes_hold_the_states_and_their_tangents(solver):
     ours = modes.basis @ modes.amplitude(between)
     truth = potential_at(solver, between)
     assert np.ptp(ours - truth) < 0.02 * np.ptp(truth)
+
+
+def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
+    """Lengths in the coordinates of `energy_contributions` are those that all the points give."""
+    known = Snapshots(solver, lambda currents: False)
+    currents = np.array([1.6, 1.4])
+    potential = potential_at(solver, currents)
+    tangents = solver.sensitivities(currents, potential, 0.2 * np.eye(2))
+    known.add(currents, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
+    modes = SolvedModes(solver, known, 20)
+    amplitude = modes.amplitude(currents)
+    exact = modes.model.energy_contributions(currents, amplitude)
+    few = len(modes.model.weights) // 3
+    monkeypatch.setattr(reduced, "_FEW", few)
+    rough = replace(modes.model).energy_contributions(currents, amplitude)
+    assert not np.array_equal(rough, exact)
+    assert np.linalg.norm(rough) == pytest.approx(np.linalg.norm(exact), rel=0.15)
+    # No direction is favoured: the products of the columns are the same up to what a sample leaves.
+    assert np.abs(rough.T @ rough - exact.T @ exact).max() < 0.3 * np.linalg.norm(exact) ** 2 / exact.shape[1]
 
 
 def test_the_total_of_the_file_is_the_field_at_the_reference_currents(data, folder):

@@ -5,13 +5,14 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
 import pytest
 
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.parallel import Common, WorkerDied, Workers, same_arithmetic
+from fieldmap.parallel import Common, WorkerDied, Workers, in_threads, same_arithmetic
 
 
 @pytest.fixture(scope="module")
@@ -231,3 +232,42 @@ def wait_until(true):
     while not true():
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+def test_threads_give_outcomes_in_order_and_several_items_are_under_way():
+    barrier = threading.Barrier(2, timeout=20)
+
+    def work(offset, item):
+        if item < 2:
+            # Passes only if two items are under way at the same time.
+            barrier.wait()
+        if item == 4:
+            raise NotConverged(Problem("here", "a", "b", "c"), residuals=(1.0,))
+        return offset + item, threading.get_ident()
+
+    found = list(in_threads(work, range(8), 2, 10))
+    assert [outcome.index for outcome in found] == list(range(8))
+    assert found[4].error.problems == (Problem("here", "a", "b", "c"),)
+    good = [outcome.value for outcome in found if outcome.index != 4]
+    assert [value for value, _ in good] == [10, 11, 12, 13, 15, 16, 17]
+    assert threading.get_ident() not in {thread for _, thread in good}
+
+
+def test_whoever_stops_early_waits_for_what_is_under_way_and_no_more():
+    begun = []
+    outcomes = in_threads(begun.append, range(100), 2)
+    next(outcomes)
+    outcomes.close()
+    assert len(begun) <= 4
+
+
+def test_an_interruption_leaves_at_once():
+    def work(item):
+        if item == 1:
+            raise KeyboardInterrupt
+        return item
+
+    outcomes = in_threads(work, range(4), 2)
+    assert next(outcomes).value == 0
+    with pytest.raises(KeyboardInterrupt):
+        next(outcomes)

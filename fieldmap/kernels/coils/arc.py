@@ -9,7 +9,6 @@ closed path.
 import math
 
 import numba
-import numpy as np
 
 from fieldmap.kernels.coils.elementary import exp
 from fieldmap.kernels.coils.quadrature import even_points, graded_points, section_distance
@@ -23,12 +22,11 @@ _NEAREST = 1e-9  # of the outer radius: a point on the very surface is treated a
 
 
 @numba.njit(cache=True, error_model="numpy")
-def even_azimuths(span: float) -> Array:
-    """table (3, 25): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span.
+def even_azimuths(span: float, table: Array) -> None:
+    """Fill table (3, 25): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span.
 
     The last column holds cos(span), sin(span), 4 sin(span/2).
     """
-    table = np.empty((3, 25))
     table[0, 24], table[1, 24], table[2, 24] = math.cos(span), math.sin(span), 4.0 * math.sin(0.5 * span)
     for n, first in ((8, 0), (16, 8)):
         start = gauss_start(n)
@@ -36,7 +34,6 @@ def even_azimuths(span: float) -> Array:
             table[0, first + k] = math.cos(span * GAUSS_NODES[start + k])
             table[1, first + k] = math.sin(span * GAUSS_NODES[start + k])
             table[2, first + k] = span * GAUSS_WEIGHTS[start + k]
-    return table
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -226,7 +226,7 @@ def add_far(
 def _even_tables(arcs: Array) -> Array:
     tables = np.empty((len(arcs), 3, 25))
     for k in range(len(arcs)):
-        tables[k] = even_azimuths(arcs[k, 4])
+        even_azimuths(arcs[k, 4], tables[k])
     return tables
 
 

@@ -113,7 +113,8 @@ def contract(block, size, currents, out):
 
     size: numbers of one set at one place. `block` has as many sets as there are currents.
     """
-    out[:HEADER] = block[:HEADER]
+    for m in range(HEADER):
+        out[m] = block[m]
     out[SETS] = 1.0
     for place in range((block.shape[0] - HEADER) // (size * currents.shape[0])):
         superpose(block, place, size, currents, out[HEADER + place * size : HEADER + (place + 1) * size])

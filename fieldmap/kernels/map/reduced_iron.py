@@ -53,11 +53,13 @@ def keep_pair(change, response, changes, responses, count):
         return count
     if count == PAIRS:
         for k in range(PAIRS - 1):
-            changes[k] = changes[k + 1]
-            responses[k] = responses[k + 1]
+            for i in range(change.size):
+                changes[k, i] = changes[k + 1, i]
+                responses[k, i] = responses[k + 1, i]
         count -= 1
-    changes[count] = change
-    responses[count] = response
+    for i in range(change.size):
+        changes[count, i] = change[i]
+        responses[count, i] = response[i]
     return count + 1
 
 
@@ -177,7 +179,9 @@ def _material_tangent(h, single, isotropic, along):
         if first + _POINTS <= points:
             _add_points(single[3 * first : 3 * (first + _POINTS)], at, total)
         else:
-            rest[: 3 * (points - first)] = single[3 * first :]
+            for k in range(3 * (points - first)):
+                for i in range(count):
+                    rest[k, i] = single[3 * first + k, i]
             _add_points(rest, at, total)
     return total
 
@@ -359,7 +363,8 @@ def sensitivities(
         right = _right_sides(h, single, isotropic, along, unit_source)
         for c in range(coils):
             solve_factored(factors[s], right[c], column)
-            out[s, :, c] = column
+            for i in range(modes):
+                out[s, i, c] = column[i]
     return out, factors
 
 

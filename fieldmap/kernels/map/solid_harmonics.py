@@ -92,7 +92,8 @@ def derivative_matrix(degree, axis):
     for i in range(n):
         unit[i] = 1.0
         differentiate(unit, degree, axis, column)
-        matrix[:, i] = column
+        for k in range(column.size):
+            matrix[k, i] = column[k]
         unit[i] = 0.0
     return matrix
 

@@ -184,7 +184,8 @@ class TriedState:
 class SolvedStates:
     """Solves states, or takes them from the checkpoint where they are there already.
 
-    failed: number of the state -> why it could not be solved; count: states that were; earlier_seconds and
+    failed: number of the state -> why it could not be solved; count: states that were; computed: how many this run has
+    tried, not found; earlier_seconds and
     earlier_processor_seconds: what those from the checkpoint took in the runs that solved them.
     """
 
@@ -193,6 +194,7 @@ class SolvedStates:
     workers: Workers
     failed: dict[int, str] = field(default_factory=dict)
     count: int = 0
+    computed: int = 0
     earlier_seconds: float = 0.0
     earlier_processor_seconds: float = 0.0
 
@@ -237,6 +239,7 @@ class SolvedStates:
         """seconds: since the state before; of several at a time each counts its share."""
         if isinstance(outcome.error, _OF_THE_MACHINE):
             raise outcome.error
+        self.computed += 1
         solved = outcome.reason or outcome.result()
         tried = TriedState(state.currents, solved, seconds, outcome.processor_seconds)
         arrays, failed = {"currents": state.currents}, None

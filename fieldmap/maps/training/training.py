@@ -9,8 +9,10 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.cubature import empirical_cubature
+from fieldmap.maps.training.expected import expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
 from fieldmap.maps.training.modes import SolvedModes, output_fields
 from fieldmap.maps.training.states import (
@@ -28,7 +30,7 @@ from fieldmap.maps.training.states import (
     sequence,
 )
 from fieldmap.store.reduced_model import ReducedModel
-from fieldmap.typing import Array, Progress
+from fieldmap.typing import Array
 
 # States to begin with, of a sequence that fills the domain; then so many at once.
 _FIRST, _AT_ONCE = 5, 4
@@ -41,6 +43,10 @@ _GRADIENT = 2.0
 # At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
 # between. They are smooth and largest at the rim, where the sequence is densest and the corners are.
 _WEIGHED, _MARGIN = 128, 1.1
+# Of second-order tetrahedra with four points each.
+_POINTS_PER_UNKNOWN = 2.75
+# What of the time for the sample points goes into their choice, after the contributions of the states.
+_CHOICE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,21 +57,33 @@ class Solving:
     states: SolvedStates
     trial: Trial
     plan: Plan
-    say: Progress
+    forecast: Forecast
 
     @property
     def tolerance(self) -> float:
         """Of the solver."""
         return max(self.plan.tolerance, _SOLVED_BETTER * self.plan.accuracy)
 
-    def training(self, wanted: Sequence[Wanted]) -> list[Solved | None]:
-        """Every state, or None where the solver fails; numbers as those of the states to train on."""
+    def training(self, wanted: Sequence[Wanted], needed: int) -> list[Solved | None]:
+        """Every state, or None where the solver fails; numbers as those of the states to train on. needed: how many
+        will be, about."""
         first, most = wanted[0].number if wanted else 0, self.plan.states
 
         def tell(done: int) -> None:
-            self.say(f"state {first + done + 1} of at most {most}", 0.05 + 0.4 * (first + done) / most)
+            number, computed = first + done, self.states.computed
+            left = max(needed - number, len(wanted) - done)
+            self.forecast.at("training", f"state {number + 1} of at most {most}", computed, computed + left)
+            if computed:
+                per_state = self.forecast.taken() / computed
+                expect_tried(self.forecast, self.plan, per_state)
+            self.expect_points(needed * (1 + len(self.solver.images)))
 
         return self.states.solve(wanted, self.tolerance, tell)
+
+    def expect_points(self, states: int) -> None:
+        """Expect the choice of sample points for so many states, images too."""
+        points = round(_POINTS_PER_UNKNOWN * self.solver.unknowns)
+        expect_points(self.forecast, points, self.plan.modes, states)
 
 
 @dataclass(frozen=True)
@@ -83,7 +101,8 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     signals = sequence(domain, 0, plan.states)
     currents = domain.parametrisation.currents(signals)
     directions = [reaches(domain, values) for values in signals]
-    first = solving.training([Wanted(0, currents[0], None, directions[0])])[0]
+    needed = states_needed([], [], plan)
+    first = solving.training([Wanted(0, currents[0], None, directions[0])], needed)[0]
     if first is not None:
         training.add(currents[0], first)
     # The others begin from the one in the middle, if that carries any current, and follow its tangents.
@@ -97,15 +116,15 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
 
     done = min(_FIRST, plan.states)
     others = [Wanted(k, currents[k], begin(k), directions[k]) for k in range(1, done)]
-    for state, solved in zip(others, solving.training(others), strict=True):
+    for state, solved in zip(others, solving.training(others, needed), strict=True):
         if solved is not None:
             training.add(state.currents, solved)
     rounds: list[Round] = []
     while done < plan.states and training.solved:
         count = min(_AT_ONCE, plan.states - done)
-        found = _round(
-            solving, training, currents[done : done + count], directions[done : done + count], done
-        )
+        needed = states_needed([_share(found.errors) for found in rounds], [r.solved for r in rounds], plan)
+        new = slice(done, done + count)
+        found = _round(solving, training, currents[new], directions[new], done, needed)
         done += count
         if found is not None:
             rounds.append(found)
@@ -115,9 +134,10 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
 
 
 def _round(
-    solving: Solving, training: Snapshots, currents: Array, directions: list[Array], number: int
+    solving: Solving, training: Snapshots, currents: Array, directions: list[Array], number: int, needed: int
 ) -> Round | None:
-    """Solve some states, see how well they were predicted, and add them."""
+    """Solve some states, numbered from `number`, see how well they were predicted, and add them. needed: see
+    `Solving.training`."""
     before, plan = training.solved, solving.plan
     modes = SolvedModes(solving.solver, training, plan.modes)
     amplitudes = np.array([modes.amplitude(values) for values in currents])
@@ -127,7 +147,7 @@ def _round(
     ]
     new = Snapshots(solving.solver, nothing)
     known: list[int] = []
-    for k, solved in enumerate(solving.training(wanted)):
+    for k, solved in enumerate(solving.training(wanted, needed)):
         if solved is not None:
             new.add(currents[k], solved)
             known.append(k)
@@ -149,19 +169,21 @@ def solve_tried(
     predict: Callable[[Array], Array],
     currents: Array,
     first: int,
+    stage: str,
     text: str,
-    share: float,
     directions: Sequence[Array] | None = None,
 ) -> Snapshots:
     """The states of currents (s, c), numbered from `first`; images are taken where both are among them.
-    predict(currents (c,)): nodal potential (n,) to begin from. directions: of each, where they may be trained on."""
+    predict(currents (c,)): nodal potential (n,) to begin from. stage, text: what is told. directions: of each, where
+    they may be trained on."""
     found = Snapshots(solving.solver, one_of(currents))
     left, gone = list(range(len(currents))), 0
+    before, batch = solving.states.computed, left
 
     def tell(done: int) -> None:
-        solving.say(
-            f"state {gone + done + 1} of {len(currents)} {text}", share + 0.2 * (gone + done) / len(currents)
-        )
+        computed = solving.states.computed - before
+        message = f"state {gone + done + 1} of {len(currents)} {text}"
+        solving.forecast.at(stage, message, computed, computed + len(batch) - done)
 
     while left:
         batch = _no_images_of_each_other(solving.solver, left, currents)
@@ -231,13 +253,13 @@ def train(
     points: Array,
     reference: Array,
     states: SolvedStates,
-    say: Progress,
+    forecast: Forecast,
 ) -> Trained:
     """Solve, reduce and try. points (n, 3): where the field matters, in the air; reference (c,): the currents at which
     the map states its total field; states: keeps what was solved, so that a stopped run goes on. Raises NotConverged
     if no state at all could be solved."""
     trial = Trial(solver, points)
-    solving = Solving(solver, states, trial, plan, say)
+    solving = Solving(solver, states, trial, plan, forecast)
     snapshots, rounds = solve_training(solving, domain)
     require_states(states)
     modes = SolvedModes(solver, snapshots, plan.modes)
@@ -249,8 +271,8 @@ def train(
             lambda currents: modes.basis @ modes.amplitude(currents),
             of_corners,
             plan.states,
+            "corners",
             "in corners",
-            0.5,
             [reaches(domain, signals) for signals in outer],
         )
     }
@@ -259,7 +281,7 @@ def train(
     if snapshots.solved > before:
         modes = SolvedModes(solver, snapshots, plan.modes)
     full, currents, amplitudes = modes.model, modes.currents, modes.amplitudes
-    parts = _contributions(full, currents, amplitudes, say)
+    parts = _contributions(full, currents, amplitudes, forecast)
     chosen, factors = empirical_cubature(parts, plan.points, _CUBATURE * plan.accuracy)
     reduced = full.sampled(chosen, factors * full.weights[chosen])
 
@@ -268,16 +290,16 @@ def train(
         return np.asarray(modes.basis @ reduced.solve(values, amplitudes[near])[0])
 
     tried["at random"] = solve_tried(
-        solving, predict, held_out(domain, plan.held_out), plan.states + len(outer), "at random", 0.75
+        solving, predict, held_out(domain, plan.held_out), plan.states + len(outer), "random", "at random"
     )
     require_states(states)
     require_some(tried, states)
-    say("fields of the modes", 0.95)
+    forecast.at("modes", "fields of the modes")
     of_modes = solver.charge_density(modes.basis)
     probes = _probes(*solver.surface.field_and_gradient(points, of_modes))
     combination, output = output_fields(amplitudes, probes, plan.fields)
     model = _model(reduced, output, currents, amplitudes, domain, reference)
-    say("error on states not trained on", 0.98)
+    forecast.at("modes", "error on states not trained on", 0.6)
     charge = combination @ of_modes
     errors = {
         name: trial.errors(_weights(reduced, output, found.currents), charge, found)
@@ -302,14 +324,16 @@ def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Arra
     return np.concatenate([domain.largest, _MARGIN * iron])
 
 
-def _contributions(full: GalerkinModel, currents: Array, amplitudes: Array, say: Progress) -> Iterator[Array]:
+def _contributions(
+    full: GalerkinModel, currents: Array, amplitudes: Array, forecast: Forecast
+) -> Iterator[Array]:
     """What the points add to the residual of every state (p, r), one state after the other."""
+    count = len(currents)
     for number, (values, amplitude) in enumerate(zip(currents, amplitudes, strict=True)):
-        say(
-            f"sample points, from state {number + 1} of {len(currents)}", 0.88 + 0.05 * number / len(currents)
-        )
+        done = (1.0 - _CHOICE) * number
+        forecast.at("points", f"sample points, from state {number + 1} of {count}", done, count)
         yield full.energy_contributions(values, amplitude)
-    say("sample points, their choice", 0.93)
+    forecast.at("points", "sample points, their choice", 1.0 - _CHOICE)
 
 
 def _weights(reduced: GalerkinModel, output: Array, currents: Array) -> Array:

@@ -1,0 +1,39 @@
+"""Harmonic polynomials about another origin, and bounds of them by their coefficients."""
+
+import numpy as np
+import pytest
+
+from fieldmap.interpolants.harmonic_matrix import about, largest_on_sphere
+from fieldmap.kernels.map.solid_harmonics import regular_table
+
+DEGREE = 7
+
+
+@pytest.fixture
+def coefficients():
+    return np.random.default_rng(6).standard_normal(((DEGREE + 1) ** 2, 2))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_about_another_origin_it_is_the_same_polynomial(coefficients, axis):
+    points = np.random.default_rng(axis).uniform(-1, 1, (40, 3))
+    shift = 0.37 * np.eye(3)[axis]
+    moved = about(coefficients, DEGREE, axis, 0.37)
+    here = regular_table(DEGREE, points + shift) @ coefficients
+    assert regular_table(DEGREE, points) @ moved == pytest.approx(here, abs=1e-12 * np.abs(here).max())
+    assert about(moved, DEGREE, axis, -0.37) == pytest.approx(coefficients, abs=1e-12)
+
+
+@pytest.mark.parametrize("degree", range(DEGREE + 1))
+def test_no_point_of_a_sphere_is_beyond_the_bound_and_one_reaches_it(degree):
+    """The bound is reached by the polynomial of one degree that is largest at a point: its coefficients there are the
+    harmonics over the weights (the reproducing kernel)."""
+    radius, own = 0.8, slice(degree**2, (degree + 1) ** 2)
+    directions = np.random.default_rng(degree).standard_normal((3000, 3))
+    points = radius * directions / np.linalg.norm(directions, axis=1)[:, None]
+    weights = largest_on_sphere(DEGREE)[own]
+    table = regular_table(DEGREE, points)[:, own]
+    for numbers in (np.random.default_rng(1).standard_normal(2 * degree + 1), table[0] / weights):
+        bound = radius**degree * np.sqrt(weights @ numbers**2)
+        assert np.abs(table @ numbers).max() <= bound * (1 + 1e-12)
+    assert abs(table[0] @ numbers) == pytest.approx(bound, rel=1e-12)

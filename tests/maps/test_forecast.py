@@ -1,0 +1,74 @@
+"""Time left of runs whose pieces take known times, on a clock of the test's own."""
+
+import numpy as np
+import pytest
+
+from fieldmap.maps import forecast
+from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.recipe import Plan
+from fieldmap.maps.training.expected import states_needed
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(forecast, "monotonic", clock)
+    return clock
+
+
+def run(clock, priors, truth):
+    """(time, share) of a run whose stages take truth[name] = (pieces, seconds of each)."""
+    told = []
+    begin = clock.now
+    tell = Forecast(lambda message, share: told.append((clock.now - begin, share)), priors)
+    for name, (pieces, seconds) in truth.items():
+        for k in range(pieces):
+            tell.at(name, "", k, pieces)
+            clock.now += seconds
+    return np.array([*told, (clock.now - begin, 1.0)])
+
+
+def test_priors_that_are_right_give_the_time_left(clock):
+    told = run(clock, {"a": 40.0, "b": 10.0}, {"a": (8, 5.0), "b": (2, 5.0)})
+    assert told[:, 1] == pytest.approx(told[:, 0] / 50.0)
+
+
+def test_wrong_priors_are_replaced_by_what_pieces_take(clock):
+    told = run(clock, {"a": 4.0, "b": 10.0}, {"a": (8, 5.0), "b": (2, 5.0)})
+    after_one = told[told[:, 0] > 0]
+    assert after_one[:, 1] == pytest.approx(after_one[:, 0] / 50.0)
+
+
+def test_the_share_never_falls_though_more_is_to_do_than_was_expected(clock):
+    told = run(clock, {"a": 10.0, "b": 10.0}, {"a": (2, 5.0), "b": (40, 5.0)})
+    assert (np.diff(told[:, 1]) >= 0).all()
+    # Where the truth has caught up, the time left is right again.
+    late = told[told[:, 0] > 150.0]
+    assert late[:, 1] == pytest.approx(late[:, 0] / 210.0, rel=0.05)
+
+
+def test_without_any_expectation_nothing_is_done(clock):
+    told = []
+    tell = Forecast(lambda message, share: told.append(share), {"a": 0.0, "b": 0.0})
+    clock.now += 5.0
+    tell.at("a", "begins")
+    tell.note("resumed")
+    assert told == [0.0, 0.0]
+
+
+def test_states_needed_follow_the_errors_of_the_rounds():
+    plan = Plan(states=60, accuracy=1e-3, modes=10, points=10, fields=3, held_out=1, tolerance=1e-6)
+    solved = [5, 9, 13]
+    shares = [10.0 ** (-1 - k / 10) for k in solved]
+    assert states_needed(shares, solved, plan) == 20
+    assert states_needed([0.1, 0.1], [5, 9], plan) == 60
+    assert 13 <= states_needed([1e-2, 1e-9], [5, 13], plan) <= 60
+    assert 20 <= states_needed([], [], plan) <= 60
