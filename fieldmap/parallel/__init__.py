@@ -10,6 +10,7 @@ from fieldmap.parallel.work import (
     in_threads,
     same_arithmetic,
     threads_of_kernels,
+    threads_of_linear_algebra,
 )
 from fieldmap.parallel.workers import Workers
 
@@ -21,4 +22,5 @@ __all__ = [
     "in_threads",
     "same_arithmetic",
     "threads_of_kernels",
+    "threads_of_linear_algebra",
 ]

@@ -15,7 +15,7 @@ from time import monotonic, process_time, thread_time
 from typing import Any, Generic, TypeVar, cast
 
 import numba
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from fieldmap.errors import FieldmapError
 
@@ -149,6 +149,11 @@ def threads_of_kernels() -> int:
         # No kernel has divided its work yet.
         return 1
     return int(numba.config.NUMBA_NUM_THREADS) if safe else 1  # type: ignore[attr-defined]
+
+
+def threads_of_linear_algebra() -> int:
+    """How many threads BLAS and LAPACK take for one product, here and now."""
+    return max((pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"), default=1)
 
 
 def _attempt(

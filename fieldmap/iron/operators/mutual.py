@@ -4,8 +4,9 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, get_lapack_funcs
+from scipy.linalg import LinAlgError, cho_solve
 
+from fieldmap.iron.operators.lapack import cholesky_in_place, inverse_in_place
 from fieldmap.kernels.iron.symmetric_product import symmetric_product
 from fieldmap.typing import Array
 
@@ -56,20 +57,16 @@ class DenseMutualPotential:
         self.matrix = matrix
         self._inverse: NDArray[np.floating[Any]] | None = None
         self._scale = 1 / np.sqrt(np.diag(matrix))[:, None]
+        self._factor = self._scaled(np.float32)
         try:
-            self._factor = cho_factor(
-                self._scaled(np.float32), lower=True, overwrite_a=True, check_finite=False
-            )
+            cholesky_in_place(self._factor)
         except LinAlgError:
-            self._factor = cho_factor(self._scaled(np.float64), lower=True, overwrite_a=True)
+            self._factor = self._scaled(np.float64)
+            cholesky_in_place(self._factor)
         if explicit_inverse:
-            factor = self._factor[0]
-            (invert,) = get_lapack_funcs(("potri",), (factor,))
-            self._inverse, failed = invert(factor, lower=True, overwrite_c=True)
-            if failed:
-                raise LinAlgError(f"the inverse of a factor has failed at row {failed}")
+            inverse_in_place(self._factor)
             # The lower triangle in Fortran's order is the upper one in C's.
-            self._inverse = self._inverse.T
+            self._inverse = self._factor.T
 
     def _scaled(self, precision: type[np.floating[Any]]) -> NDArray[np.floating[Any]]:
         """The matrix with a unit diagonal, in Fortran's order, row by row: nothing else of its size is made."""
@@ -89,7 +86,7 @@ class DenseMutualPotential:
     @property
     def bytes(self) -> int:
         """Memory of the matrix and its factor."""
-        return self.matrix.nbytes + self._factor[0].nbytes
+        return self.matrix.nbytes + self._factor.nbytes
 
     @property
     def storage(self) -> str:
@@ -108,10 +105,10 @@ class DenseMutualPotential:
         return charge
 
     def _approximate(self, right: Array) -> Array:
-        scaled = (self._scale * right).astype(self._factor[0].dtype)
+        scaled = (self._scale * right).astype(self._factor.dtype)
         if self._inverse is not None:
             return self._scale * _product(self._inverse, scaled)
-        return self._scale * cho_solve(self._factor, scaled, overwrite_b=True, check_finite=False)
+        return self._scale * cho_solve((self._factor, True), scaled, overwrite_b=True, check_finite=False)
 
 
 def _product(matrix: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:

@@ -12,6 +12,9 @@ an irreducible representation rho of dimension d it is one block of size d N/g, 
 Products and solutions hold for any charges, symmetric or not.
 """
 
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
 import numpy as np
 
 from fieldmap.iron.mesh.chamber import MeshSymmetry
@@ -23,7 +26,11 @@ from fieldmap.iron.symmetry.group import (
     irreducible_representations,
     multiplication_table,
 )
+from fieldmap.parallel import in_threads, threads_of_kernels, threads_of_linear_algebra
 from fieldmap.typing import Array, Index
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def face_orbits(symmetry: MeshSymmetry, triangles: Index) -> Index:
@@ -60,9 +67,7 @@ class SymmetricMutualPotential:
         blocks, diagonal = _blocks(surface, self._faces, representations, inverses(table))
         self._diagonal = np.empty(self._faces.size)
         self._diagonal[self._faces] = diagonal[:, None]
-        self._blocks = []
-        while blocks:
-            self._blocks.append(DenseMutualPotential(blocks.pop(0), explicit_inverse))
+        self._blocks = _side_by_side(lambda block: DenseMutualPotential(block, explicit_inverse), blocks)
 
     @property
     def diagonal(self) -> Array:
@@ -119,13 +124,25 @@ def _blocks(
         block = own.mutual_potential_with(surface.part(faces[:, c]), symmetric=back == c)
         if c == 0:
             diagonal = block.diagonal().copy()
-        for matrices, total in zip(representations, blocks, strict=True):
+
+        def add(number: int, c: int = c, back: int = back, block: Array = block) -> None:
+            matrices, total = representations[number], blocks[number]
             view = total.reshape(matrices.shape[1], count, matrices.shape[1], count)
             for j, k in np.ndindex(matrices.shape[1:]):
                 _add(view[j, :, k], matrices[c, j, k], block)
                 if back != c:
                     _add(view[j, :, k], matrices[back, j, k], block.T)
+
+        _side_by_side(add, range(len(blocks)))
     return blocks, diagonal
+
+
+def _side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """function(item) of every item; in threads, unless linear algebra has more of them for one item."""
+    threads = threads_of_kernels()
+    if len(items) < 2 or threads < 2 or threads_of_linear_algebra() > len(items):
+        return [function(item) for item in items]
+    return [outcome.result() for outcome in in_threads(function, items, min(threads, len(items)))]
 
 
 def _add(total: Array, factor: float, block: Array) -> None:
