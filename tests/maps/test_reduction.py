@@ -66,6 +66,24 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
         assert factors @ powers[points, k] == pytest.approx(exact, abs=1e-6)
 
 
+def test_fewer_points_serve_a_coarser_tolerance_and_what_they_leave_is_the_states_error():
+    random = np.random.default_rng(7)
+    volume = np.full(4000, 1 / 4000)
+    # Fields of falling size: the coarser the tolerance, the fewer of them matter.
+    shape = random.standard_normal((4000, 80)) * np.geomspace(1.0, 1e-6, 80)
+    parts = [shape @ random.standard_normal((80, 12)) * volume[:, None] + volume[:, None] for _ in range(10)]
+    numbers = []
+    for tolerance in (3e-3, 3e-4, 3e-5):
+        points, factors = empirical_cubature(parts, 200, tolerance)
+        left = [part.sum(axis=0) - factors @ part[points] for part in parts]
+        error = np.sqrt(np.mean([(off**2).sum() for off in left]))
+        # A sketch tells lengths to some ten per cent.
+        assert error <= 1.3 * tolerance
+        assert factors.sum() == pytest.approx(4000, rel=0.01)
+        numbers.append(len(points))
+    assert numbers[0] + 8 < numbers[1] < numbers[2] - 8
+
+
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
     box = CurrentDomain(IndependentCurrents(3), np.array([0.0, -1.0, 2.0]), np.array([1.0, 1.0, 5.0]))
     training, tried = sequence(box, 0, 40), held_out(box, 12)

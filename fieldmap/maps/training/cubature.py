@@ -4,6 +4,8 @@ Empirical cubature: the contributions of the points to the residuals of the solv
 combinations and a singular value decomposition, are matched by non-negative least squares (Lawson and Hanson), whose
 solution is sparse. Positive weights keep the reduced functional convex. Farhat, Avery, Chapman and Cortial, Int. J.
 Numer. Meth. Engng 98 (2014) 625; Hernandez, Caicedo and Ferrer, Comput. Methods Appl. Mech. Engrg 313 (2017) 687.
+There every singular vector is one condition, whatever its singular value; here each counts by it, so that what is left
+is the error of the states' residuals, and the number of points follows the wanted one.
 """
 
 from collections.abc import Iterable
@@ -20,6 +22,8 @@ _CANDIDATES_PER_CONDITION, _FEWEST_CANDIDATES = 12, 4000
 _OVERSAMPLING = 20
 # Random projections that tell the lengths of rows.
 _PROJECTIONS = 40
+# How well the volume is met, as a share.
+_VOLUME = 1e-3
 # Eigenvalues of a Gram matrix below this share of the largest are rounding.
 _ROUNDING = 1e-13
 _GOLDEN = (5**0.5 - 1.0) / 2.0
@@ -30,40 +34,41 @@ def empirical_cubature(
 ) -> tuple[NDArray[np.int64], Array]:
     """Numbers (m,) of the chosen points and factors (m,) > 0 on their own weights; m is at most `conditions` + 1.
 
-    contributions: one array (p, r) per state, what each of the p points adds to the r residuals. tolerance: how well
-    the conditions are met together, as a share.
+    contributions: one array (p, r) per state, what each of the p points adds to the r residuals. tolerance: length of
+    what the chosen points' residuals of a state are off, root mean square over the states, in their unit. It is met
+    unless that takes more points; the volume, the sum over points without any law, is met to `_VOLUME`.
     """
     random = np.random.default_rng(seed)
-    sketch = _sketch(contributions, conditions + _OVERSAMPLING, random)
-    combined = _combinations(sketch, conditions)
-    one = np.ones(len(sketch))
-    wanted = (one @ sketch) @ combined
-    # The volume itself is one of the conditions: what of it lies outside the others.
-    rest = one - sketch @ (combined @ wanted)
-    size = float(np.linalg.norm(rest))
-    with_volume = size > 1e-8 * np.sqrt(len(one))
-    importance = _importance(sketch, combined, random) + (rest / size) ** 2 * with_volume
-    count = combined.shape[1] + with_volume
-    most = min(len(one), max(_FEWEST_CANDIDATES, _CANDIDATES_PER_CONDITION * count))
-    able = int((importance > 0).sum())
-    candidates = random.choice(len(one), min(most, able), replace=False, p=importance / importance.sum())
-    matrix = sketch[candidates] @ combined
-    if with_volume:
-        matrix = np.column_stack([matrix, rest[candidates] / size])
-        wanted = np.append(wanted, size)
-    factors = sparse_nonnegative(np.ascontiguousarray(matrix.T), wanted, tolerance)
+    sketch, states = _sketch(contributions, conditions + _OVERSAMPLING, random)
+    combined, lengths = _combinations(sketch, conditions)
+    count = len(sketch)
+    # Squares of what random combinations are off add up to those of the states' residuals.
+    allowed = tolerance * np.sqrt(states)
+    importance = _importance(sketch, combined, random)
+    # Points that matter for the volume alone must be there to choose from.
+    importance = importance + importance.mean() / len(lengths)
+    most = min(count, max(_FEWEST_CANDIDATES, _CANDIDATES_PER_CONDITION * len(lengths)))
+    candidates = random.choice(count, most, replace=False, p=importance / importance.sum())
+    matrix = (sketch[candidates] @ combined) * lengths
+    wanted = (np.ones(count) @ sketch @ combined) * lengths
+    volume = allowed / (_VOLUME * count)
+    matrix = np.column_stack([matrix, np.full(len(matrix), volume)])
+    wanted = np.append(wanted, volume * count)
+    share = allowed / float(np.linalg.norm(wanted))
+    factors = sparse_nonnegative(np.ascontiguousarray(matrix.T), wanted, share)
     chosen = np.flatnonzero(factors > 0)
     order = np.argsort(candidates[chosen])
     return candidates[chosen][order], factors[chosen][order]
 
 
-def _combinations(sketch: Array, count: int) -> Array:
+def _combinations(sketch: Array, count: int) -> tuple[Array, Array]:
     """Combinations (c, k) of the columns of a tall matrix (p, c) that are its first `count` left singular vectors, less
-    those that are rounding, by the eigenvectors of its Gram matrix."""
+    those that are rounding, by the eigenvectors of its Gram matrix; and the singular values (k,)."""
     values, vectors = np.linalg.eigh(sketch.T @ sketch)
     order = np.argsort(values)[::-1][:count]
     order = order[values[order] > _ROUNDING * values[order[0]]]
-    return np.asarray(vectors[:, order] / np.sqrt(values[order]))
+    lengths = np.sqrt(values[order])
+    return np.asarray(vectors[:, order] / lengths), lengths
 
 
 def _importance(sketch: Array, combined: Array, random: np.random.Generator) -> Array:
@@ -73,10 +78,12 @@ def _importance(sketch: Array, combined: Array, random: np.random.Generator) -> 
     return np.asarray(((sketch @ mixed) ** 2).sum(axis=1))
 
 
-def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Generator) -> Array:
-    """Random combinations (p, columns) of all contributions. Those of one state go to some successive columns only,
-    twice as many as they are themselves: as good a range for a fraction of the products."""
+def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Generator) -> tuple[Array, int]:
+    """Random combinations (p, columns) of all contributions, and how many states these are of. Those of one state go
+    to some successive columns only, twice as many as they are themselves: as good a range for a fraction of the
+    products."""
     total: Array | None = None
+    number = -1
     for number, part in enumerate(contributions):
         if total is None:
             total = np.zeros((len(part), columns), order="F")
@@ -87,4 +94,4 @@ def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Gene
         end = min(first + few, columns)
         total[:, first:end] += mixed[:, : end - first]
         total[:, : first + few - end] += mixed[:, end - first :]
-    return np.empty((0, columns)) if total is None else total
+    return np.empty((0, columns)) if total is None else total, number + 1

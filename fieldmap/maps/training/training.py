@@ -36,8 +36,8 @@ from fieldmap.typing import Array
 _FIRST, _AT_ONCE = 5, 4
 # States are solved so much better than they are wanted; the tolerance of the solver is a thousand times its residual.
 _SOLVED_BETTER = 10.0
-# How well the sample points integrate what they are chosen for, as a share of the accuracy.
-_CUBATURE = 0.05
+# What the sample points may change a state by, its energy's root as a share, over the accuracy.
+_CUBATURE = 0.3
 # A gradient may be off by so much more than a flux density, each as a share of its largest.
 _GRADIENT = 2.0
 # At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
