@@ -9,13 +9,15 @@ from fieldmap.cli.application import application
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generate
-from fieldmap.parallel import WorkerDied
-from fieldmap.store import checkpoint_path, read_info
+from fieldmap.parallel import WorkerDied, workers
+from fieldmap.store import checkpoint_path, read_info, read_map
 
 
 @pytest.fixture
 def failing(monkeypatch):
-    """failing(fails): from now on solves fail at currents for which fails(number of the solve) is an error."""
+    """failing(fails): from now on solves fail at currents for which fails(number of the solve) is an error. One state
+    at a time, so that they have numbers."""
+    monkeypatch.setattr(workers, "threads_of_kernels", lambda: 1)
     solve = NonlinearSolver.solve
 
     def make(error_of):
@@ -83,3 +85,37 @@ def test_what_is_not_the_fault_of_a_state_stops_the_run_and_is_tried_again(
     generate(few_states, target)
     assert read_info(target).provenance.solver_report["states_failed"] == {}
     np.testing.assert_array_equal(solves[3], solves[4])
+
+
+def test_a_state_that_stops_the_run_leaves_those_before_it_and_the_same_map_comes_out(
+    few_states, tmp_path, monkeypatch
+):
+    """Several states at a time: the one that fails is told by its currents."""
+    solve, solved = NonlinearSolver.solve, []
+    monkeypatch.setattr(NonlinearSolver, "solve", counted(solve, solved))
+    whole, stopped = generate(few_states, tmp_path / "whole.h5"), tmp_path / "stopped.h5"
+    at = solved[4][1]
+
+    def attempt(self, currents, tolerance=1e-3, start=None):
+        if broken and np.allclose(currents, at):
+            raise MemoryError
+        return solve(self, currents, tolerance, start)
+
+    monkeypatch.setattr(NonlinearSolver, "solve", attempt)
+    broken = True
+    with pytest.raises(MemoryError):
+        generate(few_states, stopped)
+    broken = False
+    solved = []
+    monkeypatch.setattr(NonlinearSolver, "sensitivities", counted(NonlinearSolver.sensitivities, solved))
+    generate(few_states, stopped)
+    assert 0 < len(solved) < read_info(stopped).provenance.solver_report["states_solved"]
+    np.testing.assert_array_equal(read_map(stopped).flux_density, read_map(whole).flux_density)
+
+
+def counted(function, calls):
+    def call(*arguments, **named):
+        calls.append(arguments)
+        return function(*arguments, **named)
+
+    return call

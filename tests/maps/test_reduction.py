@@ -81,7 +81,7 @@ def test_fewer_points_serve_a_coarser_tolerance_and_what_they_leave_is_the_state
         assert error <= 1.3 * tolerance
         assert factors.sum() == pytest.approx(4000, rel=0.01)
         numbers.append(len(points))
-    assert numbers[0] + 8 < numbers[1] < numbers[2] - 8
+    assert numbers[0] + 4 < numbers[1] < numbers[2] - 4
 
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
