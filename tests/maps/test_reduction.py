@@ -38,6 +38,38 @@ def test_modes_are_orthonormal_and_the_best_there_are(states, energy):
     assert error == pytest.approx((singular[5:] ** 2).sum(), rel=1e-6)
 
 
+def test_no_more_modes_than_the_tolerance_asks_for(states, energy):
+    sizes = np.sqrt(np.einsum("ns,nm,ms->s", states, energy, states))
+    states = states / sizes
+    applied = energy @ states
+    for tolerance in (0.5, 1e-2, 1e-4):
+        combined = proper_modes(states, applied, 12, tolerance)
+        fewer = combined[:, :-1]
+        for modes, enough in ((states @ combined, True), (states @ fewer, False)):
+            left = states - modes @ (modes.T @ applied)
+            size = np.sqrt(np.einsum("ns,nm,ms->s", left, energy, left)).max()
+            assert (size <= tolerance * (1 + 1e-6)) == enough
+    assert proper_modes(states, applied, 3, 1e-4).shape[1] == 3
+
+
+def test_no_more_fields_than_the_tolerance_asks_for():
+    random = np.random.default_rng(3)
+    amplitudes = random.standard_normal((40, 10)) * np.geomspace(1, 1e-4, 10)
+    fields = random.standard_normal((10, 200))
+    truth = amplitudes @ fields
+
+    def worst(most, tolerance=0.0):
+        combination, weights = output_fields(amplitudes, fields, most, tolerance)
+        off = (amplitudes @ weights.T) @ (combination @ fields) - truth
+        return len(weights), (np.linalg.norm(off, axis=1) / np.linalg.norm(truth, axis=1)).max()
+
+    for tolerance in (0.1, 1e-3):
+        count, error = worst(10, tolerance)
+        assert error <= tolerance < worst(count - 1)[1]
+        assert count < 10
+    assert worst(2, 1e-3)[0] == 2
+
+
 def test_output_fields_reproduce_the_states_up_to_the_next_singular_value():
     random = np.random.default_rng(3)
     amplitudes = random.standard_normal((40, 10)) * np.geomspace(1, 1e-4, 10)
@@ -102,10 +134,11 @@ def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
 
 
 def test_of_many_corners_some_are_taken():
-    lower, upper = np.arange(8.0), 10.0 + np.arange(8.0)
-    taken = corners(CurrentDomain(IndependentCurrents(8), lower, upper))
+    lower, upper = np.arange(10.0), 10.0 + np.arange(10.0)
+    taken = corners(CurrentDomain(IndependentCurrents(10), lower, upper))
     assert ((taken == lower) | (taken == upper)).all()
-    assert len(np.unique(taken, axis=0)) == len(taken) == 64
+    assert len(np.unique(taken, axis=0)) == len(taken) == 256
+    assert len(corners(CurrentDomain(IndependentCurrents(8), lower[:8], upper[:8]))) == 256
     # Each coil is at either end about as often.
     assert np.abs((taken == lower).mean(axis=0) - 0.5).max() < 0.2
 

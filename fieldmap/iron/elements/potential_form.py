@@ -10,6 +10,7 @@ construction, B only in the mean: the complement of the flux form (`fieldmap.iro
 the other sign in closed magnetic circuits.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -166,6 +167,18 @@ class ConvexForm(Generic[E]):
         """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
         return self._tangent(potential, field, 0, material)
 
+    def corrections(
+        self, material: Magnetisation, fields: Sequence[Any], potential: Array, air: Array, tolerance: float
+    ) -> Array:
+        """What one step of Newton's method would add to potentials (n, s) of as many sources, (n, s), with the tangent
+        without sources, the same for all; air: S phi (n, s), as `air` gives it. Raises NotConverged."""
+        zero = np.zeros(self.elements.count)
+        stiffness = self._tangent(zero, self.elements.no_field(), 0, material)
+        columns = [np.ascontiguousarray(values) for values in potential.T]
+        pairs = zip(columns, fields, strict=True)
+        right = np.column_stack([self._residual(phi, field, 0, material) for phi, field in pairs]) - air
+        return self._solve_linear_system(stiffness, material, right, tolerance)
+
     def _factor(self, entries: Array) -> SparseFactor:
         """Of a tangent, with the capacity for the air."""
         with_air = entries.copy()
@@ -181,6 +194,11 @@ class ConvexForm(Generic[E]):
     ) -> Array:
         """Solve (K + S) x = right (n, c) with the tangent K of the state (n, 1). Raises NotConverged."""
         stiffness = self._tangent(np.ascontiguousarray(potential[:, 0]), field, 0, material)
+        return self._solve_linear_system(stiffness, material, right, tolerance)
+
+    def _solve_linear_system(
+        self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
+    ) -> Array:
         solved, history = self._linear_system(stiffness, material, right, tolerance)
         residuals = tuple(float(step.max()) for step in history)
         require_convergence("tangent of the potential form", residuals, tolerance)

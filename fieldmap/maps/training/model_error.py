@@ -37,6 +37,17 @@ class Trial:
         bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
         self._bare = [np.array([pair[j] for pair in bare]) for j in range(2)]
 
+    def shares(self, currents: Array, charge: Array, change: Array) -> Array:
+        """Largest flux density and gradient (s, 2) that changes (s, faces) of the iron's charges (s, faces) make at
+        currents (s, c), as shares of the largest of the same state."""
+        changed, whole = self._fields(change), self._fields(charge)
+        rows = np.empty((len(currents), 2))
+        for k, values in enumerate(currents):
+            for j in range(2):
+                largest = _largest(whole[j][k] + np.tensordot(values, self._bare[j], 1))
+                rows[k, j] = _largest(changed[j][k]) / largest
+        return rows
+
     def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:
         """Of charges weights (s, k) @ charge (k, faces) that a model gives for the solved states, one at least."""
         currents, potentials = tried.currents, tried.potentials

@@ -12,9 +12,10 @@ from fieldmap.typing import Array
 _NEGLIGIBLE = 1e-13
 
 
-def proper_modes(states: Array, applied: Array, most: int) -> Array:
+def proper_modes(states: Array, applied: Array, most: int, tolerance: float = 0.0) -> Array:
     """Combinations (s, r) of `states` (n, s) that are orthonormal modes, at most `most`, with the largest shares of the
-    energy of all; applied (n, s): the symmetric positive operator of the energy on the states.
+    energy of all; applied (n, s): the symmetric positive operator of the energy on the states. tolerance: no more of
+    them than leave at most this of any state, in the norm of the energy.
 
     Sirovich, Quart. Appl. Math. 45 (1987) 561: the method of snapshots.
     """
@@ -22,15 +23,24 @@ def proper_modes(states: Array, applied: Array, most: int) -> Array:
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     order = np.argsort(values)[::-1][:most]
     order = order[values[order] > _NEGLIGIBLE * values[order[0]]]
+    order = order[: _enough(vectors[:, order] * np.sqrt(values[order]), tolerance)]
     return np.asarray(vectors[:, order] / np.sqrt(values[order]))
 
 
-def output_fields(amplitudes: Array, fields: Array, most: int) -> tuple[Array, Array]:
+def _enough(coordinates: Array, tolerance: float) -> int:
+    """How many of the orthonormal directions leave at most `tolerance` of every row of coordinates (s, r), one at
+    least."""
+    left = np.cumsum(coordinates[:, ::-1] ** 2, axis=1)[:, ::-1].max(axis=0)
+    return max(1, int((left > tolerance**2).sum()))
+
+
+def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float = 0.0) -> tuple[Array, Array]:
     """Combinations of the modes whose fields are enough for all states: `combination` (k, r) and `weights` (k, r).
 
     amplitudes (s, r) of the states, fields (r, m) of the modes at m numbers of interest. Field j is
     combination[j] @ fields; a state of amplitudes a has the field sum_j (weights @ a)_j field_j, up to the k + 1st
-    singular value of the states' fields. Every weight is of order one at the largest state.
+    singular value of the states' fields. Every weight is of order one at the largest state. tolerance: no more fields
+    than leave at most this share of any state's own.
     """
     count, modes = amplitudes.shape
     values, vectors = np.linalg.eigh(amplitudes.T @ amplitudes / count)
@@ -39,6 +49,9 @@ def output_fields(amplitudes: Array, fields: Array, most: int) -> tuple[Array, A
     inverse = (vectors / np.sqrt(values)) @ vectors.T
     left, singular, _ = np.linalg.svd(root @ fields, full_matrices=False)
     k = min(most, modes, int((singular > 1e-12 * singular[0]).sum()))
+    own = amplitudes @ inverse @ left * singular
+    size = np.linalg.norm(own, axis=1, keepdims=True)
+    k = min(k, _enough(own / np.where(size > 0.0, size, 1.0), tolerance))
     combination = (left[:, :k] / singular[:k]).T @ root
     weights = (inverse @ left[:, :k] * singular[:k]).T
     scale = np.abs(amplitudes @ weights.T).max(axis=0)
@@ -50,24 +63,34 @@ _TOLERANCE = 1e-3
 
 
 class SolvedModes:
-    """The iron on the modes of the solved states and their tangents, with the law at all points."""
+    """The iron on the modes of the solved states and their tangents, with the law at all points.
 
-    def __init__(self, solver: NonlinearSolver, snapshots: Snapshots, most: int) -> None:
+    most: modes; tolerance: no more of them than leave at most this share of any state or tangent.
+    """
+
+    def __init__(
+        self, solver: NonlinearSolver, snapshots: Snapshots, most: int, tolerance: float = 0.0
+    ) -> None:
         self.currents, found = snapshots.currents, snapshots.states
         # The energy is that of the tangent at the first state.
         tangent = solver.tangent(self.currents[0], found[0].potential)
-        columns, air = [], []
+        columns, air, applied_to = [], [], []
         for state in found:
             vectors = np.column_stack([state.potential, state.tangents])
-            # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field.
-            size = np.sqrt(max(state.potential @ (tangent @ state.potential + state.air[:, 0]), 0.0)) or 1.0
+            # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field. One
+            # without currents counts by the largest of its tangents.
+            product = tangent @ vectors + state.air
+            energy = np.einsum("nk,nk->k", vectors, product)
+            largest = energy.max(initial=0.0)
+            size = np.sqrt(energy[0] if energy[0] > _NEGLIGIBLE * largest else largest) or 1.0
             columns.append(vectors / size)
             air.append(state.air / size)
+            applied_to.append(product / size)
         vectors, of_air = np.concatenate(columns, axis=1), np.concatenate(air, axis=1)
-        applied = tangent @ vectors + of_air
-        combined = proper_modes(vectors, applied, most)
-        self.basis = vectors @ combined
-        self.model: GalerkinModel = solver.project(self.basis, of_air @ combined)
+        applied = np.concatenate(applied_to, axis=1)
+        combined = proper_modes(vectors, applied, most, tolerance)
+        self.basis, self.air = vectors @ combined, of_air @ combined
+        self.model: GalerkinModel = solver.project(self.basis, self.air)
         self.amplitudes = snapshots.potentials.T @ (applied @ combined)
         self._solver, self._first = solver, found[0].potential
 

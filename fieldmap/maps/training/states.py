@@ -16,8 +16,8 @@ from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
 from fieldmap.store import Checkpoint
 from fieldmap.typing import Array
 
-# Of more corners so many are solved, at random.
-MOST_CORNERS = 64
+# Of more corners so many are looked at, at random.
+MOST_CORNERS = 256
 # Share of a signal's range that a tangent stands for.
 REACH = 0.125
 _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
@@ -50,7 +50,7 @@ def corners(domain: CurrentDomain) -> Array:
 
 
 def corner_signals(domain: CurrentDomain) -> Array:
-    """Signals (m, d) of the corners, in a random order; of more than 64, as many of them at random."""
+    """Signals (m, d) of the corners, in a random order; of more than 256, as many of them at random."""
     d = domain.parametrisation.signal_count
     random = np.random.default_rng(_ORDER_SEED)
     if 2**d <= MOST_CORNERS:
@@ -83,14 +83,24 @@ class Solved:
 class Snapshots:
     """Currents and solved states, in the order in which they came; an image costs no solve.
 
-    admits(currents (c,)): whether an image is wanted; solved: how many states are no images.
+    admits(currents (c,)): whether an image is wanted.
     """
 
     def __init__(self, solver: NonlinearSolver, admits: Callable[[Array], bool]) -> None:
         self._solver, self._images, self._admits = solver, solver.images, admits
         self._currents: list[Array] = []
         self._states: list[Solved] = []
-        self.solved = 0
+        self._own: list[bool] = []
+
+    @property
+    def solved(self) -> int:
+        """How many are no images."""
+        return sum(self._own)
+
+    @property
+    def own(self) -> tuple[bool, ...]:
+        """Which are no images."""
+        return tuple(self._own)
 
     @property
     def currents(self) -> Array:
@@ -108,15 +118,18 @@ class Snapshots:
         return tuple(self._states)
 
     def add(self, currents: Array, state: Solved) -> None:
-        """A state of currents (c,), and its images."""
-        self._currents.append(currents)
-        self._states.append(state)
+        """A solved state of currents (c,), and its images."""
+        self.put(currents, state, True)
         for image in self._images:
             values = image.currents(currents)
             if self.number(values) is None and self._admits(values):
-                self._currents.append(values)
-                self._states.append(state.image(image))
-        self.solved += 1
+                self.put(values, state.image(image), False)
+
+    def put(self, currents: Array, state: Solved, own: bool) -> None:
+        """One state of currents (c,) without its images; own: it is no image itself."""
+        self._currents.append(currents)
+        self._states.append(state)
+        self._own.append(own)
 
     def empty(self, admits: Callable[[Array], bool]) -> "Snapshots":
         """No states yet, of the same solver."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,11 +34,19 @@ from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
 
 # States to begin with, of a sequence that fills the domain; then so many at once.
-_FIRST, _AT_ONCE = 5, 4
+_FIRST, _AT_ONCE = 3, 4
 # States are solved so much better than they are wanted; the tolerance of the solver is a thousand times its residual.
 _SOLVED_BETTER = 10.0
-# What the sample points may change a state by, its energy's root as a share, over the accuracy.
-_CUBATURE = 0.3
+# What the modes may leave of a state and the sample points change it by, its energy's root as a share, and what the
+# fields of the map may leave of a state's field, over the accuracy.
+_MODES, _CUBATURE, _FIELDS = 0.2, 0.3, 0.05
+# So many corners, images apart, are all solved. Of more, those that look worst and some at random, then those that may
+# be worse than these; if any of them falls short, as many as there may be, and once the model knows what it lacked,
+# again those of the others that look worst.
+_FEW_CORNERS, _WORST, _RANDOM, _MOST_SOLVED = 16, 8, 4, 64
+_RANDOM_SEED = 11
+# Corners whose residuals are computed at a time: so many nodal potentials are in memory.
+_RANKED = 64
 # A gradient may be off by so much more than a flux density, each as a share of its largest.
 _GRADIENT = 2.0
 # At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
@@ -138,8 +147,8 @@ def _round(
 ) -> Round | None:
     """Solve some states, numbered from `number`, see how well they were predicted, and add them. needed: see
     `Solving.training`."""
-    before, plan = training.solved, solving.plan
-    modes = SolvedModes(solving.solver, training, plan.modes)
+    before = training.solved
+    modes = _modes(solving, training)
     amplitudes = np.array([modes.amplitude(values) for values in currents])
     starts = modes.basis @ amplitudes.T
     wanted = [
@@ -164,6 +173,11 @@ def _share(errors: Errors) -> float:
     return max(errors.flux_density_share, errors.gradient_share / _GRADIENT)
 
 
+def _shares(of_both: Array) -> Array:
+    """(s,) of shares (s, 2) of flux density and gradient."""
+    return np.asarray(np.maximum(of_both[:, 0], of_both[:, 1] / _GRADIENT))
+
+
 def solve_tried(
     solving: Solving,
     predict: Callable[[Array], Array],
@@ -172,21 +186,24 @@ def solve_tried(
     stage: str,
     text: str,
     directions: Sequence[Array] | None = None,
+    numbers: Sequence[int] | None = None,
+    found: Snapshots | None = None,
 ) -> Snapshots:
     """The states of currents (s, c), numbered from `first`; images are taken where both are among them.
     predict(currents (c,)): nodal potential (n,) to begin from. stage, text: what is told. directions: of each, where
-    they may be trained on."""
-    found = Snapshots(solving.solver, one_of(currents))
-    left, gone = list(range(len(currents))), 0
+    they may be trained on. numbers: which of them, all if left out; found: those that are there already, to add to."""
+    found = Snapshots(solving.solver, one_of(currents)) if found is None else found
+    left, gone = list(range(len(currents)) if numbers is None else numbers), 0
+    count = len(left)
     before, batch = solving.states.computed, left
 
     def tell(done: int) -> None:
         computed = solving.states.computed - before
-        message = f"state {gone + done + 1} of {len(currents)} {text}"
+        message = f"state {gone + done + 1} of {count} {text}"
         solving.forecast.at(stage, message, computed, computed + len(batch) - done)
 
     while left:
-        batch = _no_images_of_each_other(solving.solver, left, currents)
+        batch = different_states(solving.solver, currents, left)
         wanted = [
             Wanted(
                 first + k,
@@ -201,17 +218,19 @@ def solve_tried(
                 found.add(currents[k], solved)
         # An image of one that failed is solved itself.
         left = [k for k in left if k not in batch and found.number(currents[k]) is None]
-        gone = len(currents) - len(left)
+        gone = count - len(left)
     return found
 
 
-def _no_images_of_each_other(solver: NonlinearSolver, numbers: list[int], currents: Array) -> list[int]:
-    """Of the states of these numbers those that are images of none before them."""
+def different_states(solver: NonlinearSolver, currents: Array, numbers: Sequence[int]) -> list[int]:
+    """Of the states of these numbers, of currents (s, c), those that are images of none before them."""
     chosen: list[int] = []
+    taken = np.zeros(len(currents), bool)
     for k in numbers:
-        images = [image.currents(currents[j]) for j in chosen for image in solver.images]
-        if not images or not is_among(currents[k], np.array(images)).any():
+        if not taken[k]:
             chosen.append(k)
+            for image in solver.images:
+                taken |= is_among(image.currents(currents[k]), currents)
     return chosen
 
 
@@ -225,22 +244,172 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
         # It may be the image of one that was just added.
         if training.number(tried.currents[k]) is None:
             training.add(tried.currents[k], tried.states[k])
-    for currents, state in zip(tried.currents, tried.states, strict=True):
+    for currents, state, own in zip(tried.currents, tried.states, tried.own, strict=True):
         if training.number(currents) is None:
-            left.add(currents, state)
+            left.put(currents, state, own)
     return left
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """The iron on modes of solved states, with the law at all points (`modes`) and at sample points (`sampled`)."""
+
+    solver: NonlinearSolver
+    modes: SolvedModes
+    sampled: GalerkinModel
+
+    def amplitudes(self, currents: Array) -> Array:
+        """Amplitudes (s, r) at currents (s, c), by the sample points."""
+        known, start = self.modes.currents, self.modes.amplitudes
+        near = [int(np.argmin(np.linalg.norm(known - values, axis=1))) for values in currents]
+        pairs = zip(currents, near, strict=True)
+        return np.array([self.sampled.solve(values, start[k])[0] for values, k in pairs])
+
+    def potential(self, currents: Array) -> Array:
+        """Nodal potential (n,) at currents (c,)."""
+        return np.asarray(self.modes.basis @ self.amplitudes(currents[None])[0])
+
+    @cached_property
+    def charge(self) -> Array:
+        """Density of the modes on the solver's surface faces (r, faces), T."""
+        return self.solver.charge_density(self.modes.basis)
+
+    def shortfall(self, trial: Trial, currents: Array) -> Array:
+        """How far the model looks to be off at currents (s, c), as `_share`: by the correction that its residual, with
+        the law at all points, asks for in unsaturated iron. A measure to compare currents by, not an error."""
+        parts = []
+        for first in range(0, len(currents), _RANKED):
+            some = currents[first : first + _RANKED]
+            amplitudes = self.amplitudes(some)
+            potential, air = self.modes.basis @ amplitudes.T, self.modes.air @ amplitudes.T
+            change = self.solver.charge_density(self.solver.corrections(some, potential, air))
+            parts.append(_shares(trial.shares(some, amplitudes @ self.charge, change)))
+        return np.concatenate(parts)
+
+
+def _reduce(solving: Solving, modes: SolvedModes) -> Reduction:
+    """Choose the sample points."""
+    full, currents, amplitudes, plan = modes.model, modes.currents, modes.amplitudes, solving.plan
+    parts = _contributions(full, currents, amplitudes, solving.forecast)
+    chosen, factors = empirical_cubature(parts, plan.points, _CUBATURE * plan.accuracy)
+    return Reduction(solving.solver, modes, full.sampled(chosen, factors * full.weights[chosen]))
+
+
+@dataclass(frozen=True)
+class CornersTried:
+    """What was done about the corners of the domain: how many it has; of how many the model was looked at; how many of
+    these are no images of each other; how many of them were solved, and how many of these trained on. by_residual:
+    whether those solved were chosen by the residual: the worst, some at random, and all that may be worse still."""
+
+    in_all: int
+    looked_at: int
+    different: int
+    solved: int
+    trained_on: int
+    by_residual: bool
+
+
+def try_corners(
+    solving: Solving, domain: CurrentDomain, training: Snapshots
+) -> tuple[Reduction, Snapshots, CornersTried]:
+    """Solve corners of the domain, train on those that the model lacks, and reduce: the model, and the solved corners
+    that are left to measure its error."""
+    solver, plan, before = solving.solver, solving.plan, training.solved
+    signals = corner_signals(domain)
+    currents = domain.parametrisation.currents(signals)
+    directions = [reaches(domain, values) for values in signals]
+    different = different_states(solver, currents, range(len(currents)))
+    few = len(different) <= _FEW_CORNERS
+    solved = 0
+
+    def solve(
+        predict: Callable[[Array], Array], numbers: Sequence[int], found: Snapshots | None
+    ) -> Snapshots:
+        nonlocal solved
+        solved += len(numbers)
+        about = (plan.states, "corners", "in corners", directions)
+        return solve_tried(solving, predict, currents, *about, numbers, found)
+
+    modes = _modes(solving, training)
+    if few:
+        tried = solve(lambda values: modes.basis @ modes.amplitude(values), different, None)
+        left = add_missing(modes, training, tried, plan.accuracy)
+        reduction = _reduce(solving, modes if training.solved == before else _modes(solving, training))
+    else:
+        reduction = _reduce(solving, modes)
+        order, looks = _worst_first(solving.trial, reduction, currents, different)
+        others = np.random.default_rng(_RANDOM_SEED).permutation(order[_WORST:])
+        chosen = [*order[:_WORST], *others[:_RANDOM].tolist()]
+        left = solve(reduction.potential, chosen, None)
+        while True:
+            rest = [k for k in order if k not in chosen]
+            off = _off(solving.trial, reduction, left)
+            worse = _perhaps_worse(left, off, currents, rest, chosen, looks)[: _MOST_SOLVED - len(chosen)]
+            if not worse:
+                break
+            chosen = [*chosen, *worse]
+            left = solve(reduction.potential, worse, left)
+        if off.max(initial=0.0) > plan.accuracy:
+            # Many corners fall short where one does: they are solved to train on.
+            more, rest = rest[: _MOST_SOLVED - len(chosen)], rest[_MOST_SOLVED - len(chosen) :]
+            left = solve(reduction.potential, more, left)
+            left = add_missing(reduction.modes, training, left, plan.accuracy)
+        if training.solved > before:
+            reduction = _reduce(solving, _modes(solving, training))
+            if rest:
+                worst = _worst_first(solving.trial, reduction, currents, rest)[0][:_WORST]
+                left = solve(reduction.potential, worst, left)
+    in_all, trained = 2 ** len(domain.lower), training.solved - before
+    about = CornersTried(in_all, len(currents), len(different), solved, trained, not few)
+    return reduction, left, about
+
+
+def _modes(solving: Solving, training: Snapshots) -> SolvedModes:
+    plan = solving.plan
+    return SolvedModes(solving.solver, training, plan.modes, _MODES * plan.accuracy)
+
+
+def _worst_first(
+    trial: Trial, reduction: Reduction, currents: Array, numbers: list[int]
+) -> tuple[list[int], dict[int, float]]:
+    """Numbers of the currents (s, c) in the order of how far the model looks to be off there, and that."""
+    looks = reduction.shortfall(trial, currents[numbers])
+    order = np.argsort(-looks, kind="stable")
+    return [numbers[k] for k in order], dict(zip(numbers, looks.tolist(), strict=True))
+
+
+def _perhaps_worse(
+    found: Snapshots, off: Array, currents: Array, rest: list[int], solved: list[int], looks: dict[int, float]
+) -> list[int]:
+    """Of corners that are not solved those whose error may be larger than the largest found, if the error is no more
+    times what it looks to be than at any corner solved. off (s,): the errors found."""
+    errors = {k: off[place] for k in solved if (place := found.number(currents[k])) is not None}
+    if not errors:
+        return []
+    most = max((error / looks[k] for k, error in errors.items() if looks[k] > 0.0), default=0.0)
+    return [k for k in rest if most * looks[k] > max(errors.values())]
+
+
+def _off(trial: Trial, reduction: Reduction, tried: Snapshots) -> Array:
+    """Errors (s,) of the model on solved states, as `_share`."""
+    if not tried.solved:
+        return np.zeros(0)
+    charge = reduction.amplitudes(tried.currents) @ reduction.charge
+    change = reduction.solver.charge_density(tried.potentials) - charge
+    return _shares(trial.shares(tried.currents, charge + change, change))
 
 
 @dataclass(frozen=True, eq=False)
 class Trained:
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
-    trained on, how many of these are corners of the domain, and how the others were chosen; its errors on states
-    that it was not trained on, by their kind; and the largest weights (c + k,) of the map's fields over the domain."""
+    trained on, what was done about the corners of the domain, and how the other states were chosen; its errors on
+    states that it was not trained on, by their kind; and the largest weights (c + k,) of the map's fields over the
+    domain."""
 
     model: ReducedModel
     charge: Array
     snapshots: Snapshots
-    corners: int
+    corners: CornersTried
     rounds: tuple[Round, ...]
     errors: Mapping[str, Errors]
     largest_weights: Array
@@ -262,52 +431,33 @@ def train(
     solving = Solving(solver, states, trial, plan, forecast)
     snapshots, rounds = solve_training(solving, domain)
     require_states(states)
-    modes = SolvedModes(solver, snapshots, plan.modes)
-    outer = corner_signals(domain)
-    of_corners = domain.parametrisation.currents(outer)
-    tried = {
-        "in corners": solve_tried(
-            solving,
-            lambda currents: modes.basis @ modes.amplitude(currents),
-            of_corners,
-            plan.states,
-            "corners",
-            "in corners",
-            [reaches(domain, signals) for signals in outer],
-        )
-    }
-    before = snapshots.solved
-    tried["in corners"] = add_missing(modes, snapshots, tried["in corners"], plan.accuracy)
-    if snapshots.solved > before:
-        modes = SolvedModes(solver, snapshots, plan.modes)
-    full, currents, amplitudes = modes.model, modes.currents, modes.amplitudes
-    parts = _contributions(full, currents, amplitudes, forecast)
-    chosen, factors = empirical_cubature(parts, plan.points, _CUBATURE * plan.accuracy)
-    reduced = full.sampled(chosen, factors * full.weights[chosen])
-
-    def predict(values: Array) -> Array:
-        near = int(np.argmin(np.linalg.norm(currents - values, axis=1)))
-        return np.asarray(modes.basis @ reduced.solve(values, amplitudes[near])[0])
-
+    reduction, in_corners, corners = try_corners(solving, domain, snapshots)
+    reduced, modes = reduction.sampled, reduction.modes
+    tried = {"in corners": in_corners}
     tried["at random"] = solve_tried(
-        solving, predict, held_out(domain, plan.held_out), plan.states + len(outer), "random", "at random"
+        solving,
+        reduction.potential,
+        held_out(domain, plan.held_out),
+        plan.states + corners.looked_at,
+        "random",
+        "at random",
     )
     require_states(states)
     require_some(tried, states)
     forecast.at("modes", "fields of the modes")
-    of_modes = solver.charge_density(modes.basis)
-    probes = _probes(*solver.surface.field_and_gradient(points, of_modes))
-    combination, output = output_fields(amplitudes, probes, plan.fields)
-    model = _model(reduced, output, currents, amplitudes, domain, reference)
+    probes = _probes(*solver.surface.field_and_gradient(points, reduction.charge))
+    combination, output = output_fields(modes.amplitudes, probes, plan.fields, _FIELDS * plan.accuracy)
+    model = _model(reduced, output, modes.currents, modes.amplitudes, domain, reference)
     forecast.at("modes", "error on states not trained on", 0.6)
-    charge = combination @ of_modes
+    charge = combination @ reduction.charge
     errors = {
         name: trial.errors(_weights(reduced, output, found.currents), charge, found)
         for name, found in tried.items()
         if found.solved
     }
-    largest = _largest_weights(domain, reduced, output, np.concatenate([currents, of_corners]))
-    return Trained(model, charge, snapshots, snapshots.solved - before, rounds, errors, largest)
+    of_corners = domain.parametrisation.currents(corner_signals(domain))
+    largest = _largest_weights(domain, reduced, output, np.concatenate([modes.currents, of_corners]))
+    return Trained(model, charge, snapshots, corners, rounds, errors, largest)
 
 
 def _probes(flux: Array, gradient: Array) -> Array:

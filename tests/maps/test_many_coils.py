@@ -1,0 +1,165 @@
+"""A map whose domain has more corners than are solved: what it states of them holds for those that nobody solved."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.iron import NonlinearSolver
+from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.parallel import same_arithmetic
+from fieldmap.store import read_map
+
+ACCURACY = 1e-2
+PLACES = ((-30.0, -9.0), (-28.0, 12.0), (-4.0, -13.0), (1.0, 11.0), (25.0, -10.0), (29.0, 13.0))
+HEAD = """
+format = 1
+name = "six_cores"
+title = "Six cores on a plate, no two of them alike"
+
+[material.steel]
+kind = "froehlich"
+mu_r = 2000.0
+saturation_polarisation_T = 2.0
+
+[[body]]
+name = "plate"
+material = "steel"
+shape = "box"
+size_mm = [80.0, 44.0, 8.0]
+position_mm = [0.0, 0.0, 20.0]
+mesh_size_mm = 14.0
+
+[workspace]
+shape = "box"
+lower_mm = [-10.0, -10.0, -20.0]
+upper_mm = [10.0, 10.0, -8.0]
+"""
+CORE = """
+[[body]]
+name = "core {name}"
+material = "steel"
+shape = "box"
+size_mm = [8.0, 8.0, 20.0]
+position_mm = [{x}, {y}, 0.0]
+mesh_size_mm = 12.0
+
+[[coil]]
+name = "{name}"
+kind = "circular"
+inner_radius_mm = 6.0
+outer_radius_mm = 8.5
+height_mm = 14.0
+turns = 1000
+position_mm = [{x}, {y}, 10.0]
+"""
+RECIPE = """
+format = 1
+title = "Six coils, each by itself"
+device = "six_cores.toml"
+spacing_mm = 3.0
+
+[iron]
+model = "saturating"
+
+[currents]
+lower_A = -1.0
+upper_A = 2.0
+accuracy = {accuracy}
+held_out = 3
+"""
+
+
+def make(folder, accuracy, **named):
+    cores = [CORE.format(name=k + 1, x=x, y=y) for k, (x, y) in enumerate(PLACES)]
+    (folder / "six_cores.toml").write_text(HEAD + "".join(cores))
+    (folder / "recipe.toml").write_text(RECIPE.format(accuracy=accuracy))
+    return read_map(fm.generate(folder / "recipe.toml", folder / f"map_{accuracy}.h5", **named))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("six_cores")
+
+
+@pytest.fixture(scope="module")
+def data(folder):
+    return make(folder, ACCURACY)
+
+
+@pytest.fixture(scope="module")
+def at_all_corners(data, folder):
+    """Errors (64, 2) of flux density and gradient at the nodes, shares of the largest of each fully solved state."""
+    solver = NonlinearSolver(fm.read_device(folder / "six_cores.toml"))
+    model, points = CurrentModel(data.reduced_model, data.coil_names), data.grid.points()
+    rows, every = [], list(itertools.product((-1.0, 2.0), repeat=6))
+    with same_arithmetic():
+        states = [solver.solve(currents, 1e-4) for currents in every]
+    for currents, state in zip(every, states, strict=True):
+        weights = model.weights(np.array(currents))
+        pairs = ((data.flux_density, state.field(points)), (data.gradient, state.gradient(points)))
+        row = []
+        for values, truth in pairs:
+            wanted = truth.reshape(len(points), -1)
+            off = np.tensordot(weights, values, 1).reshape(wanted.shape) - wanted
+            row.append(np.linalg.norm(off, axis=1).max() / np.linalg.norm(wanted, axis=1).max())
+        rows.append(row)
+    return np.array(rows)
+
+
+def test_the_stated_error_holds_in_corners_that_nobody_solved(data, at_all_corners):
+    """The worst of all 64: what is stated is the largest of a third of them, found by the residual. The nodes are other
+    places than those at which errors are stated."""
+    report = data.provenance.solver_report
+    corners, stated = report["corners"], report["states_tried"]["in corners"]
+    assert corners["in_all"] == corners["different"] == 64
+    assert corners["by_residual"]
+    assert corners["solved"] <= 30
+    largest = at_all_corners.max(axis=0)
+    assert largest[0] <= 1.03 * stated["flux_density_share"]
+    assert largest[1] <= 1.03 * stated["gradient_share"]
+    # And the accuracy that the recipe asks for holds, without being a hundred times better.
+    assert 1e-2 * ACCURACY < largest[0] < ACCURACY
+    assert largest[1] < 2 * ACCURACY
+
+
+def test_the_cost_follows_the_accuracy(data, folder):
+    """The same device to a tenth of the accuracy: more of everything."""
+    rough, fine = data.provenance.solver_report, make(folder, 0.1 * ACCURACY).provenance.solver_report
+    for name in ("modes", "sample_points"):
+        assert rough[name] < fine[name]
+    assert rough["modes"] < 30
+    assert rough["sample_points"] < 100
+    assert rough["states_trained_on_solved"] <= fine["states_trained_on_solved"]
+    assert max(errors["flux_density_share"] for errors in fine["states_tried"].values()) < 0.5 * ACCURACY
+
+
+def test_a_run_that_stops_among_the_corners_gives_the_same_bits(data, folder):
+    def stop(text, fraction):
+        if "state 6 of" in text and "in corners" in text:
+            raise KeyboardInterrupt
+
+    target = folder / f"map_{ACCURACY}.h5"
+    whole = target.rename(folder / "whole.h5")
+    with pytest.raises(KeyboardInterrupt):
+        make(folder, ACCURACY, progress=stop)
+    assert not target.exists()
+    resumed, before = make(folder, ACCURACY), read_map(whole)
+    assert (resumed.flux_density == before.flux_density).all()
+    assert (resumed.reduced_model.weights == before.reduced_model.weights).all()
+    assert resumed.provenance.solver_report["corners"] == before.provenance.solver_report["corners"]
+
+
+def test_corrections_are_the_error_of_iron_that_hardly_saturates(folder, data):
+    """In strong iron far below saturation one step of Newton's method is exact, whatever the tangent's place."""
+    solver = NonlinearSolver(fm.read_device(folder / "six_cores.toml"))
+    currents = 1e-6 * np.array([[1.0, 0.5, -0.3, 0.2, 1.0, -1.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
+    states = np.column_stack([solver.solve(values, 1e-6).state.potential[:, 0] for values in currents])
+    wrong = 0.9 * states[:, ::-1]
+    found = wrong + solver.corrections(currents, wrong, solver.air(wrong), 1e-6)
+    charge, truth = solver.charge_density(found), solver.charge_density(states)
+    assert np.abs(charge - truth).max() < 1e-3 * np.abs(truth).max()
+    assert (
+        np.abs(solver.corrections(currents, states, solver.air(states))).max() < 1e-4 * np.abs(states).max()
+    )
