@@ -7,6 +7,7 @@ from fieldmap.cli.options import Json, MapArgument
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from os import PathLike
+    from typing import Any
 
     from rich.console import RenderableType
 
@@ -172,7 +173,22 @@ def _current_model(summary: "MapSummary") -> str:
         trained.append(f"{solver['corners_trained_on']} of them corners of the domain")
     if count > solved:
         trained.append(f"{count} with mirror images")
-    return f"{text}\n{', '.join(trained)}"
+    return "\n".join([text, *_corners(solver), ", ".join(trained)])
+
+
+def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":
+    """How the corners of the domain were chosen, where not all of them were solved."""
+    corners = solver.get("corners")
+    if corners and corners["solved"] < corners["different"]:
+        alike = (
+            ""
+            if corners["different"] == corners["looked_at"]
+            else f", {corners['different']} but for symmetry"
+        )
+        yield (
+            f"of {corners['in_all']} corners the model's residual was looked at in {corners['looked_at']}{alike}: "
+            f"{corners['solved']} solved, the worst and some at random"
+        )
 
 
 def _solver_words(solver: "Mapping[str, object]") -> list[str]:

@@ -109,13 +109,13 @@ def at_all_corners(data, folder):
 
 
 def test_the_stated_error_holds_in_corners_that_nobody_solved(data, at_all_corners):
-    """The worst of all 64: what is stated is the largest of a third of them, found by the residual. The nodes are other
+    """The worst of all 64: what is stated is the largest of half of them, found by the residual. The nodes are other
     places than those at which errors are stated."""
     report = data.provenance.solver_report
     corners, stated = report["corners"], report["states_tried"]["in corners"]
     assert corners["in_all"] == corners["different"] == 64
     assert corners["by_residual"]
-    assert corners["solved"] <= 30
+    assert corners["solved"] <= 40
     largest = at_all_corners.max(axis=0)
     assert largest[0] <= 1.03 * stated["flux_density_share"]
     assert largest[1] <= 1.03 * stated["gradient_share"]

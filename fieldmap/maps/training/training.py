@@ -40,6 +40,8 @@ _SOLVED_BETTER = 10.0
 # What the modes may leave of a state and the sample points change it by, its energy's root as a share, and what the
 # fields of the map may leave of a state's field, over the accuracy.
 _MODES, _CUBATURE, _FIELDS = 0.2, 0.3, 0.05
+# The same of the sample points where they say which corners fall short: a state more costs more than some points.
+_CUBATURE_OF_CORNERS = 0.05
 # So many corners, images apart, are all solved. Of more, those that look worst and some at random, then those that may
 # be worse than these; if any of them falls short, as many as there may be, and once the model knows what it lacked,
 # again those of the others that look worst.
@@ -287,11 +289,11 @@ class Reduction:
         return np.concatenate(parts)
 
 
-def _reduce(solving: Solving, modes: SolvedModes) -> Reduction:
-    """Choose the sample points."""
+def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
+    """Choose the sample points. share: of the accuracy, what they may change a state by."""
     full, currents, amplitudes, plan = modes.model, modes.currents, modes.amplitudes, solving.plan
     parts = _contributions(full, currents, amplitudes, solving.forecast)
-    chosen, factors = empirical_cubature(parts, plan.points, _CUBATURE * plan.accuracy)
+    chosen, factors = empirical_cubature(parts, plan.points, share * plan.accuracy)
     return Reduction(solving.solver, modes, full.sampled(chosen, factors * full.weights[chosen]))
 
 
@@ -334,9 +336,10 @@ def try_corners(
     if few:
         tried = solve(lambda values: modes.basis @ modes.amplitude(values), different, None)
         left = add_missing(modes, training, tried, plan.accuracy)
-        reduction = _reduce(solving, modes if training.solved == before else _modes(solving, training))
+        modes = modes if training.solved == before else _modes(solving, training)
+        reduction = _reduce(solving, modes, _CUBATURE)
     else:
-        reduction = _reduce(solving, modes)
+        reduction = _reduce(solving, modes, _CUBATURE_OF_CORNERS)
         order, looks = _worst_first(solving.trial, reduction, currents, different)
         others = np.random.default_rng(_RANDOM_SEED).permutation(order[_WORST:])
         chosen = [*order[:_WORST], *others[:_RANDOM].tolist()]
@@ -355,7 +358,7 @@ def try_corners(
             left = solve(reduction.potential, more, left)
             left = add_missing(reduction.modes, training, left, plan.accuracy)
         if training.solved > before:
-            reduction = _reduce(solving, _modes(solving, training))
+            reduction = _reduce(solving, _modes(solving, training), _CUBATURE_OF_CORNERS)
             if rest:
                 worst = _worst_first(solving.trial, reduction, currents, rest)[0][:_WORST]
                 left = solve(reduction.potential, worst, left)
