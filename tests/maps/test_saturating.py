@@ -208,7 +208,8 @@ def test_the_total_of_the_file_is_the_field_at_the_reference_currents(data, fold
     flux, _ = field_of(data, data.reference_current)
     with h5py.File(folder / "map.h5") as file:
         total = np.stack([file[f"/data/0/meshes/B/{c}"][()] for c in "xyz"], axis=-1)
-    np.testing.assert_allclose(total, flux, rtol=1e-7, atol=1e-9 * np.abs(flux).max())
+    # Lookups solve the model to 1e-6, the file's total is solved to 1e-8.
+    np.testing.assert_allclose(total, flux, rtol=0, atol=1e-7 * np.abs(flux).max())
 
 
 def test_other_programs_can_read_it(data, folder):
