@@ -39,6 +39,11 @@ class GalerkinModel:
     air: Array
     constant: Array
 
+    @property
+    def modes(self) -> int:
+        """Number of amplitudes."""
+        return self.gradients.shape[1]
+
     def solve(
         self, currents: Array, start: Array, tolerance: float = 1e-8, limit: int = 60
     ) -> tuple[Array, int]:
@@ -72,9 +77,10 @@ class GalerkinModel:
     def _single(self) -> NDArray[np.float32]:
         return self.gradients.astype(np.float32)
 
-    def energy_contributions(self, currents: Array, amplitude: Array) -> Array:
+    def energy_contributions(self, currents: Array, amplitude: Array, combine: Array | None = None) -> Array:
         """What every point adds to the residual of a state, (p, r), in coordinates in which the square of a residual
-        is the energy of the error that it causes there, as a share of the state's own."""
+        is the energy of the error that it causes there, as a share of the state's own; times `combine` (r, k), which
+        costs nothing more."""
         few = self._few
         laws = (few.weights, few.law, *few.tables.arrays)
         source = few.source @ currents
@@ -82,7 +88,10 @@ class GalerkinModel:
         # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
         scale = np.linalg.norm(factor.T @ amplitude) or 1.0
-        return np.asarray(self.contributions(currents, amplitude) @ (inverse.T / scale))
+        energy = inverse.T / scale
+        return np.asarray(
+            self.contributions(currents, amplitude) @ (energy if combine is None else energy @ combine)
+        )
 
     def contributions(self, currents: Array, amplitude: Array) -> Array:
         """What every point adds to the residual, (p, r)."""

@@ -29,7 +29,7 @@ def sample_gradients(values, nodes, gradients):
     return out
 
 
-@njit(cache=True, parallel=True, fastmath=True)
+@njit(cache=True, parallel=True, nogil=True, fastmath=True)
 def point_residuals(source, gradients, weights, law, offset, knots, coefficients, amplitude):
     """w (b/h - 1) h . G_j of every point (p, r) at h = source - G a: source (3 p,), G = gradients (3 p, r), w = weights
     (p,), law (p,) and tables of `fieldmap.kernels.iron.magnetisation_law`, a = amplitude (r,)."""

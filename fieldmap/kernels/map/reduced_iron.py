@@ -314,7 +314,7 @@ def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
     return t
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def tangent_factor(source, gradients, single, weights, law, offset, knots, coefficients, air, amplitude):
     """Cholesky factor (r, r), lower, of K at amplitudes (r,) and the coils' field `source` (3 p,); see `newton`."""
     h = source - times(gradients, amplitude)

@@ -8,12 +8,14 @@ There every singular vector is one condition, whatever its singular value; here 
 is the error of the states' residuals, and the number of points follows the wanted one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.maps.training.least_squares import sparse_nonnegative
+from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.typing import Array
 
 # Points from which the fit may choose, per condition, and at least; drawn by their share in the conditions.
@@ -29,21 +31,36 @@ _ROUNDING = 1e-13
 _GOLDEN = (5**0.5 - 1.0) / 2.0
 
 
+@dataclass(frozen=True)
+class Contributions:
+    """What each of p points adds to the residuals (r,) of a state.
+
+    times(combine (r, k)): its product (p, k) with `combine`; it is called from several threads.
+    """
+
+    residuals: int
+    times: Callable[[Array], Array]
+
+
 def empirical_cubature(
-    contributions: Iterable[Array], conditions: int, tolerance: float = 1e-6, seed: int = 0
+    contributions: Sequence[Contributions],
+    conditions: int,
+    tolerance: float = 1e-6,
+    seed: int = 0,
+    tell: Callable[[int], None] = lambda done: None,
 ) -> tuple[NDArray[np.int64], Array]:
     """Numbers (m,) of the chosen points and factors (m,) > 0 on their own weights; m is at most `conditions` + 1.
 
-    contributions: one array (p, r) per state, what each of the p points adds to the r residuals. tolerance: length of
-    what the chosen points' residuals of a state are off, root mean square over the states, in their unit. It is met
-    unless that takes more points; the volume, the sum over points without any law, is met to `_VOLUME`.
+    contributions: of the states. tolerance: length of what the chosen points' residuals of a state are off, root mean
+    square over the states, in their unit. It is met unless that takes more points; the volume, the sum over points
+    without any law, is met to `_VOLUME`. tell(k) is called when k states have been asked.
     """
     random = np.random.default_rng(seed)
-    sketch, states = _sketch(contributions, conditions + _OVERSAMPLING, random)
+    sketch = _sketch(contributions, conditions + _OVERSAMPLING, seed, tell)
     combined, lengths = _combinations(sketch, conditions)
     count = len(sketch)
     # Squares of what random combinations are off add up to those of the states' residuals.
-    allowed = tolerance * np.sqrt(states)
+    allowed = tolerance * np.sqrt(len(contributions))
     importance = _importance(sketch, combined, random)
     # Points that matter for the volume alone must be there to choose from.
     importance = importance + importance.mean() / len(lengths)
@@ -78,20 +95,27 @@ def _importance(sketch: Array, combined: Array, random: np.random.Generator) -> 
     return np.asarray(((sketch @ mixed) ** 2).sum(axis=1))
 
 
-def _sketch(contributions: Iterable[Array], columns: int, random: np.random.Generator) -> tuple[Array, int]:
-    """Random combinations (p, columns) of all contributions, and how many states these are of. Those of one state go
-    to some successive columns only, twice as many as they are themselves: as good a range for a fraction of the
-    products."""
-    total: Array | None = None
-    number = -1
-    for number, part in enumerate(contributions):
-        if total is None:
+def _sketch(
+    contributions: Sequence[Contributions], columns: int, seed: int, tell: Callable[[int], None]
+) -> Array:
+    """Random combinations (p, columns) of all contributions. Those of one state go to some successive columns only, as
+    many as they are themselves: as good a range for a fraction of the products."""
+
+    def mixed(number: int) -> Array:
+        count = contributions[number].residuals
+        few = min(columns, count)
+        random = np.random.default_rng((seed, number))
+        return contributions[number].times(random.standard_normal((count, few)) / np.sqrt(few))
+
+    total = np.empty((0, columns))
+    for outcome in in_threads(mixed, range(len(contributions)), threads_of_kernels()):
+        number, part = outcome.index, outcome.result()
+        if number == 0:
             total = np.zeros((len(part), columns), order="F")
-        few = min(columns, 2 * part.shape[1])
-        mixed = part @ (random.standard_normal((part.shape[1], few)) / np.sqrt(few))
         # Every column gets about as many states: successive ones lie a golden section apart.
         first = int(columns * (number * _GOLDEN % 1.0))
-        end = min(first + few, columns)
-        total[:, first:end] += mixed[:, : end - first]
-        total[:, : first + few - end] += mixed[:, end - first :]
-    return np.empty((0, columns)) if total is None else total, number + 1
+        end = min(first + part.shape[1], columns)
+        total[:, first:end] += part[:, : end - first]
+        total[:, : first + part.shape[1] - end] += part[:, end - first :]
+        tell(number + 1)
+    return total

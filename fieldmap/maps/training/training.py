@@ -1,8 +1,8 @@
 """From solved states of saturating iron to a reduced model, its fields' charges, and its errors on other states."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
-from fieldmap.maps.training.cubature import empirical_cubature
+from fieldmap.maps.training.cubature import Contributions, empirical_cubature
 from fieldmap.maps.training.expected import expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
 from fieldmap.maps.training.modes import SolvedModes, output_fields
@@ -292,8 +292,19 @@ class Reduction:
 def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
     """Choose the sample points. share: of the accuracy, what they may change a state by."""
     full, currents, amplitudes, plan = modes.model, modes.currents, modes.amplitudes, solving.plan
-    parts = _contributions(full, currents, amplitudes, solving.forecast)
-    chosen, factors = empirical_cubature(parts, plan.points, share * plan.accuracy)
+    states = [
+        Contributions(full.modes, partial(full.energy_contributions, values, amplitude))
+        for values, amplitude in zip(currents, amplitudes, strict=True)
+    ]
+
+    def tell(done: int) -> None:
+        message = f"sample points, from state {done + 1} of {len(states)}"
+        if done == len(states):
+            message = "sample points, their choice"
+        solving.forecast.at("points", message, (1.0 - _CHOICE) * done, len(states))
+
+    tell(0)
+    chosen, factors = empirical_cubature(states, plan.points, share * plan.accuracy, tell=tell)
     return Reduction(solving.solver, modes, full.sampled(chosen, factors * full.weights[chosen]))
 
 
@@ -475,18 +486,6 @@ def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Arra
     places = np.concatenate([currents, domain.parametrisation.currents(sequence(domain, 0, _WEIGHED))])
     iron = np.abs(_weights(reduced, output, places)).max(axis=0)
     return np.concatenate([domain.largest, _MARGIN * iron])
-
-
-def _contributions(
-    full: GalerkinModel, currents: Array, amplitudes: Array, forecast: Forecast
-) -> Iterator[Array]:
-    """What the points add to the residual of every state (p, r), one state after the other."""
-    count = len(currents)
-    for number, (values, amplitude) in enumerate(zip(currents, amplitudes, strict=True)):
-        done = (1.0 - _CHOICE) * number
-        forecast.at("points", f"sample points, from state {number + 1} of {count}", done, count)
-        yield full.energy_contributions(values, amplitude)
-    forecast.at("points", "sample points, their choice", 1.0 - _CHOICE)
 
 
 def _weights(reduced: GalerkinModel, output: Array, currents: Array) -> Array:
