@@ -28,6 +28,10 @@ coils.path path_flux_density_and_gradient d2 d2 d2 d d d
 map.reduced_iron newton d1 d2 f2 d1 i1 i1 d1 d2 d2 d1 d1 d2 d i
 iron.charged_surface surface_field_and_gradient d2 d3 d2 d2 d1 d3 d2
 map.reduced_iron tangent_factor d1 d2 f2 d1 i1 i1 d1 d2 d2 d1
+growing_cholesky append d2 i d1 d
+growing_cholesky solve_lower d2 i d1
+growing_cholesky solve_upper d2 i d1
+growing_cholesky remove d2 i i
 iron.sample_gradients point_residuals d1 d2 d1 i1 i1 d1 d2 d1
 map.map_block contract d1 i d1 d1
 map.lookup evaluate d1 d2 d2 d3

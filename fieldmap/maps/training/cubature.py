@@ -26,6 +26,8 @@ _OVERSAMPLING = 20
 _PROJECTIONS = 40
 # How well the volume is met, as a share.
 _VOLUME = 1e-3
+# Parts of the points whose products are summed.
+_PARTS = 8
 # Eigenvalues of a Gram matrix below this share of the largest are rounding.
 _ROUNDING = 1e-13
 _GOLDEN = (5**0.5 - 1.0) / 2.0
@@ -81,11 +83,18 @@ def empirical_cubature(
 def _combinations(sketch: Array, count: int) -> tuple[Array, Array]:
     """Combinations (c, k) of the columns of a tall matrix (p, c) that are its first `count` left singular vectors, less
     those that are rounding, by the eigenvectors of its Gram matrix; and the singular values (k,)."""
-    values, vectors = np.linalg.eigh(sketch.T @ sketch)
+    values, vectors = np.linalg.eigh(_gram(sketch))
     order = np.argsort(values)[::-1][:count]
     order = order[values[order] > _ROUNDING * values[order[0]]]
     lengths = np.sqrt(values[order])
     return np.asarray(vectors[:, order] / lengths), lengths
+
+
+def _gram(tall: Array) -> Array:
+    """tall^T tall (c, c), in parts that do not depend on the number of threads."""
+    parts = np.array_split(tall, _PARTS)
+    products = in_threads(lambda part: part.T @ part, parts, threads_of_kernels())
+    return np.asarray(sum(outcome.result() for outcome in products))
 
 
 def _importance(sketch: Array, combined: Array, random: np.random.Generator) -> Array:
@@ -111,7 +120,7 @@ def _sketch(
     for outcome in in_threads(mixed, range(len(contributions)), threads_of_kernels()):
         number, part = outcome.index, outcome.result()
         if number == 0:
-            total = np.zeros((len(part), columns), order="F")
+            total = np.zeros((len(part), columns))
         # Every column gets about as many states: successive ones lie a golden section apart.
         first = int(columns * (number * _GOLDEN % 1.0))
         end = min(first + part.shape[1], columns)

@@ -1,13 +1,13 @@
 """Least squares with non-negative unknowns, of which few are to differ from zero.
 
 The active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), several unknowns entering
-at a time; the passive set is solved by the normal equations with a Cholesky factor that grows with it.
+at a time; the passive set is solved by the normal equations, whose Cholesky factor follows its changes.
 """
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
+from fieldmap.kernels.growing_cholesky import append, remove, solve_lower, solve_upper
 from fieldmap.typing import Array
 
 # Unknowns that enter at a time: those of the steepest gradient, and not less steep than this share of it.
@@ -37,39 +37,55 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float) -> Array:
         if not steepest > _ROUNDING * size:
             break
         entering = np.argsort(-slope, kind="stable")[: min(at_once, rows - len(passive.numbers))]
-        passive.enter(entering[slope[entering] >= _STEEP * steepest])
+        if not passive.enter(entering[slope[entering] >= _STEEP * steepest]):
+            break
         passive.solve()
-        rest = wanted - passive.columns @ passive.values
+        rest = passive.rest()
     x = np.zeros(count)
     x[passive.numbers] = passive.values
     return x
 
 
 class _Passive:
-    """The unknowns that may differ from zero, their values and columns, and the normal equations."""
+    """The unknowns that may differ from zero, their values and columns, and the factored normal equations."""
 
     def __init__(self, matrix: Array, wanted: Array) -> None:
         self._matrix, self._wanted = matrix, wanted
         self.numbers, self.values = np.zeros(0, np.int64), np.zeros(0)
-        self.columns = np.zeros((len(matrix), 0), order="F")
-        self._gram, self._right = np.zeros((0, 0)), np.zeros(0)
+        most = len(matrix) + _AT_ONCE
+        self._factor, self._right = np.zeros((most, most)), np.zeros(0)
+        # Their columns, each in a place that it keeps.
+        self._held, self._places = np.zeros((len(matrix), most), order="F"), np.zeros(0, np.int64)
+        self._free = list(range(most))
 
-    def enter(self, numbers: NDArray[np.int64]) -> None:
-        """With the value zero."""
-        new = self._matrix[:, numbers]
-        across, own = self.columns.T @ new, new.T @ new
-        self._gram = np.block([[self._gram, across], [across.T, own]])
-        self._right = np.append(self._right, new.T @ self._wanted)
-        self.columns = np.asfortranarray(np.concatenate([self.columns, new], axis=1))
-        self.numbers = np.append(self.numbers, numbers)
-        self.values = np.append(self.values, np.zeros(len(numbers)))
+    def rest(self) -> Array:
+        """What is wanted (m,), less what the values give."""
+        spread = np.zeros(self._held.shape[1])
+        spread[self._places] = self.values
+        return self._wanted - self._held @ spread
+
+    def enter(self, numbers: NDArray[np.int64]) -> bool:
+        """With the value zero, but for those that depend on the ones that are there; whether any could."""
+        before = len(self.numbers)
+        for number in numbers:
+            new, count = self._matrix[:, number], len(self.numbers)
+            across = (self._held.T @ new)[self._places]
+            if not append(self._factor, count, across, (1.0 + _ROUNDING) * (new @ new)):
+                continue
+            place = self._free.pop()
+            self._held[:, place] = new
+            self._places = np.append(self._places, place)
+            self._right = np.append(self._right, new @ self._wanted)
+            self.numbers = np.append(self.numbers, number)
+            self.values = np.append(self.values, 0.0)
+        return len(self.numbers) > before
 
     def solve(self) -> None:
         """The least squares; unknowns that would become negative leave."""
         while len(self.numbers):
-            gram = self._gram.copy()
-            gram[np.diag_indices(len(gram))] *= 1.0 + _ROUNDING
-            trial = cho_solve(cho_factor(gram, lower=True, overwrite_a=True), self._right)
+            trial = self._right.copy()
+            solve_lower(self._factor, len(trial), trial)
+            solve_upper(self._factor, len(trial), trial)
             negative = trial <= 0.0
             if not negative.any():
                 self.values = trial
@@ -77,12 +93,15 @@ class _Passive:
             # As far towards the trial as no unknown is negative; those that are zero then leave.
             step = float((self.values[negative] / (self.values[negative] - trial[negative])).min())
             self.values = self.values + step * (trial - self.values)
-            stay = ~(negative & (self.values <= _ROUNDING * self.values.max()))
-            if stay.all():
-                stay[np.argmin(np.where(negative, self.values, np.inf))] = False
-            self._leave(stay)
+            leave = negative & (self.values <= _ROUNDING * self.values.max())
+            if not leave.any():
+                leave[np.argmin(np.where(negative, self.values, np.inf))] = True
+            for place in np.flatnonzero(leave)[::-1]:
+                self._leave(int(place))
 
-    def _leave(self, stay: NDArray[np.bool_]) -> None:
-        self.numbers, self.values = self.numbers[stay], self.values[stay]
-        self.columns, self._right = np.asfortranarray(self.columns[:, stay]), self._right[stay]
-        self._gram = self._gram[np.ix_(stay, stay)]
+    def _leave(self, place: int) -> None:
+        remove(self._factor, len(self.numbers), place)
+        self._free.append(int(self._places[place]))
+        self._places = np.delete(self._places, place)
+        self.numbers, self.values = np.delete(self.numbers, place), np.delete(self.values, place)
+        self._right = np.delete(self._right, place)
