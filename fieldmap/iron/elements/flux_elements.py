@@ -14,6 +14,7 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
+from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import linear_flux as kernel
 from fieldmap.typing import Array, Index
@@ -59,9 +60,9 @@ class FluxElements:
         """One source that is zero."""
         return np.zeros((1, len(self.volume), 4, 3))
 
-    def coil_field(self, field: Callable[[Array], Array]) -> Array:
+    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Array:
         """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
-        return self.nodal.coil_field_at_points(self.nodal.coil_field(field))
+        return self.nodal.coil_field_at_points(self.nodal.coil_field(field, symmetry))
 
     def from_nodal(self, potential: Array) -> Array:
         """Face potentials (n, c) closest to nodal potentials (k, c): of each face the linear part of the second-order

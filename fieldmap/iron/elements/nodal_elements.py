@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
+from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import quadratic_potential as kernel
@@ -84,9 +85,13 @@ class NodalElements:
         gradients = np.ascontiguousarray(np.concatenate([-last.sum(axis=1, keepdims=True), last], axis=1))
         return cls(mesh.points, nodes, gradients, volumes(mesh.points, mesh.tets), edges, surface, mean)
 
-    def coil_field(self, field: Callable[[Array], Array]) -> CoilField:
-        """t of flux densities field(points (n, 3)) -> (c, n, 3), in T; they must be free of curl in the iron."""
-        first, second = self._half_circulations(field)
+    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> CoilField:
+        """t of flux densities field(points (n, 3)) -> (c, n, 3), in T; they must be free of curl in the iron.
+
+        symmetry: of the mesh, where the fields are those of the device's coils, one after the other: what one operation
+        maps onto another edge and coil is not computed twice.
+        """
+        first, second = self._half_circulations(field, symmetry)
         bubble = np.zeros((len(first), self.count))
         bubble[:, len(self.points) :] = 0.5 * (first - second)
         along = (first + second)[:, self.nodes[:, 4:] - len(self.points)]
@@ -97,12 +102,41 @@ class NodalElements:
         constant = np.einsum("cem,em,emd->ced", along, sign, shape)
         return CoilField(constant, bubble)
 
-    def _half_circulations(self, field: Callable[[Array], Array]) -> tuple[Array, Array]:
+    def node_images(self, corners: Index) -> Index:
+        """Images (n,) of all nodes, from those of the mesh's points: the midpoints' are those of their edges."""
+        count = len(self.points)
+        ends = np.sort(corners[self.edges], axis=1)
+        key = self.edges[:, 0] * count + self.edges[:, 1]
+        return np.concatenate([corners, count + np.searchsorted(key, ends[:, 0] * count + ends[:, 1])])
+
+    def _half_circulations(
+        self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None
+    ) -> tuple[Array, Array]:
         """Line integrals (c, m) of the field along both halves of every edge."""
+        if symmetry is None:
+            return self._integrated(field, self.edges)
+        # Flux density is an axial vector: a circulation is multiplied by det(M) where the edge is moved by M.
+        count, moves = len(self.points), []
+        for corners, operation in zip(symmetry.node_images, symmetry.group.operations, strict=True):
+            if operation.coils is not None:
+                moved = self.node_images(corners)[count:] - count
+                turned = corners[self.edges[:, 0]] > corners[self.edges[:, 1]]
+                signs = operation.handedness * np.array(operation.coil_signs, float)[:, None]
+                moves.append((moved, turned, list(operation.coils), signs))
+        own = np.min([moved for moved, *_ in moves], axis=0) == np.arange(len(self.edges))
+        halves = self._integrated(field, self.edges[own])
+        out = np.empty((2, len(halves[0]), len(self.edges)))
+        for moved, turned, coils, signs in moves:
+            to, back = moved[own], turned[own]
+            for k in (0, 1):
+                out[k][np.ix_(coils, to)] = signs * np.where(back, -halves[1 - k], halves[k])
+        return out[0], out[1]
+
+    def _integrated(self, field: Callable[[Array], Array], edges: Index) -> tuple[Array, Array]:
         x, w = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
         where = np.concatenate([(x + 1) / 4, (x + 3) / 4])
         parts = []
-        for batch in np.array_split(self.edges, max(1, len(self.edges) * len(where) // _BATCH)):
+        for batch in np.array_split(edges, max(1, len(edges) * len(where) // _BATCH)):
             start = self.points[batch[:, 0]]
             step = self.points[batch[:, 1]] - start
             x = start + where[:, None, None] * step

@@ -50,7 +50,7 @@ def state_images(
     for k, operation in enumerate(symmetry.group.operations):
         if operation.coils is None or (magnets and not operation.keeps_magnets):
             continue
-        nodes = _nodes(symmetry.node_images[k], elements)
+        nodes = elements.node_images(symmetry.node_images[k])
         senses = (1.0,) if magnets else (1.0, -1.0)
         images += [_image(operation, nodes, sense) for sense in senses if k or sense < 0]
     return tuple(images)
@@ -59,11 +59,3 @@ def state_images(
 def _image(operation: Operation, nodes: Index, sense: float) -> StateImage:
     signs = sense * np.array(operation.coil_signs, float)
     return StateImage(np.array(operation.coils), signs, nodes, sense * operation.handedness)
-
-
-def _nodes(corners: Index, elements: NodalElements) -> Index:
-    """Images (n,) of all nodes: the corners', then the midpoints' of the edges."""
-    count = len(elements.points)
-    ends = np.sort(corners[elements.edges], axis=1)
-    key = elements.edges[:, 0] * count + elements.edges[:, 1]
-    return np.concatenate([corners, count + np.searchsorted(key, ends[:, 0] * count + ends[:, 1])])

@@ -121,7 +121,9 @@ class HysteresisSolver:
         self._mesh = generate_mesh(device, refinement, "auto")
         self._form = HysteresisForm(assemble(self._mesh))
         coils = device.coils
-        self._unit = self._form.elements.coil_field(lambda x: unit_flux_densities(coils, x))
+        self._unit = self._form.elements.coil_field(
+            lambda x: unit_flux_densities(coils, x), self._mesh.symmetry
+        )
 
     def with_pinning(self, pinning: Pinning) -> "HysteresisSolver":
         """The same device and mesh with other pinning."""

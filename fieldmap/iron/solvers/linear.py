@@ -97,7 +97,7 @@ def _solve(
 ) -> tuple[IronState, Array]:
     """State and flux linkages in one form."""
     elements, body = problem.elements, problem.iron.mesh.body
-    field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x))
+    field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x), problem.iron.mesh.symmetry)
     sources = len(device.coils)
     remanence = np.zeros((sources, len(body), 3))
     if properties.remanence.any():

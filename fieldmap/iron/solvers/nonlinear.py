@@ -77,7 +77,9 @@ class NonlinearSolver(BaseField):
         self._form = PotentialForm(self._iron)
         stages.next("field of the coils in the iron", 0.83)
         coils = device.coils
-        self._unit = self._form.elements.coil_field(lambda x: unit_flux_densities(coils, x))
+        self._unit = self._form.elements.coil_field(
+            lambda x: unit_flux_densities(coils, x), self._iron.mesh.symmetry
+        )
         stages.done("assembled")
         self._seconds = stages.seconds
         materials = [device.materials[body.material] for body in device.bodies]
