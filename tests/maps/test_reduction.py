@@ -208,6 +208,13 @@ def test_sparse_least_squares_are_those_of_lawson_and_hanson():
     assert np.linalg.norm(random_matrix @ ours - target) == pytest.approx(least, rel=1e-9)
 
 
+@pytest.mark.parametrize("second", [[0.5, 0.5], [0.75, -0.25], [1.0, 1.0]])
+def test_an_unknown_that_stays_zero_leaves(second):
+    """It enters together with the one that gives all that is wanted."""
+    matrix = np.array([[1.0, 0.0], second]).T
+    assert sparse_nonnegative(matrix, np.array([1.0, 0.0]), 0.0) == pytest.approx([1.0, 0.0], abs=1e-11)
+
+
 def test_states_are_chosen_by_what_the_others_do_not_say():
     random = np.random.default_rng(6)
     modes = np.linalg.qr(random.standard_normal((50, 3)))[0]

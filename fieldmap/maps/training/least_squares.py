@@ -91,7 +91,10 @@ class _Passive:
                 self.values = trial
                 return
             # As far towards the trial as no unknown is negative; those that are zero then leave.
-            step = float((self.values[negative] / (self.values[negative] - trial[negative])).min())
+            # One that is zero and stays so goes no way at all.
+            way = self.values[negative] - trial[negative]
+            shares = np.divide(self.values[negative], way, out=np.zeros_like(way), where=way > 0.0)
+            step = float(shares.min())
             self.values = self.values + step * (trial - self.values)
             leave = negative & (self.values <= _ROUNDING * self.values.max())
             if not leave.any():
