@@ -210,7 +210,7 @@ def _energy(factor, amplitude):
     return np.dot(product, product)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def newton(
     source,
     gradients,

@@ -24,6 +24,7 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float) -> Array:
     passive = _Passive(matrix, wanted)
     size = float(np.linalg.norm(wanted))
     rest, last, at_once = wanted.copy(), np.inf, _AT_ONCE
+    barred: list[int] = []
     for _ in range(20 * rows):
         norm = float(np.linalg.norm(rest))
         if norm <= tolerance * size or len(passive.numbers) >= rows:
@@ -33,12 +34,17 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float) -> Array:
         last = norm
         slope = rest @ matrix
         slope[passive.numbers] = -np.inf
+        slope[barred] = -np.inf
         steepest = float(slope.max())
         if not steepest > _ROUNDING * size:
             break
         entering = np.argsort(-slope, kind="stable")[: min(at_once, rows - len(passive.numbers))]
-        if not passive.enter(entering[slope[entering] >= _STEEP * steepest]):
-            break
+        entering = entering[slope[entering] >= _STEEP * steepest]
+        if not passive.enter(entering):
+            # They depend on those that are there, until these change.
+            barred += entering.tolist()
+            continue
+        barred = []
         passive.solve()
         rest = passive.rest()
     x = np.zeros(count)
