@@ -24,6 +24,8 @@ class Forecast:
         self._expected = dict(stages)
         self._began = self._stage_began = monotonic()
         self._stage, self._told = "", 0.0
+        # Pieces of the stage that were done, and when.
+        self._pieces: list[tuple[float, float]] = []
 
     def expect(self, stage: str, seconds: float) -> None:
         """Set the seconds in all that a stage will take."""
@@ -41,10 +43,10 @@ class Forecast:
         """Tell that `done` of about `count` pieces of a stage are done; stages before it are over."""
         now = monotonic()
         if stage != self._stage:
-            self._stage, self._stage_began = stage, now
+            self._stage, self._stage_began, self._pieces = stage, now, [(0.0, now)]
         taken = now - self._stage_began
         if done > 0:
-            self._expected[stage] = taken * max(count, done) / done
+            self._expected[stage] = taken + (max(count, done) - done) * self._per_piece(done, now)
         names = list(self._expected)
         later = sum(self._expected[name] for name in names[names.index(stage) + 1 :])
         own = self._expected[stage] - taken
@@ -54,6 +56,12 @@ class Forecast:
             run = now - self._began
             self._told = max(self._told, run / (run + left))
         self._say(message, self._told)
+
+    def _per_piece(self, done: float, now: float) -> float:
+        """Seconds of a piece, from the later half of those done: the first may have waited for what is compiled."""
+        first, since = [piece for piece in self._pieces if piece[0] <= done / 2][-1]
+        self._pieces.append((done, now))
+        return (now - since) / (done - first)
 
     def note(self, message: str) -> None:
         """Tell something that is no progress."""

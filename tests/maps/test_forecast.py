@@ -55,6 +55,17 @@ def test_the_share_never_falls_though_more_is_to_do_than_was_expected(clock):
     assert late[:, 1] == pytest.approx(late[:, 0] / 210.0, rel=0.05)
 
 
+def test_a_first_piece_that_waits_says_nothing_of_the_later_ones(clock):
+    """Once half of the pieces that are done are others."""
+    told = []
+    tell = Forecast(lambda message, share: told.append((clock.now - 100.0, share)), {"a": 10.0})
+    for k in range(20):
+        tell.at("a", "", k, 20)
+        clock.now += 40.0 if k == 0 else 2.0
+    late = np.array(told[4:])
+    assert late[:, 1] == pytest.approx(late[:, 0] / 78.0)
+
+
 def test_without_any_expectation_nothing_is_done(clock):
     told = []
     tell = Forecast(lambda message, share: told.append(share), {"a": 0.0, "b": 0.0})

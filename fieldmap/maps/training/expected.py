@@ -17,7 +17,7 @@ _SHARE = 0.65
 # States to try the model on begin from its prediction: over those that it is trained on.
 _TRIED = 0.6
 # Numbers in the contributions of points to residuals, times random columns, that are done in one second.
-_PRODUCTS = 3e9
+_PRODUCTS = 7e9
 # Corners that are to be solved, of those that there may be: the others are images.
 _CORNERS = 4
 

@@ -84,8 +84,8 @@ class Solving:
             number, computed = first + done, self.states.computed
             left = max(needed - number, len(wanted) - done)
             self.forecast.at("training", f"state {number + 1} of at most {most}", computed, computed + left)
-            if computed:
-                per_state = self.forecast.taken() / computed
+            if computed and left:
+                per_state = (self.forecast.expected("training") - self.forecast.taken()) / left
                 expect_tried(self.forecast, self.plan, per_state)
             self.expect_points(needed * (1 + len(self.solver.images)))
 
