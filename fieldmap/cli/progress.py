@@ -40,7 +40,7 @@ class Progress:
 
     def __enter__(self) -> "Progress":
         if self.shown and must_compile(self._kernels):
-            print("first run: compiling takes about a minute; later runs start at once", file=sys.stderr)
+            print("first run: kernels are compiled on the way; later runs start at once", file=sys.stderr)
         if self.shown and sys.stderr.isatty():
             self._bar = _bar()
             self._bar.start()
