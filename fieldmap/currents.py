@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS, MATRIX, CompiledParametrisation
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 TOLERANCE = 1e-6
@@ -391,8 +392,8 @@ class LiftAndDirections(CurrentParametrisation):
         return np.where(_MIDDLE, 0.5 * left * (1.0 + self.n * _X_SIDE * x), corners)
 
 
-@dataclass(frozen=True, eq=False)
-class CurrentDomain:
+@dataclass(frozen=True, eq=False, repr=False)
+class CurrentDomain(Record):
     """A box of signals, lower to upper (n_signals,), within the parametrisation's limit, and the currents that belong
     to them."""
 

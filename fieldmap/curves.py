@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 SERIES_KINDS = ("ours", "published", "measured", "asked")
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
+@dataclass(frozen=True, eq=False, repr=False)
+class Series(Record):
     """One line or set of points of a figure.
 
     name: for the legend; series of the same name get the same colour. x, y (n,): in the units of the figure's labels;
@@ -36,8 +37,8 @@ class Series:
         object.__setattr__(self, "y", y)
 
 
-@dataclass(frozen=True, eq=False)
-class Curves:
+@dataclass(frozen=True, eq=False, repr=False)
+class Curves(Record):
     """One figure.
 
     Labels carry the unit: "depth below the core (mm)". remark: a sentence below the figure; log_y: y by decades; equal:

@@ -22,8 +22,9 @@ A controller needs to know of a field, or of the map that holds it:
   that numba compiles, without Python objects.
 """
 
+import functools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -37,7 +38,20 @@ Bounds: TypeAlias = tuple[Array, Array]
 """Lower and upper corner (3,) of an axis-parallel box, m."""
 
 Currents: TypeAlias = ArrayLike | Mapping[str, float]
-"""Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name."""
+"""Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name, in which coils
+that are left out carry none."""
+
+_OF_POINTS = (
+    "field",
+    "gradient",
+    "field_and_gradient",
+    "second_gradient",
+    "potential",
+    "unit_field",
+    "unit_gradient",
+    "wrench",
+)
+"""Methods of fields whose first argument is points; they take points of any leading shape."""
 
 STEP = 1e-4
 """Half the distance of the gradients that are differenced for a second gradient, m."""
@@ -45,7 +59,7 @@ STEP = 1e-4
 
 @runtime_checkable
 class FieldAtCurrents(Protocol):
-    """Flux density and its derivatives at points, at fixed currents. Points (n, 3) or (3,), m."""
+    """Flux density and its derivatives at points, at fixed currents. Points (n, 3), (3,) or of any leading shape, m."""
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -99,7 +113,11 @@ class FieldLike(Protocol):
 
 @runtime_checkable
 class Field(Protocol):
-    """Flux density and its derivatives at points, for currents. Points (n, 3) or (3,), m; currents as `Currents`."""
+    """Flux density and its derivatives at points, for currents.
+
+    Points (n, 3), (3,) or of any leading shape (..., 3), m; currents as `Currents`. Results for points (..., 3) are
+    (..., 3), (..., 3, 3) and so on.
+    """
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -160,7 +178,87 @@ AnyField: TypeAlias = FieldLike | PairLike | StateLike
 """What functions of the package take as a field: a `Field`, what `as_field` makes one of, a state at its currents."""
 
 
-class BaseField(ABC):
+def over_points(method: Callable[..., Any], points: ArrayLike, *arguments: Any, **named: Any) -> Any:
+    """method(points, ...) for points (..., 3), by way of points (n, 3): results keep the leading shape.
+
+    Of the other arguments those with the same leading shape (a row for every point) are taken row by row as well.
+
+    >>> over_points(lambda points, scale: scale * points, np.ones((4, 5, 3)), 2.0).shape
+    (4, 5, 3)
+    """
+    where = np.asarray(points, dtype=float)
+    leading = where.shape[:-1]
+    count = len(leading)
+
+    def flat(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(flat, value))
+        shape = () if isinstance(value, Mapping | str) or value is None else np.shape(value)
+        rows = len(shape) > count and shape[:count] == leading
+        return np.reshape(value, (-1, *shape[count:])) if rows else value
+
+    def shaped(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(shaped, value))
+        return np.reshape(value, (*leading, *np.shape(value)[1:]))
+
+    given = {name: flat(value) for name, value in named.items()}
+    return shaped(method(flat(where), *map(flat, arguments), **given))
+
+
+def has_leading_shape(points: ArrayLike) -> bool:
+    """Whether points have more axes than (n, 3)."""
+    if isinstance(points, np.ndarray):
+        return points.ndim > 2
+    try:
+        return np.ndim(points) > 2
+    except ValueError:  # rows of unequal length
+        return False
+
+
+def _numbers(where: str, points: ArrayLike) -> Array:
+    """Points as an array. Raises InputError for what is none."""
+    try:
+        return np.asarray(points, dtype=float)
+    except (TypeError, ValueError):
+        received = repr(points)[:80]
+        must_hold = "must be numbers of shape (3,), (n, 3) or (..., 3)"
+        raise InputError(Problem(where, must_hold, received, "give x, y, z in m")) from None
+
+
+def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[..., Any]:
+    """A method of points (n, 3) or (3,), for points of any leading shape (..., 3). first: name of that argument."""
+
+    @functools.wraps(method)
+    def taking(self: Any, *arguments: Any, **named: Any) -> Any:
+        if not arguments and first in named:
+            arguments = (named.pop(first),)
+        if arguments and not isinstance(arguments[0], np.ndarray):
+            arguments = (_numbers(first, arguments[0]), *arguments[1:])
+        if arguments and arguments[0].ndim > 2:
+            return over_points(functools.partial(method, self), *arguments, **named)
+        return method(self, *arguments, **named)
+
+    return taking
+
+
+class TakesPoints:
+    """Makes the methods of every subclass take points of any leading shape.
+
+    Those that are named in `own_shapes` of the class do so by themselves, where a call of one point must be as quick as
+    it can.
+    """
+
+    def __init_subclass__(cls, own_shapes: tuple[str, ...] = (), **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name in _OF_POINTS:
+            method = cls.__dict__.get(name)
+            if callable(method) and name not in own_shapes:
+                first = "positions" if name == "wrench" else "points"
+                setattr(cls, name, of_any_shape(method, first))
+
+
+class BaseField(TakesPoints, ABC):
     """What every field can do once it has `coil_names`, `field` and `gradient`."""
 
     @property
@@ -239,7 +337,7 @@ class BaseField(ABC):
         return FixedCurrents(self, np.array(coil_currents(currents, self.coil_names)))
 
 
-class BaseFieldAtCurrents(ABC):
+class BaseFieldAtCurrents(TakesPoints, ABC):
     """What every field at fixed currents can do once it has `coil_names`, `currents`, `field` and `gradient`."""
 
     currents: Array
@@ -529,9 +627,9 @@ def coil_currents(
 ) -> Array:
     """Currents (n_coils,), A, C order, from an array, one number for all coils, or a mapping by coil name.
 
-    points: how many points there are, where currents (points, n_coils) are welcome too. finite: whether NaN and
-    infinity are refused. Raises InputError for a wrong number of currents, and for coils that a mapping lacks or that
-    do not exist.
+    Coils that a mapping does not name carry no current. points: how many points there are, where currents
+    (points, n_coils) are welcome too. finite: whether NaN and infinity are refused. Raises InputError for a wrong
+    number of currents, and for names of coils that do not exist.
 
     >>> coil_currents(1.5, ("left", "right"))
     array([1.5, 1.5])
@@ -559,16 +657,13 @@ def coil_currents(
 
 
 def _by_name(currents: Mapping[str, float], coil_names: tuple[str, ...]) -> Array:
-    names = set(coil_names)
-    if set(currents) != names:
-        unknown, missing = sorted(set(currents) - names), sorted(names - set(currents))
-        parts = [
-            f"{words} {', '.join(some)}"
-            for words, some in (("unknown", unknown), ("missing", missing))
-            if some
-        ]
-        raise InputError(_wrong(coil_names, None, "; ".join(parts)))
-    return np.array([float(currents[name]) for name in coil_names])
+    unknown = [str(name) for name in currents if name not in coil_names]
+    if unknown:
+        raise InputError(_wrong(coil_names, None, f"unknown {', '.join(sorted(unknown))}"))
+    try:
+        return np.array([float(currents.get(name, 0.0)) for name in coil_names])
+    except (TypeError, ValueError):
+        raise InputError(_wrong(coil_names, None, repr(dict(currents))[:80])) from None
 
 
 def _wrong(coil_names: tuple[str, ...], points: int | None, received: str) -> Problem:

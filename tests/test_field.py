@@ -62,7 +62,8 @@ def test_currents_of_every_kind_are_the_same_currents(given):
 
 
 @pytest.mark.parametrize(
-    "given", [[1.0], [1.0, 2.0, 3.0], [1.0, np.nan], np.inf, {"left": 1.0}, {"left": 1, "up": 2}, "two", None]
+    "given",
+    [[1.0], [1.0, 2.0, 3.0], [1.0, np.nan], np.inf, {"left": None}, {"left": 1, "up": 2}, "two", None],
 )
 def test_what_is_no_set_of_currents_is_refused(given):
     with pytest.raises(InputError) as caught:

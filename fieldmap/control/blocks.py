@@ -20,6 +20,7 @@ from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.block import SIGNALS, Block
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 AXES = ("x", "y", "z")
@@ -82,8 +83,8 @@ class Controller(Protocol):
         the outputs."""
 
 
-@dataclass(frozen=True, eq=False)
-class ControllerBlock:
+@dataclass(frozen=True, eq=False, repr=False)
+class ControllerBlock(Record):
     """A (n, n), B (n, 7), C (m, n), D (m, 7), E (n, m); lower, upper (m,): limits of the outputs; hold (n,): number of
     the output for an integral that stops at its limit, -1 elsewhere; memory (n,): what it starts with. F (n, m) or
     None for nothing: how a feed-forward enters the memory, E for an observer that is told what the machine is."""

@@ -26,6 +26,7 @@ from fieldmap.kernels.control.sampled_loop import (
     pid_loop,
     regulator_loop,
 )
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
@@ -37,8 +38,8 @@ def _ideal_drive() -> Array:
     return np.array([0.0, -np.inf, np.inf, 1.0, 0.0, -np.inf, np.inf])
 
 
-@dataclass(frozen=True, eq=False)
-class LoopInstruments:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopInstruments(Record):
     """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
 
     chain (10,), drive (7,): see fieldmap.kernels.control.instruments, and fieldmap.instruments, which makes them of
@@ -52,8 +53,8 @@ class LoopInstruments:
     output: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class LoopRun(ABC):
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopRun(Record, ABC):
     """A closed-loop run of any plant: time (samples,), s, of the records; references: what was asked for."""
 
     time: Array
@@ -75,7 +76,7 @@ class LoopRun(ABC):
         return self.response - self.references
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LinearLoopRun(LoopRun):
     """Closed-loop runs of a linear plant, deviations from the operating point.
 

@@ -16,6 +16,7 @@ from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
 from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -134,8 +135,8 @@ _CURRENT_STEP = 0.01
 """Largest change of a current, of the largest current, over which a force is differenced unless told otherwise."""
 
 
-@dataclass(frozen=True, eq=False)
-class MapPlant:
+@dataclass(frozen=True, eq=False, repr=False)
+class MapPlant(Record):
     """A levitated magnet, linear about a point of a map and one set of currents, in the frame of the map (z up).
 
     position (3,), m; currents (n_coils,), A; mass, kg; stiffness (3, 3) = -dF_i/dx_j, N/m; force_per_signal

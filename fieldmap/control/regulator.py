@@ -16,14 +16,15 @@ from fieldmap.arguments import (
 from fieldmap.control.sampled_optimum import Estimator
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.regulator import EstimatorRows, RegulatorSettings, regulator_run, regulator_step
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 ESTIMATES = ("predicted", "filtered", "delayed")
 EQUILIBRIUM_AT = ("reference", "measured")
 
 
-@dataclass(frozen=True, eq=False)
-class Regulator:
+@dataclass(frozen=True, eq=False, repr=False)
+class Regulator(Record):
     """u[n] = equilibrium output - k (x1, x2, ..., x_integral) / divisor: docs/theory/control.md (8), (9).
 
     k (n + 1,): feedback of the n states of the estimator, last of the integral of the deviation from the reference.

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from fieldmap.records import Record
 from fieldmap.shipped import shipped_folder
 
 DEFAULT = "drive_unit"
 """The machine whose sensor frame is used for a device that nothing was measured on."""
 
 
-@dataclass(frozen=True)
-class MeasuredShift:
+@dataclass(frozen=True, repr=False)
+class MeasuredShift(Record):
     """Where a magnet came to rest, as x_mm (k,) over rising x_signals (k,) of a current division with this n, a
     controller keeping its vertical reading at reading_mm. zero_mm: what was read at signal 0. source: where printed."""
 
@@ -30,8 +31,8 @@ class MeasuredShift:
     source: str
 
 
-@dataclass(frozen=True)
-class MeasuredMachine:
+@dataclass(frozen=True, repr=False)
+class MeasuredMachine(Record):
     """Measurements of one machine.
 
     sensor_zero: z of the point at which the vertical sensor reads 0, m; readings in mm grow downward. readings_mm: at

@@ -7,7 +7,6 @@ shapes and laws are offered here too. `fieldmap.device.read_device` makes a devi
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -26,24 +25,25 @@ from fieldmap.device.materials.marrocco import Marrocco as Marrocco
 from fieldmap.device.materials.permanent_magnet import PermanentMagnet as PermanentMagnet
 from fieldmap.device.placement import Placement as Placement
 from fieldmap.field import Bounds
+from fieldmap.records import FrozenDict, Record
 from fieldmap.typing import Array
 
-_EMPTY: Mapping[str, str] = MappingProxyType({})
+_EMPTY: Mapping[str, str] = FrozenDict({})
 
 
 # ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
 
 
-@dataclass(frozen=True)
-class Cylinder:
+@dataclass(frozen=True, repr=False)
+class Cylinder(Record):
     """Solid cylinder, 0 <= z <= height."""
 
     radius: float
     height: float
 
 
-@dataclass(frozen=True)
-class Ring:
+@dataclass(frozen=True, repr=False)
+class Ring(Record):
     """Hollow cylinder, 0 <= z <= height."""
 
     inner_radius: float
@@ -51,37 +51,37 @@ class Ring:
     height: float
 
 
-@dataclass(frozen=True)
-class Box:
+@dataclass(frozen=True, repr=False)
+class Box(Record):
     """|x| <= size[0]/2, |y| <= size[1]/2, 0 <= z <= size[2]."""
 
     size: tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class Sphere:
+@dataclass(frozen=True, repr=False)
+class Sphere(Record):
     """Centred at the local origin (not on the plane z = 0)."""
 
     radius: float
 
 
-@dataclass(frozen=True, eq=False)
-class ExtrudedPolygon:
+@dataclass(frozen=True, eq=False, repr=False)
+class ExtrudedPolygon(Record):
     """Simple polygon `points` (n, 2) in the x-y plane, extruded over 0 <= z <= height."""
 
     points: Array
     height: float
 
 
-@dataclass(frozen=True, eq=False)
-class RevolvedProfile:
+@dataclass(frozen=True, eq=False, repr=False)
+class RevolvedProfile(Record):
     """Simple polygon `points` (n, 2) of (r, z), r >= 0, turned fully about the local z axis."""
 
     points: Array
 
 
-@dataclass(frozen=True)
-class StepFile:
+@dataclass(frozen=True, repr=False)
+class StepFile(Record):
     """Solid(s) of a STEP file; `scale` turns the file's length unit into metres."""
 
     path: Path
@@ -91,8 +91,8 @@ class StepFile:
 Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile
 
 
-@dataclass(frozen=True)
-class Part:
+@dataclass(frozen=True, repr=False)
+class Part(Record):
     """One shape of a body; `operation` is "add" or "cut", applied in order."""
 
     shape: Shape
@@ -100,8 +100,8 @@ class Part:
     operation: str = "add"
 
 
-@dataclass(frozen=True)
-class Body:
+@dataclass(frozen=True, repr=False)
+class Body(Record):
     """A named piece of one material. Bodies that touch become one magnetic body.
 
     mesh_size: largest element edge, m. edge_size: size of the first element layer at sharp edges, m,
@@ -115,8 +115,8 @@ class Body:
     edge_size: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Section:
+@dataclass(frozen=True, eq=False, repr=False)
+class Section(Record):
     """What a plane cuts out of iron: origin (3,) in m, normal (3,) of any length; positive flux runs along it.
 
     bodies: those that are cut, all if empty. half_widths (3,): only what lies within these distances, m, of the
@@ -133,8 +133,8 @@ class Section:
 # ---- what is levitated, what drives it, where --------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class MagnetCylinder:
+@dataclass(frozen=True, repr=False)
+class MagnetCylinder(Record):
     """Axially magnetised cylinder; remanence in T."""
 
     diameter: float
@@ -142,24 +142,24 @@ class MagnetCylinder:
     remanence: float
 
 
-@dataclass(frozen=True)
-class MagnetSphere:
+@dataclass(frozen=True, repr=False)
+class MagnetSphere(Record):
     """Uniformly magnetised sphere; remanence in T."""
 
     diameter: float
     remanence: float
 
 
-@dataclass(frozen=True)
-class MagnetBlock:
+@dataclass(frozen=True, repr=False)
+class MagnetBlock(Record):
     """Block magnetised along its z edge; remanence in T."""
 
     size: tuple[float, float, float]
     remanence: float
 
 
-@dataclass(frozen=True)
-class Payload:
+@dataclass(frozen=True, repr=False)
+class Payload(Record):
     """What is levitated. moment: magnitude in A m^2 (from the magnet if it is given).
 
     magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
@@ -180,8 +180,8 @@ class Payload:
         return (f"point dipole, {depth} below the point that the sensor reads",)
 
 
-@dataclass(frozen=True)
-class Driver:
+@dataclass(frozen=True, repr=False)
+class Driver(Record):
     """Current amplifier: gain in A/V, limits in A, supply limit in V."""
 
     gain: float
@@ -189,8 +189,8 @@ class Driver:
     supply_voltage: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class WorkspaceBox:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceBox(Record):
     """Axis-parallel box, corners (3,) in m."""
 
     lower: Array
@@ -202,8 +202,8 @@ class WorkspaceBox:
         return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
 
 
-@dataclass(frozen=True, eq=False)
-class WorkspaceCylinder:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceCylinder(Record):
     """Upright cylinder: centre of its lower face (3,), radius and height in m."""
 
     base: Array
@@ -221,8 +221,8 @@ class WorkspaceCylinder:
 Workspace = WorkspaceBox | WorkspaceCylinder
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reference(Record):
     """A known value to hold results against: flux density component or gradient entry at a point.
 
     quantity: "Bx", "By", "Bz" (T) or "dBx/dx" ... "dBz/dz" (T/m); currents (n_coils,) in A; mu_r: the iron's
@@ -238,8 +238,8 @@ class Reference:
     tolerance: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Device:
+@dataclass(frozen=True, eq=False, repr=False)
+class Device(Record):
     """A whole machine.
 
     provenance: key paths of the file -> where the number comes from. For the map file's record: `text` is the

@@ -7,11 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from fieldmap.inputs.tables import MILLI, Point, Table, read_only
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class Placement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Record):
     """global = rotation @ local + position.
 
     position (3,) in m; rotation (3, 3), orthonormal, determinant +1.

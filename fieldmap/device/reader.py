@@ -5,7 +5,6 @@ import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -19,6 +18,7 @@ from fieldmap.inputs.document import Document, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import dotted
+from fieldmap.records import FrozenDict
 from fieldmap.shipped import shipped_file, shipped_names
 
 
@@ -167,16 +167,16 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
         bodies=bodies,
-        materials=MappingProxyType(materials),
+        materials=FrozenDict(materials),
         payload=contents.payload.to_model() if contents.payload else None,
         driver=contents.driver.to_model() if contents.driver else None,
         workspace=contents.workspace.to_model() if contents.workspace else None,
         references=tuple(reference.to_model() for reference in contents.reference),
         sections=tuple(section.to_model() for section in contents.section),
-        provenance=MappingProxyType(dict(contents.provenance)),
+        provenance=FrozenDict(dict(contents.provenance)),
         source=document.path,
         text=document.text,
-        included=MappingProxyType(included),
+        included=FrozenDict(included),
     )
 
 

@@ -16,6 +16,7 @@ from fieldmap.errors import Infeasible, InputError, Problem
 from fieldmap.kernels.map.parametrisation import MATRIX
 from fieldmap.kernels.motion.currents import Allocation
 from fieldmap.levitation.least_power import push_shares
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 SIGNALS = ("lift_V", "x_signal", "y_signal")
@@ -58,8 +59,8 @@ class ControlAllocation(ABC):
         """As compiled loops take it."""
 
 
-@dataclass(frozen=True, eq=False)
-class ParametrisedAllocation(ControlAllocation):
+@dataclass(frozen=True, eq=False, repr=False)
+class ParametrisedAllocation(Record, ControlAllocation):
     """Outputs are the signals of a current parametrisation, whose currents, in A, are taken for voltages, in V.
 
     names (m,): of the outputs; those of the signals unless given.
@@ -97,8 +98,8 @@ def lift_and_directions(n: float = ASSUMED_N) -> ParametrisedAllocation:
     return ParametrisedAllocation(LiftAndDirections(n), SIGNALS)
 
 
-@dataclass(frozen=True, eq=False)
-class MatrixAllocation(ControlAllocation):
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixAllocation(Record, ControlAllocation):
     """Outputs (m,) become the voltages of the coils by matrix (n, m) @ outputs + constant (n,).
 
     names (m,): of the outputs; "output_0" and so on unless given. idle: axes whose output does nothing. assumptions:

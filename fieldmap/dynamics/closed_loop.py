@@ -20,11 +20,12 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.closed_loop import Moving, Signals, Timing, closed_loop
 from fieldmap.kernels.motion.inverse import NO_INVERSE
 from fieldmap.kernels.motion.layout import STATE
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class Schedule:
+@dataclass(frozen=True, eq=False, repr=False)
+class Schedule(Record):
     """The two rates of a run, and what is asked for.
 
     references (p, 3): of the sensed point, m, frame of the map, one row per control period. period, step: s; step must

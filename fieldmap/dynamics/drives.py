@@ -9,11 +9,12 @@ from fieldmap.arguments import check_not_negative, check_ordered, check_positive
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.instruments import Amplifier, Converter
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class CoilDrive:
+@dataclass(frozen=True, eq=False, repr=False)
+class CoilDrive(Record):
     """One amplifier for each of n coils, all alike.
 
     amplifier: gain, limits of voltage and current, noise. converter: of the controller's outputs; None: no steps.

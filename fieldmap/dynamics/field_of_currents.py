@@ -14,6 +14,7 @@ from fieldmap.field import Field, require_bounds
 from fieldmap.kernels.motion.currents import SUPERPOSED, TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_table import no_table
+from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
 from fieldmap.typing import Array
 
@@ -22,8 +23,8 @@ SPACING = 5e-3
 FEWEST_CELLS = 4
 
 
-@dataclass(frozen=True, eq=False)
-class FieldOfCurrents:
+@dataclass(frozen=True, eq=False, repr=False)
+class FieldOfCurrents(Record):
     """block: coefficients of the fields; numbers: how their weights follow the currents; assumptions."""
 
     block: Array

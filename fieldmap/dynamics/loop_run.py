@@ -8,6 +8,7 @@ from fieldmap.control.loop import LoopRun
 from fieldmap.deprecated import warn_renamed
 from fieldmap.kernels.motion import closed_loop as events
 from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
+from fieldmap.records import Record
 from fieldmap.store import RunRecord
 from fieldmap.typing import Array
 
@@ -24,8 +25,8 @@ EVENTS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Event:
+@dataclass(frozen=True, eq=False, repr=False)
+class Event(Record):
     """Why a run ended early. name: short; about: a sentence; time, s; state (13,) and currents (n,) at that moment."""
 
     name: str
@@ -35,7 +36,7 @@ class Event:
     currents: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LevitationRun(LoopRun):
     """A closed-loop run of a magnet on a map; one row per recorded control period, taken at its beginning.
 

@@ -12,12 +12,13 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.motion.closed_loop import BEYOND, Ending
 from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
 from fieldmap.kernels.motion.layout import Plant
+from fieldmap.records import Record
 
 CONTACTS = {"floor": ON_FLOOR, "ceiling": ON_CEILING, "tube": ON_WALL, "currents": BEYOND}
 
 
-@dataclass(frozen=True, eq=False)
-class Machine:
+@dataclass(frozen=True, eq=False, repr=False)
+class Machine(Record):
     """Everything that moves, senses and drives, but the controller.
 
     magnetic: the field of the currents. allocation: from the controller's outputs to the voltages of the coils. ending:

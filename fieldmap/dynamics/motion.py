@@ -17,6 +17,7 @@ from fieldmap.kernels.map.map_block import INSIDE
 from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.magnet import magnet_energy
 from fieldmap.kernels.motion.step import fixed_currents, rates
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 ORDERS = {"second": 2, "fourth": 4}
@@ -29,8 +30,8 @@ class Fixed(Protocol):
         """(function, block)."""
 
 
-@dataclass(frozen=True, eq=False)
-class FixedCurrentsRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class FixedCurrentsRun(Record):
     """time (n,), s; states (n, 13): position, velocity, quaternion (w, x, y, z) body to map, angular velocity in the
     frame of the body. inside: whether the magnet was in the map to the end; touched: whether it met a wall."""
 

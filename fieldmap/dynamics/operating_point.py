@@ -18,6 +18,7 @@ from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.kernels.motion.layout import POSITION, TURN
 from fieldmap.kernels.motion.sensing import sensed_point
 from fieldmap.kernels.motion.step import find_load
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Of the weight; the harmonic form of a map steps from cell to cell by about 1e-7 of its field.
@@ -32,8 +33,8 @@ _MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
 _ASIDE = (0.0, 0.2, -0.2, 0.35, -0.35)
 
 
-@dataclass(frozen=True, eq=False)
-class OperatingPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class OperatingPoint(Record):
     """A machine in equilibrium: state (13,), currents (n,) A, outputs (m,), sensed point (3,) m; residual of force and
     torque, as shares of the weight and of the weight times 10 mm."""
 

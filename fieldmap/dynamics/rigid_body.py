@@ -26,6 +26,7 @@ from fieldmap.kernels.motion.layout import (
     TORQUE,
 )
 from fieldmap.lookup import FiniteMagnet
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _RIM = 8
@@ -36,8 +37,8 @@ def _nowhere() -> Array:
     return np.zeros((0, 3))
 
 
-@dataclass(frozen=True, eq=False)
-class RigidBody:
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidBody(Record):
     """A rigid body, SI; its frame has its origin in the centre of mass, its axes are principal axes of inertia.
 
     mass: kg. inertia (3,): principal moments, kg m^2. magnet: points and moments about the magnet's own centre, axes

@@ -9,6 +9,7 @@ from fieldmap.arguments import check_count, check_not_negative, check_numbers
 from fieldmap.deprecated import REMOVAL
 from fieldmap.instruments import Rig, SensorFrame
 from fieldmap.kernels.motion.sensing import Sensing
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # What could be left out.
@@ -19,8 +20,8 @@ def _ideal() -> Array:
     return np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
 
 
-@dataclass(frozen=True, eq=False)
-class Sensors:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensors(Record):
     """Two sensors that cross in the horizontal plane and one for the depth; ideal unless more is given.
 
     frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the

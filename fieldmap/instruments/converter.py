@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_not_negative, check_positive, check_signal
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
@@ -40,8 +41,8 @@ class Converter:
         return 2.0 * self.range / 2.0**self.bits
 
 
-@dataclass(frozen=True, eq=False)
-class Accuracy:
+@dataclass(frozen=True, eq=False, repr=False)
+class Accuracy(Record):
     """Absolute accuracy of a reading, V, and the three parts that it is the sum of: docs/theory/control.md (10).
 
     net_gain_error: V/V of the reading; net_offset_error: of the range; noise_uncertainty: V.

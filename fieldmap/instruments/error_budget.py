@@ -7,6 +7,7 @@ import numpy as np
 from fieldmap.arguments import check_choice, check_not_negative, check_numbers, check_positive
 from fieldmap.instruments.converter import Converter, absolute_accuracy
 from fieldmap.instruments.micrometer import Micrometer
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 ROUNDING = ("up", "nearest")
@@ -14,8 +15,8 @@ ROUNDING = ("up", "nearest")
 _SLACK = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorBudget:
+@dataclass(frozen=True, eq=False, repr=False)
+class ErrorBudget(Record):
     """The steps of the budget. In SI units; the first axis has what may be actual (high, low), the last four entries
     are high + accuracy, high - accuracy, low - accuracy, low + accuracy.
 

@@ -11,6 +11,7 @@ from fieldmap.instruments.amplifier import Amplifier
 from fieldmap.instruments.converter import Converter
 from fieldmap.instruments.micrometer import Micrometer
 from fieldmap.kernels.control.instruments import drive_all, measure_all
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
@@ -48,8 +49,8 @@ class Rig:
         return np.array([c.resolution, lower, upper, a.gain, a.offset, *limits])
 
 
-@dataclass(frozen=True, eq=False)
-class RigNoise:
+@dataclass(frozen=True, eq=False, repr=False)
+class RigNoise(Record):
     """Drawn noise, (runs, samples) each: of position, m; of the input converter, V; of the current, A."""
 
     position: Array

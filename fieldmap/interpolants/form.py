@@ -13,14 +13,15 @@ import numpy as np
 from fieldmap.kernels.map import map_block
 from fieldmap.kernels.map.lookup import KERNELS
 from fieldmap.kernels.map.map_block import InterpolantKernels
+from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid, MapData, MapInfo
 from fieldmap.typing import Array
 
 OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "clamp": map_block.CLAMP}
 
 
-@dataclass(frozen=True, eq=False)
-class Form:
+@dataclass(frozen=True, eq=False, repr=False)
+class Form(Record):
     """One of the forms of a map.
 
     kind: name of its interpolant. unit: block with one set of coefficients per field of the map: of a

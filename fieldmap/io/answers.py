@@ -15,14 +15,15 @@ from fieldmap.io.field_source import FieldSource
 from fieldmap.levitation import GRAVITY, Equilibrium, LiftCurrent, find_equilibrium, lift_current
 from fieldmap.levitation.balance import check_position
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Moment: TypeAlias = Literal["fixed", "aligned"]
 MOMENTS = get_args(Moment)
 
 
-@dataclass(frozen=True, eq=False)
-class ProbedPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class ProbedPoint(Record):
     """B (3,), T, and its gradient (3, 3), T/m, at a point (3,), m; force (3,), N, and torque (3,), N m, on a moment
     (3,), A m^2, or None without one."""
 
@@ -35,8 +36,8 @@ class ProbedPoint:
     torque: Array | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Probe:
+@dataclass(frozen=True, eq=False, repr=False)
+class Probe(Record):
     """A field at points. assumptions: what it rests on at these currents."""
 
     source: FieldSource
@@ -82,8 +83,8 @@ def probe(source: FieldSource, points: Array, currents: ArrayLike, moment: Array
     return Probe(source, tuple(probed), source.assumptions(amperes))
 
 
-@dataclass(frozen=True, eq=False)
-class Levitation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Levitation(Record):
     """Where a payload floats in a named field (`Equilibrium`), or the current that lifts it (`LiftCurrent`).
 
     assumptions: of the search and of the field.

@@ -10,6 +10,7 @@ from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.field import Bounds, Currents, Field, coil_currents
+from fieldmap.records import Record
 from fieldmap.typing import Array, PathLike, Progress
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ class IronOptions:
     tolerance: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class FieldSource:
+@dataclass(frozen=True, eq=False, repr=False)
+class FieldSource(Record):
     """A device or a map, read and checked; a device is solved when `field` is asked for first.
 
     name: of the device, or the map file. device_name; kind: "map", "device, linear iron" or "device, nonlinear iron".

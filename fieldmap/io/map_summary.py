@@ -24,6 +24,7 @@ from fieldmap.levitation.comparison import (
 )
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plain import Plain, plain_fields, plain_items
+from fieldmap.records import Record
 from fieldmap.store import FieldError, MapInfo
 from fieldmap.typing import Array
 
@@ -33,8 +34,8 @@ NO_SATURATION = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class MiddleField:
+@dataclass(frozen=True, eq=False, repr=False)
+class MiddleField(Record):
     """Bz, T, and dBz/dz, T/m, in the middle of the box (3,), m: for 1 A in each coil alone and in all, or at the
     reference currents of a map of saturating iron."""
 
@@ -90,8 +91,8 @@ class MapAccuracy:
         return plain_fields(self) | plain_items(current_model=self.current_model)
 
 
-@dataclass(frozen=True, eq=False)
-class MapSummary:
+@dataclass(frozen=True, eq=False, repr=False)
+class MapSummary(Record):
     """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed;
     force_fit and shifts: beside what was measured on the machine, if anything was."""
 

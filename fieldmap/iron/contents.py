@@ -7,11 +7,12 @@ from fieldmap.device.model import Device
 from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.geometry.solids import body_solid
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
-class BodyContents:
+@dataclass(frozen=True, repr=False)
+class BodyContents(Record):
     """One body: volume, m^3; mesh_size, m; how many parts it is built of."""
 
     name: str
@@ -21,8 +22,8 @@ class BodyContents:
     parts: int
 
 
-@dataclass(frozen=True, eq=False)
-class CoilContents:
+@dataclass(frozen=True, eq=False, repr=False)
+class CoilContents(Record):
     """One coil: kind, the name of its class; centre (3,), m; height, m; resistance, ohm; inductance, H, if stated."""
 
     name: str
@@ -35,8 +36,8 @@ class CoilContents:
     inductance: float | None
 
 
-@dataclass(frozen=True, eq=False)
-class DeviceContents:
+@dataclass(frozen=True, eq=False, repr=False)
+class DeviceContents(Record):
     """What `fieldmap check` lists of a device whose geometry is sound."""
 
     device: Device

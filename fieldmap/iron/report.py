@@ -9,10 +9,11 @@ from fieldmap.deprecated import warn_renamed
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.records import Record
 
 
-@dataclass(frozen=True)
-class SolverReport:
+@dataclass(frozen=True, repr=False)
+class SolverReport(Record):
     """Counts, times and residuals of one solve.
 
     form: "potential" or "flux", both of second order, see docs/theory/iron.md; tetrahedra, surface_faces,

@@ -25,6 +25,7 @@ from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
+from fieldmap.records import shortened
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array, Index
@@ -58,7 +59,7 @@ class SolvedState(BaseFieldAtCurrents):
         return self.report.assumptions
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} at {self.currents.tolist()} A: {self.report}>"
+        return shortened(f"<{type(self).__name__} at {self.currents.tolist()} A: {self.report}>")
 
     def field(self, points: ArrayLike) -> Array:
         """Flux density (n, 3) or (3,); inside the iron the mean of the element. Raises InputError for bad points."""
@@ -188,7 +189,7 @@ class LinearSolution(BaseField):
         return tuple(coil.name for coil in self.coils)
 
     def __repr__(self) -> str:
-        return f"<LinearSolution of {len(self.coils)} coils: {self.report}>"
+        return shortened(f"<LinearSolution of {len(self.coils)} coils: {self.report}>")
 
     @property
     def proportional(self) -> bool:

@@ -12,13 +12,14 @@ from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution, LinearState, SolvedState
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-@dataclass(frozen=True, eq=False)
-class PointField:
+@dataclass(frozen=True, eq=False, repr=False)
+class PointField(Record):
     """B (3,), T, and its gradient (3, 3), T/m, at a point (3,), m."""
 
     at: Array
@@ -26,8 +27,8 @@ class PointField:
     gradient: Array
 
 
-@dataclass(frozen=True, eq=False)
-class GroupForce:
+@dataclass(frozen=True, eq=False, repr=False)
+class GroupForce(Record):
     """Force (3,), N, and torque (3,), N m about the origin, on bodies and coils together."""
 
     names: tuple[str, ...]
@@ -35,8 +36,8 @@ class GroupForce:
     torque: Array
 
 
-@dataclass(frozen=True)
-class SectionMean:
+@dataclass(frozen=True, repr=False)
+class SectionMean(Record):
     """Mean flux density, T, along the normal of a section, flux, Wb, and area, m^2."""
 
     section: str
@@ -45,8 +46,8 @@ class SectionMean:
     area: float
 
 
-@dataclass(frozen=True, eq=False)
-class BodyFlux:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyFlux(Record):
     """Flux density in a body, T: volume mean of |B|, largest |B| of its elements, volume mean of B (3,)."""
 
     body: str
@@ -55,8 +56,8 @@ class BodyFlux:
     mean: Array
 
 
-@dataclass(frozen=True, eq=False)
-class ReferenceComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class ReferenceComparison(Record):
     """A known value of a device file beside ours, SI units.
 
     Where it holds for other iron, or for other currents than those of a nonlinear state, `ours` and `deviation` are
@@ -75,8 +76,8 @@ class ReferenceComparison:
     source: str
 
 
-@dataclass(frozen=True, eq=False)
-class SolutionSummary:
+@dataclass(frozen=True, eq=False, repr=False)
+class SolutionSummary(Record):
     """What `fieldmap solve` prints. currents: (n_coils,), A, None without coils."""
 
     device: Device

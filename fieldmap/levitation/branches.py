@@ -21,6 +21,7 @@ from fieldmap.levitation.balance import (
 )
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.stationary import StationaryPoint, describe
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _STEPS = 40
@@ -31,8 +32,8 @@ _LEVEL_STEP = 1e-3
 Path = Callable[[float, float], tuple[Array, float]]
 
 
-@dataclass(frozen=True, eq=False)
-class EquilibriumBranch:
+@dataclass(frozen=True, eq=False, repr=False)
+class EquilibriumBranch(Record):
     """Places of the magnet along a branch, in the order in which it was followed.
 
     parameters (n,); positions (n, 3), m; levels (n,): current level, constant unless the height is held. at_stops: the

@@ -18,6 +18,7 @@ from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.balance import MagnetModel, check_payload, magnet_balance, model_assumptions
 from fieldmap.levitation.branches import equilibrium_at
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 PARAMETERS = ("field_scale", "magnet_offset", "current_scale")
@@ -28,8 +29,8 @@ _RANK = 1e-6
 """Smallest singular value over the largest, the columns scaled to 1, at which parameters are told apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class LiftReadings:
+@dataclass(frozen=True, eq=False, repr=False)
+class LiftReadings(Record):
     """Currents that carried the magnet: sensed (n,), z of the point that the sensor reads, m; currents (n, n_coils), A;
     place (n, 2) of the magnet, m, the axis unless given; deviation: standard deviation of the currents over themselves.
     """
@@ -40,8 +41,8 @@ class LiftReadings:
     place: ArrayLike | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class PositionReadings:
+@dataclass(frozen=True, eq=False, repr=False)
+class PositionReadings(Record):
     """Places where the magnet came to rest.
 
     sensed (n,): z of the point that the sensor reads, m; currents (n, n_coils), A; places (n, 2), m, NaN where a
@@ -58,8 +59,8 @@ class PositionReadings:
     from_first: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading(Record):
     """One compared number: what, measured, and computed with nothing fitted and with the fit. Lifts over the weight,
     places in m."""
 
@@ -69,8 +70,8 @@ class Reading:
     after: float
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Record):
     """A fit. values and before: every parameter by name; fitted: the names of those that were free, in the order of
     covariance (k, k), which takes the stated deviations at their word. misfit: root mean square of what is left, in
     deviations; misfit_before: with nothing fitted. table: every reading."""

@@ -19,6 +19,7 @@ from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.lift import lift_current
 from fieldmap.levitation.signal_surface import equilibrium_surface
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _HEIGHTS = 6
@@ -119,8 +120,8 @@ def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> F
     return ForceFit(factor, tuple(currents), tuple(deviations))
 
 
-@dataclass(frozen=True, eq=False)
-class ShiftBesideMeasured:
+@dataclass(frozen=True, eq=False, repr=False)
+class ShiftBesideMeasured(Record):
     """Where the magnet comes to rest along x over x signals (k,), beside what was measured.
 
     measured (k,), m: x as read. constant_lift (k,), m: ours if the level follows, so that the lift stays what it is at

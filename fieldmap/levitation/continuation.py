@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Residual = Callable[[Array, float], Array]
@@ -23,16 +24,16 @@ _DIFFERENCE = 1e-5
 _GROWTH, _SMALLEST = 1.5, 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fold(Record):
     """Where a branch turns back: the parameter has an extremum, and two solutions meet."""
 
     parameter: float
     unknowns: Array
 
 
-@dataclass(frozen=True, eq=False)
-class FollowedBranch:
+@dataclass(frozen=True, eq=False, repr=False)
+class FollowedBranch(Record):
     """A branch in the order in which it was followed.
 
     parameters (n,), unknowns (n, k). at_stops: the unknowns at each parameter that was asked for and was reached before

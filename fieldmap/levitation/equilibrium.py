@@ -13,6 +13,7 @@ from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
 from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 SEARCH_SHAPE = (7, 7, 15)
@@ -21,8 +22,8 @@ TOLERANCE = 1e-8
 """Largest |F + m g| / weight that counts as balance."""
 
 
-@dataclass(frozen=True, eq=False)
-class SearchReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class SearchReport(Record):
     """How an equilibrium was found: starts tried and how many of them converged, calls of the field, relative
     residual |F + m g| / weight, antisymmetric part of the stiffness relative to its norm (0 for an exactly
     curl-free field; an interpolated field has some), and the box searched (m)."""
@@ -37,8 +38,8 @@ class SearchReport:
     upper: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(Record):
     """Balance of magnetic force and weight.
 
     position (3,): the magnet's centre, m. force_residual (3,): magnetic force plus weight, N.

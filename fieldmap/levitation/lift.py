@@ -14,6 +14,7 @@ from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bou
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import Balance, check_payload, check_position, dipole_force
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 MAX_STATES = 15
@@ -23,8 +24,8 @@ _LARGEST_GROWTH = 3.0
 _SLOPE_WIDTH = 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class LiftCurrent:
+@dataclass(frozen=True, eq=False, repr=False)
+class LiftCurrent(Record):
     """Currents whose lift equals the weight at a point.
 
     current: the common factor, A; currents (n_coils,) = current * shares. position (3,), m. force (3,):

@@ -18,14 +18,15 @@ from fieldmap.levitation.balance import (
     check_position,
     magnet_balance,
 )
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _CURRENT_STEP = 0.01
 """Half the difference of currents, of the largest one, over which a force is differenced unless told otherwise."""
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivity(Record):
     """Derivatives of an equilibrium by the coil currents.
 
     position (3,), m, and currents (n_coils,), A: where. stiffness (3, 3), N/m; force_per_current (3, n_coils), N/A.

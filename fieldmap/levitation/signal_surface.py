@@ -20,13 +20,14 @@ from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.least_power import force_per_ampere, push_shares
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.levitation.stationary import StationaryPoint
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _COILS = ("1", "2", "3", "4", "5", "6")
 
 
-@dataclass(frozen=True, eq=False)
-class EquilibriumSurface:
+@dataclass(frozen=True, eq=False, repr=False)
+class EquilibriumSurface(Record):
     """Places of a magnet over signals x (a,) and y (b,).
 
     positions (a, b, 3), m, and levels (a, b), A: the lift signal; NaN where there is no such place in the map, or no

@@ -17,6 +17,7 @@ from fieldmap.levitation.balance import (
     check_position,
     magnet_balance,
 )
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Kind = Literal["stable", "saddle", "unstable"]
@@ -29,8 +30,8 @@ _WELL_ENOUGH = 1e-6
 _ROUNDS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class StationaryPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class StationaryPoint(Record):
     """A point with no horizontal force, the height being held.
 
     position (3,), m. stiffness (3, 3) = -dF_i/dx_j, N/m; horizontal (2,): eigenvalues of its horizontal part, N/m,
@@ -50,8 +51,8 @@ class StationaryPoint:
         return float(np.trace(self.stiffness) / np.linalg.norm(self.stiffness))
 
 
-@dataclass(frozen=True, eq=False)
-class StationarySet:
+@dataclass(frozen=True, eq=False, repr=False)
+class StationarySet(Record):
     """All points found in a window, and the count that they must have.
 
     points: in the order of their distance from the window's middle. boundary_index: how often the horizontal force

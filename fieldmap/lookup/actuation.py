@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 FIELD_ROWS = ("Bx", "By", "Bz")
@@ -23,8 +24,8 @@ TORQUE_ROWS = ("Tx", "Ty", "Tz")
 RANK = 1e-10
 
 
-@dataclass(frozen=True, eq=False)
-class Actuation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Actuation(Record):
     """A matrix (rows, n_coils): rows times currents in A give the named components in SI units."""
 
     rows: tuple[str, ...]

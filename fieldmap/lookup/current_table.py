@@ -11,6 +11,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.current_table import FOUND, table_weights
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.evaluation import Evaluator
+from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid
 from fieldmap.typing import Array
 
@@ -22,8 +23,8 @@ _GRADING = 1.5
 _STATES, _BALANCED, _SEED = 200, 100, 11
 
 
-@dataclass(frozen=True, eq=False)
-class CurrentTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class CurrentTable(Record):
     """The weights that a `CurrentModel` gives, by cubic splines between tabulated currents.
 
     arrays: what `fieldmap.kernels.map.current_table.table_weights` takes; nodes: of u, x and y; error: largest

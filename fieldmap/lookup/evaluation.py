@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, OutsideMapError, Problem
-from fieldmap.field import Bounds, dipole_wrench
+from fieldmap.field import Bounds, TakesPoints, dipole_wrench, has_leading_shape, over_points
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.kernels.map import lookup as kernels
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
@@ -155,8 +156,8 @@ def closed_to_new_types(kernel: Callable[..., Any], *example: object) -> Callabl
     return kernel
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
+@dataclass(frozen=True, eq=False, repr=False)
+class Box(Record):
     """Where a map holds, what a point outside does, and how many threads a large batch may use."""
 
     lower: Array
@@ -240,7 +241,7 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
     )
 
 
-class MapAtCurrents:
+class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gradient")):
     """The field of a map at fixed currents (`FieldMap.at`): summed once, evaluated as often as you like.
 
     Points, shapes and what happens outside are as for `FieldMap`; there is no argument `currents`.
@@ -277,6 +278,8 @@ class MapAtCurrents:
         """Flux density B (n, 3), T."""
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[0]
+        if has_leading_shape(points):
+            return over_points(self.field, points, out)
         where, single = checked_vectors("points", points)
         flux = result_array(None if single else out, where.shape)
         self._fill(self._evaluator.field_and_gradient, where, flux, np.empty((len(where), 0, 0)))
@@ -286,6 +289,8 @@ class MapAtCurrents:
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[1]
+        if has_leading_shape(points):
+            return over_points(self.gradient, points, out)
         where, single = checked_vectors("points", points)
         slope = result_array(None if single else out, (*where.shape, 3))
         self._fill(self._evaluator.field_and_gradient, where, np.empty(where.shape), slope)
@@ -302,6 +307,8 @@ class MapAtCurrents:
                     return flux, slope
         except (TypeError, AttributeError, ValueError):
             pass  # a list, not float64, not contiguous, no pair: what follows sorts it out
+        if has_leading_shape(points):
+            return over_points(self.field_and_gradient, points, out)
         where, single = checked_vectors("points", points)
         given = (None, None) if out is None else out
         flux = result_array(None if single else given[0], where.shape)

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import BaseField, Bounds, coil_currents, dipole_wrench, require_proportional
+from fieldmap.field import (
+    BaseField,
+    Bounds,
+    coil_currents,
+    dipole_wrench,
+    has_leading_shape,
+    over_points,
+    require_proportional,
+)
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
 from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Limits
@@ -56,7 +64,7 @@ def check_choices(kind: str, outside: str, outside_currents: str) -> None:
 _empty = np.empty
 
 
-class FieldMap(BaseField):
+class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")):
     """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
 
     kind: "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to
@@ -68,8 +76,9 @@ class FieldMap(BaseField):
     currents beyond its domain do is said by outside_currents: "raise", "nan", or "evaluate" without a known error.
     follow_currents, tabulate_currents: begin that solve from the last one, or replace it by a table: see `open_map`.
 
-    Points (3,) or (n, 3) in m; currents (n_coils,) for all points or (n, n_coils), in A, in the order of `coil_names`,
-    one number for all coils, or by name. A point (3,) gives a result without the leading axis. Outside the box from
+    Points (3,), (n, 3) or of any leading shape (..., 3) in m; currents (n_coils,) for all points or (n, n_coils), in A,
+    in the order of `coil_names`, one number for all coils, or by name, coils left out at 0. Results have the leading
+    shape of the points. Outside the box from
     `lower` to `upper`: OutsideMapError, or with outside="nan" NaN, or with outside="clamp" the result at the nearest
     point of the box. NaN or infinity in a point, or NaN in a current, gives NaN in its row. Arguments of another shape:
     InputError. `out` takes a contiguous float64 array of the result's shape. Batches of more than 30 000 points run on
@@ -259,6 +268,8 @@ class FieldMap(BaseField):
         """Flux density B (n, 3), T."""
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[0]
+        if has_leading_shape(points):
+            return over_points(self.field, points, currents, out)
         where, single, rows = self._arguments(points, currents)
         if rows is None:
             return self.at(currents).field(where, out)
@@ -270,6 +281,8 @@ class FieldMap(BaseField):
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[1]
+        if has_leading_shape(points):
+            return over_points(self.gradient, points, currents, out)
         where, single, rows = self._arguments(points, currents)
         if rows is None:
             return self.at(currents).gradient(where, out)
@@ -289,6 +302,8 @@ class FieldMap(BaseField):
                     return flux, slope
         except (TypeError, AttributeError, ValueError):
             pass  # a list, not float64, not contiguous, no pair: what follows sorts it out
+        if has_leading_shape(points):
+            return over_points(self.field_and_gradient, points, currents, out)
         where, single, rows = self._arguments(points, currents)
         if rows is None:
             return self.at(currents).field_and_gradient(where, out)

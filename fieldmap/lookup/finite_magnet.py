@@ -18,6 +18,7 @@ from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import AnyField, StateField, as_field, coil_currents, require_bounds
 from fieldmap.kernels.constants import MU0
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Shape = MagnetCylinder | MagnetSphere | MagnetBlock
@@ -26,8 +27,8 @@ FINEST = 8
 _PLACES = 40
 
 
-@dataclass(frozen=True, eq=False)
-class FiniteMagnet:
+@dataclass(frozen=True, eq=False, repr=False)
+class FiniteMagnet(Record):
     """A rigid magnet as dipoles: points (q, 3) m and moments (q, 3) A m^2 in its own frame, magnetised along its z.
 
     error: largest difference of force and torque from the next finer rule that was found in the field the rule was

@@ -22,13 +22,14 @@ from fieldmap.lookup.actuation import (
 )
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.evaluation import Evaluator
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _UNITS = {"F": "N", "T": "N m", "B": "T", "d": "T/m"}
 
 
-@dataclass(frozen=True, eq=False)
-class Demand:
+@dataclass(frozen=True, eq=False, repr=False)
+class Demand(Record):
     """selection (r, 12) @ (B, gradient row by row) must be values (r,); names of the rows."""
 
     names: tuple[str, ...]

@@ -7,14 +7,15 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from fieldmap.kernels.iron.plane import mutual_segments
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class BoundaryOperator:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoundaryOperator(Record):
     """What boundary values (n,) at nodes mean for the harmonic function in a domain.
 
     panels (m, 2): node pairs with the domain on the left; starts, ends (m,): the same as points. flux (m, n): outward

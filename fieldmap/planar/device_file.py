@@ -1,7 +1,6 @@
 """A planar device file: its tables, and the reader that checks it and makes the frozen PlanarDevice in SI units."""
 
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -27,6 +26,7 @@ from fieldmap.inputs.tables import (
 )
 from fieldmap.planar.geometry import check_planar_geometry
 from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire, Wire
+from fieldmap.records import FrozenDict
 
 Points = Annotated[list[PlanePoint], Field(min_length=1)]
 Sides = Annotated[list[Length], Field(min_length=2, max_length=2)]
@@ -160,10 +160,10 @@ def _build(contents: PlanarFile, document: Document, curves: Curves) -> PlanarDe
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
         bodies=tuple(body.to_model() for body in contents.body),
-        materials=MappingProxyType(materials),
+        materials=FrozenDict(materials),
         walls=None if contents.walls is None else _corners(contents.walls),
         moment=None if contents.payload is None else contents.payload.moment_A_m2,
-        provenance=MappingProxyType(dict(contents.provenance)),
+        provenance=FrozenDict(dict(contents.provenance)),
         source=document.path,
     )
 

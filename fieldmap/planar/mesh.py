@@ -11,6 +11,7 @@ from fieldmap.errors import GeometryError, Problem
 from fieldmap.planar.conductors import complex_points
 from fieldmap.planar.geometry import distance_to_edges, inside
 from fieldmap.planar.model import PlanarDevice
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Complex = NDArray[np.complex128]
@@ -20,8 +21,8 @@ _SAME = 1e-9
 """Points closer than this share of the device's extent are one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outline:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outline(Record):
     """Panels of the iron and of the walls.
 
     nodes (n,): end points of the iron's panels; bodies: for each body its panels as node pairs (m, 2), iron on the

@@ -6,12 +6,12 @@ Coordinates (x, z): x to the right, z up, y into the page. Nothing here reads, c
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 
 from fieldmap.device.materials import Material
+from fieldmap.records import FrozenDict, Record
 from fieldmap.typing import Array
 
-_EMPTY: Mapping[str, str] = MappingProxyType({})
+_EMPTY: Mapping[str, str] = FrozenDict({})
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class RectangularWire:
 Wire = RoundWire | RectangularWire
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarCoil:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanarCoil(Record):
     """Conductors in series: a current of 1 A is 1 A in each of them.
 
     into_page (n, 2) and out_of_page (m, 2): centres (x, z) of the conductors, m, whose current flows along +y and
@@ -46,8 +46,8 @@ class PlanarCoil:
     out_of_page: Array
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarBody:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanarBody(Record):
     """A named polygon of one material: corners (n, 2) of (x, z) in m, counter-clockwise with z up."""
 
     name: str
@@ -55,8 +55,8 @@ class PlanarBody:
     corners: Array
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarDevice:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanarDevice(Record):
     """A whole machine in the plane.
 
     walls (n, 2): corners of a closed wall around everything that no flux passes, or None for open space. moment: the

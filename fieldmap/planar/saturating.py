@@ -26,14 +26,15 @@ from fieldmap.planar.solution import (
     harmonic_derivatives,
     planar_currents,
 )
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class IronTriangles:
+@dataclass(frozen=True, eq=False, repr=False)
+class IronTriangles(Record):
     """points (n,), the outline's nodes first; triangles (t, 3) counter-clockwise, body (t,) of each; area (t,) in m2;
     slopes (t, 3): gradients of the hat functions as complex numbers, 1/m; tables: the laws of the bodies."""
 
@@ -122,8 +123,8 @@ _MOST_STEPS = 60
 _MOST_HALVINGS = 40
 
 
-@dataclass(frozen=True, eq=False)
-class Balance:
+@dataclass(frozen=True, eq=False, repr=False)
+class Balance(Record):
     """Energy of iron and air in terms of the total vector potential u (n,) at the points of the triangles, T m.
 
     The first m points are the outline's nodes. air: its operator; stiffness (m, m): that operator between the nodes;
@@ -201,7 +202,7 @@ def _solve(stiffness: Array, second: csc_array, right: Array) -> Array:
     return np.concatenate([outline, spread[:, -1] - spread[:, :-1] @ outline])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlanarState(PlanarFieldAtCurrents):
     """Saturating iron at fixed currents (n_coils,), A.
 

@@ -14,6 +14,7 @@ from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_derivatives, complex_points, rectangle, wires
 from fieldmap.planar.geometry import inside
 from fieldmap.planar.model import PlanarDevice, RoundWire
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Complex = NDArray[np.complex128]
@@ -34,8 +35,8 @@ class PlanarReport:
     residuals: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarFieldAtCurrents(ABC):
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanarFieldAtCurrents(Record, ABC):
     """Field of a planar device at fixed currents (n_coils,), A; points (n, 2) of (x, z) in m."""
 
     device: PlanarDevice
@@ -62,8 +63,8 @@ class PlanarFieldAtCurrents(ABC):
         return as_gradient(self.derivatives(points)[1])
 
 
-@dataclass(frozen=True, eq=False)
-class Region:
+@dataclass(frozen=True, eq=False, repr=False)
+class Region(Record):
     """A domain, its boundary operator and its boundary values per ampere of each coil (nodes, coils)."""
 
     polygon: Complex | None
@@ -71,8 +72,8 @@ class Region:
     values: Array
 
 
-@dataclass(frozen=True, eq=False)
-class PlanarSolution:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanarSolution(Record):
     """Linear in the currents. `regions` are the bodies in their order, `air` is the rest.
 
     Currents: (n_coils,) in A, one number for all coils, or a mapping by name.
@@ -108,7 +109,7 @@ class PlanarSolution:
         return self.at(currents).derivatives(points)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LinearPlanarState(PlanarFieldAtCurrents):
     """A planar device with linear iron at fixed currents."""
 

@@ -10,13 +10,14 @@ from fieldmap.arguments import check_count, check_numbers, check_ordered
 from fieldmap.field import Currents
 from fieldmap.planar.saturating import PlanarState
 from fieldmap.planar.solution import PlanarFieldAtCurrents, PlanarSolution
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _TOLERANCE = 1e-10
 
 
-@dataclass(frozen=True)
-class StationaryPoint:
+@dataclass(frozen=True, repr=False)
+class StationaryPoint(Record):
     """dB_z/dx = 0 at x, m. stable: whether a vertical dipole that the field lifts is pushed back along x.
 
     stiffness: -d2Bz/dx2 times the sign of dB_z/dz, T/m2: restoring force per displacement and dipole moment. Along z

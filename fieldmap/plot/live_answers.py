@@ -12,6 +12,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
 from fieldmap.lookup import FieldMap
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
@@ -26,8 +27,8 @@ class Control:
     value: float
 
 
-@dataclass(frozen=True, eq=False)
-class LiveAnswer:
+@dataclass(frozen=True, eq=False, repr=False)
+class LiveAnswer(Record):
     """What there is at currents (n_coils,), A.
 
     flux_density (n, 3), T, at the points that were asked for; force (3,), N, on the magnet at `place` (3,), m; lift:

@@ -11,11 +11,12 @@ from fieldmap.field import AnyField, FieldAtCurrents, as_field
 from fieldmap.iron import IronMesh
 from fieldmap.levitation import EquilibriumSurface
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class ShownRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class ShownRun(Record):
     """Signals of one run: time (r,), s; position of the centre of mass (r, 3), m; quaternion (r, 4), body to map, w
     first; currents (r, n), A; wanted (r, 3): where the centre of mass should be, m. body: radius and height of a
     cylinder about the centre of mass, m, or None. event: what ended it, or ""."""
@@ -38,8 +39,8 @@ class ShownRun:
         return matrix
 
 
-@dataclass(frozen=True, eq=False)
-class Shown:
+@dataclass(frozen=True, eq=False, repr=False)
+class Shown(Record):
     """Everything a scene may draw; what is None cannot be drawn.
 
     title: a line of text for the picture. field: at currents (n_coils,), A; one that takes currents is taken at these.

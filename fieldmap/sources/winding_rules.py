@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.device.coils import Coil
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
@@ -22,8 +23,8 @@ _ACROSS, _ALONG_ARC, _PER_PANEL = 10, 12, 8
 _PANEL_RATIO = 0.25
 
 
-@dataclass(frozen=True, eq=False)
-class WindingRule:
+@dataclass(frozen=True, eq=False, repr=False)
+class WindingRule(Record):
     """points (n, 3) in m and vectors (n, 3), global frame.
 
     Current elements: vectors in m, with sum f(points) x vectors the integral of J f over the winding for one ampere.

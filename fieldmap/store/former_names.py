@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.deprecated import warn_renamed
+from fieldmap.records import Record
 from fieldmap.store.checkpoint import Checkpoint
 from fieldmap.typing import Array, PathLike
 
 _RESULT = "result"
 
 
-@dataclass(frozen=True, eq=False)
-class KeptState:
+@dataclass(frozen=True, eq=False, repr=False)
+class KeptState(Record):
     """currents (c,); values (n,), or the reason why there are none; seconds of the clock and of the processors that
     it took; estimate: how much the state was needed, NaN where nobody asked."""
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
+@dataclass(frozen=True, eq=False, repr=False)
+class Grid(Record):
     """Regular grid of nodes: lower (3,) in m, spacing (3,) in m, shape (nx, ny, nz), each at least 2.
 
     Node (i, j, k) lies at lower + (i, j, k) * spacing; arrays over the grid are in C order of x, y, z.

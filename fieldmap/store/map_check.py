@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldmap.errors import MapFileError, Problem
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapInfo
 from fieldmap.store.map_format import MESHES, OWN, TENSOR, UNREADABLE, VECTOR, planes_per_chunk
@@ -34,8 +35,8 @@ TOTAL = 1e-9
 """Largest difference between the stored total and the sum of the fields, of the largest total."""
 
 
-@dataclass(frozen=True, eq=False)
-class MapCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class MapCheck(Record):
     """What was verified: the description, how many data sets and bytes, and what the numbers say of themselves.
 
     divergence, curl: largest over fields and nodes, of the field's largest gradient; values_and_gradients: largest

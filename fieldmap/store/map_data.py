@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.reduced_model import ReducedModel
 
@@ -42,8 +43,8 @@ class Provenance:
     included: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class MapInfo:
+@dataclass(frozen=True, eq=False, repr=False)
+class MapInfo(Record):
     """All of a map but its arrays.
 
     reference_current (n_coils,): the currents, A, at which the file states its fields.
@@ -98,7 +99,7 @@ class MapInfo:
         return ones if self.reduced_model is None else np.append(ones, self.reduced_model.reference_weights)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MapData(MapInfo):
     """A map: unit fields of every coil on a grid.
 

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from fieldmap.currents import CurrentDomain, CurrentParametrisation, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _INTEGER = ("law", "law_offset")
 
 
-@dataclass(frozen=True, eq=False)
-class ReducedModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedModel(Record):
     """r amplitudes, p sample points, c coils, k fields of the iron; see docs/theory/current_dependence.md.
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample

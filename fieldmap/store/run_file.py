@@ -11,14 +11,15 @@ import h5py
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array
 
 FORMAT = "fieldmap run 1"
 
 
-@dataclass(frozen=True, eq=False)
-class RunRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class RunRecord(Record):
     """arrays: by name, each with its unit and what its columns are; about: texts and numbers about the run."""
 
     arrays: Mapping[str, tuple[Array, str, str]]

@@ -67,12 +67,12 @@ def test_no_points_give_no_rows(coarse):
     ("points", "currents", "where"),
     [
         ([0, 0], CURRENTS, "points"),
-        (np.zeros((2, 2, 3)), CURRENTS, "points"),
+        (np.zeros((2, 2, 2)), CURRENTS, "points"),
         ("middle", CURRENTS, "points"),
         ([0, 0, 0], [1, 2], "currents"),
         ([0, 0, 0], "one", "currents"),
         (np.zeros((4, 3)), np.ones((2, 3)), "currents"),
-        ([0, 0, 0], {"a": 1}, "currents"),
+        ([0, 0, 0], {"a": 1, "up": 1}, "currents"),
     ],
 )
 def test_arguments_of_the_wrong_shape(coarse, points, currents, where):
@@ -90,6 +90,23 @@ def test_currents_by_name_and_as_one_number(coarse, dipoles):
             np.testing.assert_array_equal(
                 coarse.at(given).gradient(where), coarse.at(CURRENTS).gradient(where)
             )
+
+
+@pytest.mark.parametrize("what", ["field", "gradient", "second_gradient", "potential"])
+def test_points_of_any_leading_shape(coarse, dipoles, what):
+    grid = dipoles.points(20).reshape(4, 5, 3)
+    named, all_of_them = {"b": 1.5}, np.array([0.0, 1.5, 0.0])
+    for at in (coarse, coarse.at(named)):
+        given = (named,) if at is coarse else ()
+        found = getattr(at, what)(grid, *given)
+        expected = getattr(at, what)(grid.reshape(20, 3), *((all_of_them,) if given else ()))
+        assert found.shape[:2] == (4, 5)
+        np.testing.assert_array_equal(found.reshape(expected.shape), expected)
+    assert coarse.field(grid.tolist(), named).shape == (4, 5, 3)
+    flux, slope = np.empty((4, 5, 3)), np.empty((4, 5, 3, 3))
+    coarse.field_and_gradient(grid, np.ones((4, 5, 3)), out=(flux, slope))
+    np.testing.assert_array_equal(flux, coarse.field(grid, np.ones((4, 5, 3))))
+    assert coarse.wrench(grid, [0, 0, 1], CURRENTS).shape == (4, 5, 6)
 
 
 def test_a_map_is_a_field_and_at_currents_a_field_at_currents(coarse):

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from fieldmap.arguments import check_signal
 from fieldmap.control.linear_models import TransferFunction, steady_gain
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
@@ -68,8 +69,8 @@ def not_settled(
     return NotConverged(Problem(where, must, received, remedy), residuals=tuple(changes))
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Record):
     """An identified sampled model with its report.
 
     model: numerator and denominator in q. Ts: sampling time, s. method: which estimator. covariance (p, p): of the
@@ -144,8 +145,8 @@ class Estimate:
         return float(1.0 - missed / np.linalg.norm(measured - measured.mean()))
 
 
-@dataclass(frozen=True, eq=False)
-class EstimatedRuns:
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimatedRuns(Record):
     """The same identification of many records: spread instead of standard errors.
 
     numerators (runs, zeros + 1) and denominators (runs, poles + 1) in q; converged (runs,); iterations (runs,).

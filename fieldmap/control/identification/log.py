@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # unit -> SI unit, factor
@@ -63,8 +64,8 @@ def _unknown(where: str, unit: str) -> Problem:
 UNEVEN = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Record):
     """An evenly sampled record. Ts: sampling time, s. start: time of the first sample, s. signals: name -> values (n,)
     in SI units. units: name -> SI unit."""
 

@@ -11,11 +11,12 @@ from fieldmap.control.identification.regression import check_records, polynomial
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.regression import Structure, recursive
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class RecursiveRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class RecursiveRun(Record):
     """history (n, p): coefficients after each sample: the denominator's after its 1, the numerator's, C's after its 1.
     model: after the last sample."""
 

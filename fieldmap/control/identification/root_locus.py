@@ -11,11 +11,12 @@ from scipy.optimize import linear_sum_assignment
 from fieldmap.arguments import check_signal
 from fieldmap.control.linear_models import transfer_function
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class RootLocus:
+@dataclass(frozen=True, eq=False, repr=False)
+class RootLocus(Record):
     """gains (n,); poles (n, order): column k is one branch."""
 
     gains: Array

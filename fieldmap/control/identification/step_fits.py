@@ -12,11 +12,12 @@ from fieldmap.arguments import check_count, check_numbers, check_signal
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class StepFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class StepFit(Record):
     """A continuous model fitted to a step response.
 
     model: in s. gain: output per input at rest. parameters: name -> value, standard errors under the same names in

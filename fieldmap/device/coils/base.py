@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.placement import Placement, PlacementKeys
 from fieldmap.inputs.tables import MILLI, Length, Positive, broken, text_like
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # A coil's name becomes part of a record name in the map file: letters, digits and underscores only.
@@ -26,7 +27,7 @@ CoilName = Annotated[
 ]
 
 
-class Coil(ABC):
+class Coil(Record, ABC):
     """A coil: axis along local z, winding centred at the local origin, rectangular winding section.
 
     Positive current runs counter-clockwise seen from local +z at polarity 1. height: length of the winding along its

@@ -15,7 +15,7 @@ from fieldmap.inputs.tables import MILLI, Length
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CircularCoil(Coil):
     """Rectangular winding section: inner_radius <= r <= outer_radius, |z| <= height/2."""
 

@@ -15,7 +15,7 @@ from fieldmap.inputs.tables import MILLI, Length, broken, read_only
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PathCoil(Coil):
     """Plane closed path: corner points (n, 2) of the middle line in order (counter-clockwise = positive
     current at polarity +1), every corner rounded with corner_radius >= thickness/2."""

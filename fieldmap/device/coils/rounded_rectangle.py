@@ -12,7 +12,7 @@ from fieldmap.device.placement import Placement
 from fieldmap.inputs.tables import MILLI, Length, broken
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RoundedRectangleCoil(Coil):
     """Rounded rectangle. half_width_x, half_width_y and corner_radius are those of the winding's middle line;
     `thickness` is the winding's width in the plane, `height` along the axis. corner_radius >= thickness/2."""

@@ -11,14 +11,15 @@ import numpy as np
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.coils.pieces import Arc, Bar
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _STRAIGHT = 1e-12  # a corner that turns by less is no corner; a bar shorter than this times the path is none
 _FULL_TURN = math.pi * (1 - 1e-12)  # half angle of an arc that closes
 
 
-@dataclass(frozen=True, eq=False)
-class WindingPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class WindingPath(Record):
     """arcs (n, 8) and bars (m, 5), rows as `fieldmap.kernels.coils.pieces` names them; thickness and height in m.
 
     The pieces make a closed curve, in the sense of a positive current; their order does not matter. No arc turns by

@@ -17,7 +17,7 @@ from fieldmap.device.materials.base import (
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Arctangent(TwoConstantLaw):
     """Polarisation (2/pi) saturation arctan(pi chi mu0 H / (2 saturation)), chi = mu_r - 1.
 

@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.tables import Table
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Role = Literal["iron", "magnet", "flux barrier"]
@@ -35,8 +36,8 @@ NO_REMANENCE = np.zeros(3)
 NO_REMANENCE.setflags(write=False)
 
 
-@dataclass(frozen=True, eq=False)
-class LawPoints:
+@dataclass(frozen=True, eq=False, repr=False)
+class LawPoints(Record):
     """Points of J(h) for monotone cubics: h (k,) from 0 on, J (k,), dJ/dh (k,), h and J in T. Past the last point J
     stays."""
 
@@ -45,7 +46,7 @@ class LawPoints:
     slope: Array
 
 
-class Material(ABC):
+class Material(Record, ABC):
     """What a body is made of.
 
     role: how the models take it. "iron" may be given another constant permeability; a "magnet" keeps its own; a
@@ -113,7 +114,7 @@ class SaturatingMaterial(Iron):
             raise InputError(Problem(where, *fault, "correct the law; docs/device_files.md describes them"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TwoConstantLaw(SaturatingMaterial):
     """A law that initial permeability and saturation polarisation (T) fix: J = saturation f(x), x = chi h / saturation,
     chi = mu_r - 1. A law of this kind defines `title`, `polarisation` and `susceptibility`."""

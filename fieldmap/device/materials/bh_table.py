@@ -29,7 +29,7 @@ _SMALLEST_SLOPE_OF_A_LAW = 0.5 * mu_0
 TOWARDS_SATURATION = "towards saturation"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BHTable(SaturatingMaterial):
     """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
 

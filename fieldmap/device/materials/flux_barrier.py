@@ -8,7 +8,7 @@ from pydantic import Field
 from fieldmap.device.materials.base import NO_REMANENCE, Curves, Material, MaterialKeys, Role
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FluxBarrier(Material):
     """Ideal flux barrier, mu -> 0: no flux passes its surface. Each model puts a small permeability in its place."""
 

@@ -16,7 +16,7 @@ from fieldmap.device.materials.base import (
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Froehlich(TwoConstantLaw):
     """Froehlich-Kennelly: polarisation B - mu0 H = chi mu0 H / (1 + chi mu0 H / saturation), chi = mu_r - 1.
 

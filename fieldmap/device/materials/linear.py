@@ -9,7 +9,7 @@ from fieldmap.device.materials.base import Curves, Iron, Material, MaterialKeys
 from fieldmap.inputs.tables import Positive
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LinearMaterial(Iron):
     """Constant relative permeability."""
 

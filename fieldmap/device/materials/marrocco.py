@@ -27,7 +27,7 @@ from fieldmap.inputs.tables import Positive, broken
 _SAMPLES = 600
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Marrocco(SaturatingMaterial):
     """Reluctivity H/B = (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0, B in T.
 

@@ -10,7 +10,7 @@ from fieldmap.inputs.tables import Positive, Vector, read_only
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PermanentMagnet(Material):
     """Remanence (3,) in T, in the global frame, and recoil permeability."""
 

@@ -13,11 +13,12 @@ from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.kernels.control.block import Block
 from fieldmap.kernels.motion.inverse import Inverse
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class ForceController:
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceController(Record):
     """A controller whose outputs are the force wanted of the magnet (3), N, which the inverse map turns into the
     outputs of the machine's allocation at every sample, at the place that is seen.
 

@@ -16,13 +16,14 @@ from fieldmap.kernels.motion.inverse import Inverse, signals_along
 from fieldmap.kernels.motion.layout import VELOCITY
 from fieldmap.kernels.motion.losses import losses
 from fieldmap.kernels.motion.rotation import turn_matrix
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _ROUNDS = 20
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Record):
     """What a reference asks of the body, one row per control period: forces (p, 3), N, of the magnet; outputs (p, 3) of
     the allocation that make them; left (p,): force that the outputs' limits do not give, N."""
 

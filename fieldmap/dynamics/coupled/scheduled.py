@@ -9,13 +9,14 @@ from fieldmap.arguments import check_positive
 from fieldmap.control.blocks import ControllerBlock, arrays_of
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.block import Block
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _HEIGHT = 2  # of the reference, among the signals of a block
 
 
-@dataclass(frozen=True, eq=False)
-class ScheduledController:
+@dataclass(frozen=True, eq=False, repr=False)
+class ScheduledController(Record):
     """Blocks at references whose heights (z of the map, m) rise from `first` by `step`; below and above them the first
     and the last. Their memories must mean the same; all have the limits of the first."""
 

@@ -14,6 +14,7 @@ from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation.machine import LinearMachine
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -64,8 +65,8 @@ def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) ->
     return SampledMachine(A, now, onward @ late, linear.C)
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedLoop(Record):
     """A machine and its controller as one sampled system, z[n+1] = A z[n] + B r[n]; period: s.
 
     z: states of the machine, outputs of the last period, memory of the controller, and where the body was at the last

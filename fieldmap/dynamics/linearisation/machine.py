@@ -20,6 +20,7 @@ from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.rotation import turn_matrix
 from fieldmap.kernels.motion.step import rates
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -41,8 +42,8 @@ ABOUT_Z = ("turn_z", "angular_velocity_z")
 """The states of a body's turn about its magnet's axis."""
 
 
-@dataclass(frozen=True, eq=False)
-class LinearMachine:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearMachine(Record):
     """dx/dt = A x + B u + G w, y = C x + D u, all as deviations from an operating point.
 
     x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, and at the end the angular

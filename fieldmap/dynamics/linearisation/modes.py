@@ -7,6 +7,7 @@ import scipy.linalg
 
 from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation.machine import LinearMachine
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
@@ -16,8 +17,8 @@ _MILLI = 1e-3
 _AXIS_OF = {f"velocity_{k}": k for k in "xyz"} | {f"angular_velocity_{k}": f"turn_{k}" for k in "xyz"}
 
 
-@dataclass(frozen=True, eq=False)
-class Mode:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mode(Record):
     """A pole, 1/s, with the shares (states,) that its states have in it (sum 1), and how it is coupled to both sides.
 
     input_gains (inputs,), output_gains (outputs,): sizes of its left vector times B and of C times its right vector,
@@ -92,8 +93,8 @@ def _units(linear: LinearMachine) -> Array:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Controllability:
+@dataclass(frozen=True, eq=False, repr=False)
+class Controllability(Record):
     """Whether every mode can be moved by the inputs and is shown by the outputs (Popov, Belevitch and Hautus).
 
     controllability, observability: smallest singular value of [A - s, B] and [A - s; C] over the modes with a real part
@@ -127,8 +128,8 @@ def controllability(linear: LinearMachine, above: float = -np.inf) -> Controllab
     return Controllability(inputs[0], outputs[1], inputs[2], outputs[2])
 
 
-@dataclass(frozen=True, eq=False)
-class Coupling:
+@dataclass(frozen=True, eq=False, repr=False)
+class Coupling(Record):
     """How the outputs answer the inputs at one frequency, Hz (0: constant inputs, as if it were stable).
 
     gain (outputs, inputs): m per unit, complex sizes taken; relative (outputs, inputs): relative gains, real parts:

@@ -15,6 +15,7 @@ from fieldmap.dynamics.scenario.reading import read_scenario
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.store import write_runs
 from fieldmap.typing import Progress
 
@@ -22,16 +23,16 @@ MOST_KEPT = 50
 """Runs of one batch whose signals are kept, for a file or a picture."""
 
 
-@dataclass(frozen=True, eq=False)
-class BatchRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchRun(Record):
     """One run: its metrics, and its signals if they are kept."""
 
     metrics: RunMetrics
     run: LevitationRun | None
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Batch(Record):
     """Runs of one set of values. label: the varied value, or ""; seconds: processor time of the runs alone."""
 
     label: str
@@ -47,8 +48,8 @@ class Batch:
         return plain_items(value=self.label, rest=rest, seconds=self.seconds, runs=runs)
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Record):
     """All batches of a scenario."""
 
     batches: tuple[Batch, ...]

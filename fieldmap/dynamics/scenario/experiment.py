@@ -28,13 +28,14 @@ from fieldmap.errors import NoEquilibrium
 from fieldmap.field import Field
 from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
 from fieldmap.lookup import FieldMap, division_domain, saturates
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 MILLI = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Experiment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Experiment(Record):
     """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; its
     operating point there; device: what it is made of."""
 
@@ -169,7 +170,7 @@ def _into_map(reading: Array, zero_mm: float) -> Array:
     return (reading + [0.0, 0.0, zero_mm]) * [MILLI, MILLI, -MILLI]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ScenarioRun(LevitationRun):
     """A run (`LevitationRun`) with its scenario and its metrics."""
 

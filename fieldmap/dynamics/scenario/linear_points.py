@@ -28,10 +28,11 @@ from fieldmap.dynamics.linearisation import (
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.start import operating_points_at
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 
 
-@dataclass(frozen=True, eq=False)
-class LinearPoint:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearPoint(Record):
     """At one depth, mm: the linear machine, its modes, their controllability, the coupling of its axes, its closed
     loop, and the loop's margins (none where it is unstable)."""
 
@@ -84,8 +85,8 @@ def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> Linea
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Linearisation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearisation(Record):
     """The linear machine of a scenario at one depth or several."""
 
     experiment: Experiment

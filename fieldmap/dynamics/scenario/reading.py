@@ -13,6 +13,7 @@ from fieldmap.dynamics.scenario.schema import SCENARIO, ScenarioFile
 from fieldmap.errors import Problem, ScenarioError
 from fieldmap.inputs.document import Document, schema_findings
 from fieldmap.inputs.toml_lines import line_numbers
+from fieldmap.records import Record
 
 # Tables and files that had another name, which still is read.
 _OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
@@ -21,8 +22,8 @@ _FORMER_ZERO_DEPTH_MM = 77.0
 _OLDER_FILES = {"linked_regulator": "coupled_regulator"}
 
 
-@dataclass(frozen=True, eq=False)
-class Scenario:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scenario(Record):
     """A scenario as written: path and text of the file, its contents, and what was changed of them by the caller."""
 
     path: Path

@@ -26,6 +26,7 @@ from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.exterior import Exterior
 from fieldmap.iron.operators.linear_systems import block_gmres, require_convergence
 from fieldmap.iron.operators.sparse_cholesky import SparseFactor
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _MAX_LINEAR_STEPS = 80
@@ -69,8 +70,8 @@ class Elements(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class PotentialState:
+@dataclass(frozen=True, eq=False, repr=False)
+class PotentialState(Record):
     """Nodal potential (n, c), largest mu0 H (c, e) of every element, and the iron's charges and flux densities."""
 
     potential: Array

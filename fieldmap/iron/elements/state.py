@@ -12,6 +12,7 @@ from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_values
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 
@@ -27,8 +28,8 @@ class ElementField(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class IronState:
+@dataclass(frozen=True, eq=False, repr=False)
+class IronState(Record):
     """Solved iron for one or several sources (columns c).
 
     faces: the m charged faces; density (c, m) in T: mu0 times magnetic charge per area; flux_density (c, e, 3):
@@ -53,8 +54,8 @@ class IronState:
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
-@dataclass(frozen=True, eq=False)
-class PotentialField:
+@dataclass(frozen=True, eq=False, repr=False)
+class PotentialField(Record):
     """h = t - grad phi and b = b(h) + b_r: potential (n, c), coil field t, law (e,), remanence (c, e, 3) in T."""
 
     elements: NodalElements
@@ -88,8 +89,8 @@ class PotentialField:
             yield h, ratio[:, None] * h + self.remanence[c, element]
 
 
-@dataclass(frozen=True, eq=False)
-class LinearField:
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearField(Record):
     """Flux density and polarisation, linear in each element, by their values (c, e, 4, 3) in T at the four points of
     the degree-2 rule."""
 

@@ -20,6 +20,7 @@ from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
 from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.symmetry.chamber import Chamber, mirror_chamber
+from fieldmap.records import Record
 
 # Edge midpoints closer to the chord than this fraction of its length are straight.
 _STRAIGHT = 1e-6
@@ -33,8 +34,8 @@ _LAYER_RATIO = 0.4
 SYMMETRIES = ("auto", "none")
 
 
-@dataclass(frozen=True, eq=False)
-class IronMesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class IronMesh(Record):
     """Tetrahedra of all iron bodies.
 
     points (n, 3) in m; tets (m, 4), positively oriented; body (m,) index into `body_names`.
