@@ -22,8 +22,8 @@ test: $(STAMP)
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
 
-validate: $(STAMP)
-	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop/test_mag_manip_program.py
+validate: $(VENV)/.installed-programs
+	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop
 	$(BIN)/python scripts/validate.py
 
 docs: $(VENV)/.installed-docs
@@ -36,6 +36,10 @@ $(STAMP): pyproject.toml constraints.txt
 
 $(VENV)/.installed-docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	touch $@
+
+$(VENV)/.installed-programs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[programs]"
 	touch $@
 
 $(VENV)/.installed-bench: $(STAMP)

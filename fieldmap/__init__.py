@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from fieldmap import control as control
     from fieldmap import dynamics as dynamics
     from fieldmap import instruments as instruments
+    from fieldmap import interop as interop
     from fieldmap.device import read_device as read_device
     from fieldmap.dynamics import simulate as simulate
     from fieldmap.io import open_field as open_field
@@ -34,7 +35,7 @@ _PUBLIC = {
     "simulate": "fieldmap.dynamics",
     "__version__": "fieldmap.provenance",
 }
-_PACKAGES = ("control", "dynamics", "instruments")
+_PACKAGES = ("control", "dynamics", "instruments", "interop")
 __all__ = [*_PUBLIC, *_PACKAGES]
 
 

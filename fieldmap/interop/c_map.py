@@ -46,10 +46,10 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     >>> write_c_map(open_map("linear.h5"), "linear.fmap")                                   # doctest: +SKIP
     """
     _, block = field.compiled()
-    _check_readable(block)
+    check_harmonic(block, "write_c_map, field")
     names = field.coil_names if isinstance(field, FieldMap) else ("fixed currents",)
     target = Path(path)
-    write_whole(target, _bytes(_plain(block), names))
+    write_whole(target, _bytes(plain_block(block), names))
     return target
 
 
@@ -61,19 +61,18 @@ def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) ->
     return written, header
 
 
-def _check_readable(block: NDArray[np.float64]) -> None:
+def check_harmonic(block: NDArray[np.float64], where: str) -> None:
+    """Raise InputError at `where` unless the block holds harmonic polynomials, which other programs evaluate."""
     kernels = kernels_of(block)
     if not any(each.kernels is kernels and each.in_c for each in INTERPOLANTS.values()):
         readable = " or ".join(f'kind="{each.name}"' for each in INTERPOLANTS.values() if each.in_c)
         received = " or ".join(each.name for each in INTERPOLANTS.values() if each.kernels is kernels)
         raise InputError(
-            Problem(
-                "write_c_map, field", f"a form that fieldmap.h reads: {readable}", received, "open the map so"
-            )
+            Problem(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
         )
 
 
-def _plain(block: NDArray[np.float64]) -> NDArray[np.float64]:
+def plain_block(block: NDArray[np.float64]) -> NDArray[np.float64]:
     """The block without the table that a global form carries for evaluation (map_block)."""
     cells = int(np.prod(block[map_block.CELLS : map_block.CELLS + 3]))
     size = (int(block[map_block.DEGREE]) + 1) ** 2

@@ -23,10 +23,10 @@ def fields(points):
 
 @pytest.fixture(scope="session")
 def ring():
-    """`fields` and an opened map of them."""
+    """`fields`, a map of them, and that opened."""
     flux, slope = fields(GRID.points())
     shape = (6, *GRID.shape, 3)
     data = MapData(
         GRID, tuple("123456"), np.ones(6), flux_density=flux.reshape(shape), gradient=slope.reshape(*shape, 3)
     )
-    return SimpleNamespace(fields=fields, map=interpolate(data), grid=GRID)
+    return SimpleNamespace(fields=fields, data=data, map=interpolate(data), grid=GRID)

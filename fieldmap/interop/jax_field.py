@@ -1,0 +1,440 @@
+"""Maps for JAX: pure functions of points and currents under jit, vmap and grad (pip install fieldmap[jax]).
+
+The formulas are those of the compiled kernels: `fieldmap.kernels.map.cell_harmonics` for one polynomial per cell, the
+recurrence of `fieldmap.kernels.map.solid_harmonics` for one polynomial of the whole box.
+"""
+
+from collections.abc import Callable
+from math import prod
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.extras import require
+from fieldmap.interop.c_map import check_harmonic, plain_block
+from fieldmap.interpolants import Form
+from fieldmap.kernels.map import cell_harmonics, map_block
+from fieldmap.kernels.map.solid_harmonics import derivative_matrix
+from fieldmap.lookup import FieldMap, MapAtCurrents, saturates, unit_block
+from fieldmap.store import ReducedModel
+from fieldmap.typing import Array
+
+# Points of one piece of a large batch: what is computed of them stays in the processor's cache.
+PIECE = 1024
+# Steps of Newton's method, and the shares of one that are tried.
+_STEPS = 60
+_SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
+# The formula of the kernel, in Python: it only adds and multiplies, so it takes traced arrays as well.
+_of_cell: Callable[..., Any] = getattr(
+    cell_harmonics.field_and_gradient, "py_func", cell_harmonics.field_and_gradient
+)
+
+
+def jax_field(field: FieldMap | MapAtCurrents) -> "JaxField":
+    """The field of an opened map as pure functions for JAX.
+
+    field: a map opened with kind="harmonic" or "global", or one at fixed currents, `m.at(currents)`, whose functions
+    are called without currents. Computes in double precision where `jax_enable_x64` is set, else in single. Raises
+    FieldmapError without JAX, InputError for another interpolant.
+
+    >>> field = jax_field(open_map("linear.h5"))                                           # doctest: +SKIP
+    >>> slope = jax.jacfwd(field)(point, currents)          # is m.gradient(point, currents)  # doctest: +SKIP
+    """
+    jax = require("jax", "jax", "jax_field")
+    if isinstance(field, MapAtCurrents):
+        return JaxField(jax, _Polynomials(jax, field.compiled()[1]), None, fixed=True)
+    weights = None
+    if saturates(field):
+        assert field.info.reduced_model is not None
+        weights = _ReducedIron(jax, field.info.reduced_model).weights
+    return JaxField(jax, _Polynomials(jax, unit_block(field)), weights)
+
+
+class JaxField:
+    """Field of a map, its derivatives, and the wrench on dipoles; made by `jax_field`. Called it is `field`.
+
+    Points (..., 3), m; currents (n_coils,) for all points, or (..., n_coils) with the leading axes of the points, A.
+    Results have the leading axes of the points. NaN outside the box and for what is not finite, or, of a map opened
+    with outside="clamp", the field at the nearest point, which does not change with the distance from the box. Nothing
+    is raised: compiled code cannot. Of saturating iron the reduced model is solved inside; its domain is not checked.
+    """
+
+    def __init__(
+        self,
+        jax: ModuleType,
+        polynomials: "_Polynomials",
+        weights: Callable[[Any], Any] | None,
+        fixed: bool = False,
+    ) -> None:
+        self._jax, self._jnp = jax, jax.numpy
+        self._polynomials, self._weights_of, self._fixed = polynomials, weights, fixed
+
+    def __call__(self, points: Any, currents: Any = None) -> Any:
+        """`field`."""
+        return self.field(points, currents)
+
+    def field(self, points: Any, currents: Any = None) -> Any:
+        """Flux density B (..., 3), T."""
+        return self._in_pieces(
+            lambda *given: self._polynomials.field_and_gradient(*given)[0], points, currents
+        )
+
+    def gradient(self, points: Any, currents: Any = None) -> Any:
+        """Gradient (..., 3, 3), [..., i, j] = dB_i/dx_j, T/m."""
+        return self._in_pieces(
+            lambda *given: self._polynomials.field_and_gradient(*given)[1], points, currents
+        )
+
+    def field_and_gradient(self, points: Any, currents: Any = None) -> tuple[Any, Any]:
+        """B and its gradient in one pass."""
+        flux, slope = self._in_pieces(self._polynomials.field_and_gradient, points, currents)
+        return flux, slope
+
+    def second_gradient(self, points: Any, currents: Any = None) -> Any:
+        """Second derivatives (..., 3, 3, 3), [..., i, j, k] = d2B_i/dx_j dx_k, T/m^2."""
+        return self._in_pieces(self._polynomials.second_gradient, points, currents)
+
+    def wrench(self, positions: Any, moments: Any, currents: Any = None) -> Any:
+        """Force (N), then torque (N m) on point dipoles, (..., 6); moments (3,) or (..., 3), A m^2."""
+        jnp = self._jnp
+        flux, slope = self.field_and_gradient(positions, currents)
+        moment = jnp.broadcast_to(jnp.asarray(moments, flux.dtype), flux.shape)
+        force = jnp.einsum("...ij,...i->...j", slope, moment)
+        return jnp.concatenate([force, jnp.cross(moment, flux)], axis=-1)
+
+    def _weights(self, currents: Any) -> Any:
+        jnp = self._jnp
+        if (currents is None) != self._fixed:
+            must = "must be left out at fixed currents, and given otherwise"
+            received = "none" if currents is None else "currents"
+            raise InputError(
+                Problem("currents", must, received, "jax_field(m), or jax_field(m.at(currents))")
+            )
+        if currents is None:
+            return jnp.ones(1)
+        given = jnp.asarray(currents, jnp.result_type(float))
+        if self._weights_of is None:
+            return given
+        return jnp.vectorize(self._weights_of, signature="(c)->(w)")(given)
+
+    def _in_pieces(self, evaluate: Callable[..., Any], points: Any, currents: Any) -> Any:
+        """evaluate(coefficients, points, weights), of many points piece by piece."""
+        jnp, sets = self._jnp, self._polynomials.coefficients()
+        where, weights = jnp.asarray(points, jnp.result_type(float)), self._weights(currents)
+        if weights.ndim == 1 and prod(where.shape[:-1]) > len(sets) // 4:
+            # Many points at the same currents: the coils are summed first.
+            sets, weights = jnp.einsum("s,psk->pk", weights, sets)[:, None], jnp.ones(1, sets.dtype)
+        if where.ndim != 2 or len(where) <= 2 * PIECE:
+            return evaluate(sets, where, weights)
+        if weights.ndim == 1:
+            return self._jax.lax.map(lambda p: evaluate(sets, p, weights), where, batch_size=PIECE)
+        return self._jax.lax.map(lambda pw: evaluate(sets, *pw), (where, weights), batch_size=PIECE)
+
+
+class _Polynomials:
+    """A block of harmonic polynomials (fieldmap.kernels.map.map_block), evaluated by JAX."""
+
+    def __init__(self, jax: ModuleType, block: Array) -> None:
+        check_harmonic(block, "jax_field(field)")
+        self._jax, self._jnp, plain = jax, jax.numpy, plain_block(block)
+        header = plain[: map_block.HEADER]
+        self.degree, self._clamps = int(header[map_block.DEGREE]), header[map_block.RULE] == map_block.CLAMP
+        self._lower = header[map_block.LOWER : map_block.LOWER + 3]
+        self._inverse = header[map_block.INVERSE : map_block.INVERSE + 3]
+        self._cells = header[map_block.CELLS : map_block.CELLS + 3]
+        self._local = header[map_block.LOCAL : map_block.LOCAL + 3]
+        self._per_length = float(header[map_block.PER_LENGTH])
+        self.length = float(header[map_block.LENGTH])
+        shape = (int(np.prod(self._cells)), int(header[map_block.SETS]), -1)
+        self._sets = plain[map_block.HEADER :].reshape(shape)
+        self._converted: dict[str, Any] = {}
+
+    def coefficients(self) -> Any:
+        """(places, sets, size), in the precision that is set."""
+        kind = self._jnp.result_type(float)
+        if kind.name not in self._converted:
+            # A constant of its own: not one of the function that is traced just now.
+            with self._jax.ensure_compile_time_eval():
+                self._converted[kind.name] = self._jnp.asarray(self._sets, kind)
+        return self._converted[kind.name]
+
+    def field_and_gradient(self, sets: Any, points: Any, weights: Any) -> tuple[Any, Any]:
+        """B (..., 3) and gradient (..., 3, 3) of the polynomials `sets`, summed with weights (..., s)."""
+        jnp = self._jnp
+        good, cell, local = self._locate(points)
+        c = self._superposed(sets, cell, weights)
+        if self.degree == cell_harmonics.DEGREE:
+            x, y, z = (local[..., axis] for axis in range(3))
+            bx, by, bz, xx, xy, xz, yy, yz, zz = _of_cell(jnp.moveaxis(c, -1, 0), x, y, z)
+        else:
+            flux = self._derivatives(c, local, 1)
+            bx, by, bz = (flux[..., i] for i in range(3))
+            xx, xy, xz, yy, yz, zz = (self._derivatives(c, local, 2)[..., k] for k in range(6))
+        # Times NaN, not instead of it: derivatives are NaN there as well.
+        outside = jnp.where(good, 1.0, jnp.nan)[..., None]
+        flux = jnp.stack([bx, by, bz], axis=-1) * outside
+        slope = jnp.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1) * (self._per_length * outside)
+        return flux, slope.reshape(*slope.shape[:-1], 3, 3)
+
+    def second_gradient(self, sets: Any, points: Any, weights: Any) -> Any:
+        """(..., 3, 3, 3)."""
+        good, cell, local = self._locate(points)
+        third = self._derivatives(self._superposed(sets, cell, weights), local, 3)
+        order = {tuple(sorted(axes)): k for k, axes in enumerate(_axes(3))}
+        every = [order[tuple(sorted((i, j, k)))] for i in range(3) for j in range(3) for k in range(3)]
+        scale = self._jnp.where(good, self._per_length**2, self._jnp.nan)[..., None]
+        second = third[..., np.array(every)] * scale
+        return second.reshape(*second.shape[:-1], 3, 3, 3)
+
+    def potential(self, sets: Any, points: Any, weights: Any) -> Any:
+        """(...,): U with B = -grad U, T m."""
+        good, cell, local = self._locate(points)
+        value = self._derivatives(self._superposed(sets, cell, weights), local, 0)[..., 0]
+        return value * self._jnp.where(good, -self.length, self._jnp.nan)
+
+    def _superposed(self, sets: Any, cell: Any, weights: Any) -> Any:
+        """Coefficients (..., size)."""
+        # Of a single place not a copy for every point.
+        return self._jnp.einsum("...s,...sk->...k", weights, sets[0] if len(sets) == 1 else sets[cell])
+
+    def _locate(self, points: Any) -> tuple[Any, Any, Any]:
+        """Whether there is a result, number of the cell, and the place in it in LENGTHs from its middle."""
+        jnp, cells = self._jnp, self._cells
+        # The rounding of upper = lower + n spacing, in the precision that is set.
+        edge = max(map_block.EDGE, 8.0 * float(jnp.finfo(points.dtype).eps) * float(cells.max()))
+        u = (points - self._lower) * self._inverse
+        good = jnp.isfinite(points).all(-1)
+        if self._clamps:
+            u = jnp.where(u < 0.0, 0.0, jnp.where(u > cells, cells, u))
+        else:
+            good &= ((u >= -edge) & (u <= cells + edge)).all(-1)
+        u = jnp.where(good[..., None], u, 0.5)
+        index = jnp.clip(jnp.floor(self._jax.lax.stop_gradient(u)), 0.0, cells - 1.0)
+        i, j, k = (index[..., axis].astype(int) for axis in range(3))
+        cell = (i * int(cells[1]) + j) * int(cells[2]) + k
+        return good, cell, (u - index - 0.5) * self._local
+
+    def outside(self, points: Array) -> int:
+        """How many of points (n, 3) lie outside a box whose rule is not to clamp."""
+        if self._clamps:
+            return 0
+        with np.errstate(invalid="ignore"):
+            u = (points - self._lower) * self._inverse
+            beyond = ((u < -map_block.EDGE) | (u > self._cells + map_block.EDGE)).any(axis=1)
+        return int((beyond & np.isfinite(points).all(axis=1)).sum())
+
+    def _derivatives(self, c: Any, local: Any, order: int) -> Any:
+        """All different derivatives of an order (..., n), in the order of `_axes`."""
+        table = self._harmonics(self.degree - order, local)
+        matrices = np.stack([_derivative(self.degree, axes) for axes in _axes(order)])
+        # c is the same at all points of most calls: it is multiplied first.
+        return self._jnp.einsum("...h,...nh->...n", table, self._jnp.einsum("nhk,...k->...nh", matrices, c))
+
+    def _harmonics(self, degree: int, local: Any) -> Any:
+        """(..., (degree + 1)^2), docs/theory/lookup.md (3): each degree from the two below it."""
+        jnp, join = self._jnp, self._jnp.concatenate
+        x, y, z = (local[..., axis, None] for axis in range(3))
+        r2, sector = x * x + y * y + z * z, (jnp.ones_like(x), jnp.zeros_like(x))
+        rows = [jnp.zeros_like(x[..., :0]), jnp.ones_like(x)]
+        for l in range(1, degree + 1):
+            m = (np.arange(2 * l - 1) + 1) // 2
+            up, down = (2 * l - 1) / (l * l - m * m), 1.0 / (l * l - m * m)
+            inner = up * z * rows[-1]
+            below = rows[-2].shape[-1]
+            inner = join([inner[..., :below] - down[:below] * r2 * rows[-2], inner[..., below:]], axis=-1)
+            sector = (
+                (0.5 / l) * (x * sector[0] - y * sector[1]),
+                (0.5 / l) * (x * sector[1] + y * sector[0]),
+            )
+            # Without the barrier the compiler computes each degree anew wherever it is used.
+            rows.append(self._jax.lax.optimization_barrier(join([inner, *sector], axis=-1)))
+        return join(rows[1:], axis=-1)
+
+
+def _axes(order: int) -> list[tuple[int, ...]]:
+    """Axes of all different derivatives: xx, xy, xz, yy, yz, zz for order 2."""
+    found: list[tuple[int, ...]] = [()]
+    for _ in range(order):
+        found = [(*axes, i) for axes in found for i in range(axes[-1] if axes else 0, 3)]
+    return found
+
+
+def _derivative(degree: int, axes: tuple[int, ...]) -> Array:
+    """Matrix that takes coefficients of a polynomial of this degree to those of a derivative."""
+    matrix = np.eye((degree + 1) ** 2)
+    for n, axis in enumerate(axes):
+        matrix = derivative_matrix(degree - n, axis) @ matrix
+    return matrix
+
+
+class _ReducedIron:
+    """The model of a map of saturating iron (`fieldmap.store.ReducedModel`): weights of its fields at currents.
+
+    The equations are those of fieldmap.kernels.map.reduced_iron, solved by Newton's method to rounding; the derivatives
+    by the currents follow from the implicit function theorem.
+    """
+
+    def __init__(self, jax: ModuleType, model: ReducedModel) -> None:
+        self._jax, self._jnp, self._model = jax, jax.numpy, model
+        self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
+
+    def weights(self, currents: Any) -> Any:
+        """(coils + fields,): the currents (coils,), then those of the iron's fields."""
+        lax, jnp, model = self._jax.lax, self._jnp, self._model
+        distances = (((currents - model.known_currents) / self._range) ** 2).sum(axis=1)
+        nearest = lax.stop_gradient(jnp.asarray(model.known_amplitudes, currents.dtype)[distances.argmin()])
+        source = (model.source @ currents).reshape(-1, 3)
+
+        def solve_linear(of: Callable[[Any], Any], right: Any) -> Any:
+            return jnp.linalg.solve(self._jax.jacfwd(of)(jnp.zeros_like(right)), right)
+
+        amplitudes = lax.custom_root(
+            lambda a: self._residual(a, source)[0],
+            nearest,
+            lambda _, a: self._newton(a, source),
+            solve_linear,
+        )
+        return jnp.concatenate([currents, model.output @ amplitudes])
+
+    def _residual(self, a: Any, source: Any) -> tuple[Any, Any, Any, Any]:
+        """R (r,); w m (p,), w (db/dh - b/h) / h^2 (p,) and h (p, 3), of which the tangent is made."""
+        jnp, model = self._jnp, self._model
+        h = source - (model.gradients @ a).reshape(-1, 3)
+        # Never zero, where the root has no derivative.
+        size = jnp.sqrt((h * h).sum(axis=1) + 1e-28)
+        b, slope = self._law(size)
+        m = model.weights * (b / size - 1.0)
+        along = model.weights * (slope - b / size) / (size * size)
+        residual = model.gradients.T @ (m[:, None] * h).ravel() + model.constant - model.air @ a
+        return residual, m, along, h
+
+    def _law(self, size: Any) -> tuple[Any, Any]:
+        """b and db/dh (p,)."""
+        jnp, model = self._jnp, self._model
+        offset, knots, coefficients = model.laws
+        b, slope = jnp.zeros_like(size), jnp.zeros_like(size)
+        for k in range(len(offset) - 1):
+            own, rows = knots[offset[k] : offset[k + 1]], coefficients[offset[k] : offset[k + 1]].copy()
+            # Beyond the last knot b goes on straight.
+            rows[-1, :2] = 0.0
+            piece = jnp.searchsorted(own, size, side="right") - 1
+            c, t = jnp.asarray(rows, size.dtype)[piece], size - jnp.asarray(own, size.dtype)[piece]
+            here = model.law == k
+            b = jnp.where(here, ((c[:, 0] * t + c[:, 1]) * t + c[:, 2]) * t + c[:, 3], b)
+            slope = jnp.where(here, (3.0 * c[:, 0] * t + 2.0 * c[:, 1]) * t + c[:, 2], slope)
+        return b, slope
+
+    def _newton(self, start: Any, source: Any) -> Any:
+        """Amplitudes (r,) from `start`: Newton's method on a convex functional, whose slope along a step tells how much
+        of the step to take."""
+        lax, jnp, model = self._jax.lax, self._jnp, self._model
+        gradients = jnp.asarray(model.gradients, start.dtype)
+        shares, tolerance = jnp.asarray(_SHARES, start.dtype), float(jnp.finfo(start.dtype).eps) ** 0.5
+
+        def goes_on(state: tuple[Any, Any, Any]) -> Any:
+            return (state[0] < _STEPS) & (state[1] > tolerance)
+
+        def step(state: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+            count, _, a = state
+            residual, m, along, h = self._residual(a, source)
+            radial = jnp.einsum("pi,pir->pr", h, gradients.reshape(*h.shape, -1))
+            tangent = model.air + gradients.T @ (jnp.repeat(m, 3)[:, None] * gradients)
+            tangent += radial.T @ (along[:, None] * radial)
+            change = jnp.linalg.solve(tangent, residual)
+            slope = residual @ change
+            ahead = self._jax.vmap(lambda t: self._residual(a + t * change, source)[0] @ change)(shares)
+            t = shares[(ahead >= -0.3 * slope).argmax()]
+            decrement = jnp.sqrt(jnp.maximum(slope, 0.0) / jnp.maximum(a @ tangent @ a, 1e-30))
+            return count + 1, decrement, a + t * change
+
+        first = jnp.zeros((), int), jnp.full((), jnp.inf, start.dtype), start
+        _, left, found = lax.while_loop(goes_on, step, first)
+        return jnp.where(left <= tolerance, found, jnp.nan)
+
+
+class JaxEvaluator:
+    """Evaluation of a map by JAX in double precision, in the place of the compiled kernels: a
+    `fieldmap.lookup.Evaluator`.
+
+    For `interpolate(data, evaluator=JaxEvaluator)`: an accelerator that JAX finds then answers the lookups. Numbers of
+    points are rounded up to a power of two, so that few shapes are compiled.
+    """
+
+    def __init__(self, form: Form, weights: Array | None = None) -> None:
+        self._jax = jax = require("jax", "jax", "JaxEvaluator")
+        self._form, self._fixed = form, weights
+        self._polynomials = _Polynomials(jax, form.unit)
+        self.places = 1 if weights is not None else form.places
+        self._compiled = {
+            name: jax.jit(getattr(self._polynomials, name))
+            for name in ("field_and_gradient", "second_gradient", "potential")
+        }
+        self._each = jax.jit(self._every_field)
+
+    def _every_field(self, sets: Any, points: Any) -> Any:
+        jax = self._jax
+        unit = jax.numpy.eye(sets.shape[1], dtype=sets.dtype)
+        return jax.vmap(self._polynomials.field_and_gradient, (None, None, 0), 1)(sets, points, unit)
+
+    def _ask(self, name: str, points: Array, weights: Array) -> tuple[list[Array], int]:
+        """Results and how many points lie outside."""
+        with self._jax.enable_x64(True):
+            n = len(points)
+            size = 1 << max(n - 1, 0).bit_length()
+            padded = np.full((size, 3), np.nan)
+            padded[:n] = points
+            sets = self._polynomials.coefficients()
+            if name == "each_field":
+                found = self._each(sets, padded)
+            else:
+                rows = weights if self._fixed is None else self._fixed[None]
+                every = np.zeros((size, rows.shape[1]))
+                every[:n] = rows
+                found = self._compiled[name](sets, padded, every)
+            results = [
+                np.asarray(part)[:n] for part in (found if isinstance(found, tuple | list) else (found,))
+            ]
+        return results, self._polynomials.outside(points)
+
+    def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
+        """See `fieldmap.lookup.Evaluator`."""
+        (flux[:], whole), outside = self._ask("field_and_gradient", points, weights)
+        if slope.size:
+            slope[:] = whole
+        return outside
+
+    def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
+        """See `fieldmap.lookup.Evaluator`."""
+        (second[:],), outside = self._ask("second_gradient", points, weights)
+        return outside
+
+    def potential(self, points: Array, weights: Array, values: Array) -> int:
+        """See `fieldmap.lookup.Evaluator`."""
+        (values[:],), outside = self._ask("potential", points, weights)
+        return outside
+
+    def each_field(self, points: Array, flux: Array, slope: Array) -> int:
+        """See `fieldmap.lookup.Evaluator`."""
+        if self._fixed is not None:
+            return self.field_and_gradient(points, np.ones((1, 1)), flux[:, 0], slope[:, 0])
+        (flux[:], whole), outside = self._ask("each_field", points, np.ones(1))
+        if slope.size:
+            slope[:] = whole
+        return outside
+
+    def at(self, weights: Array) -> "JaxEvaluator":
+        """See `fieldmap.lookup.Evaluator`."""
+        return self if self._fixed is not None else JaxEvaluator(self._form, np.array(weights))
+
+    def one_point(self) -> tuple[Callable[..., int], Any]:
+        """See `fieldmap.lookup.Evaluator`: none that is quicker."""
+        return (lambda *_: map_block.WRONG_SHAPE), None
+
+    def compiled(self) -> tuple[Any, Any]:
+        """See `fieldmap.lookup.Evaluator`: raises InputError."""
+        problem = Problem(
+            "compiled", "must be a map of the compiled kernels", "one of JAX", "open it without"
+        )
+        raise InputError(problem)
