@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
     "csv": ("--currents", "--spacing-mm"),
+    "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body"),
     "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
@@ -48,7 +49,8 @@ def export(
         typer.Option(
             "--to",
             metavar="NAME",
-            help="c: one flat file and its header. csv: a table. vti: VTK image data. mag-manip: YAML.",
+            help="c: one flat file and its header. csv: a table. vti: VTK image data. mag-manip: YAML. "
+            "fmu: a unit of FMI, compiled here.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")],
@@ -57,7 +59,7 @@ def export(
         typer.Option(
             "--kind",
             metavar="NAME",
-            help="For c: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
+            help="For c and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
         ),
     ] = "harmonic",
     currents: Annotated[
@@ -80,9 +82,29 @@ def export(
     outside: Annotated[
         str,
         typer.Option(
-            "--outside", metavar="RULE", help="For c: what a point outside the map gives: nan or clamp."
+            "--outside",
+            metavar="RULE",
+            help="For c and fmu: what a point outside the map gives: nan or clamp.",
         ),
     ] = "nan",
+    fmi: Annotated[
+        int | None, typer.Option("--fmi", metavar="2|3", help="For fmu: version of FMI. Default: 2.")
+    ] = None,
+    moment: Annotated[
+        float | None,
+        typer.Option(
+            "--moment", metavar="AM2", help="For fmu: of the magnet, along its z, A m^2. Default: 1."
+        ),
+    ] = None,
+    body: Annotated[
+        str | None,
+        typer.Option(
+            "--body",
+            metavar="DEVICE",
+            help="For fmu: the payload of this device moves inside, as a rigid body.",
+            autocompletion=devices,
+        ),
+    ] = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -97,6 +119,9 @@ def export(
         "--currents": bool(currents),
         "--spacing-mm": spacing_mm is not None,
         "--outside": outside != "nan",
+        "--fmi": fmi is not None,
+        "--moment": moment is not None,
+        "--body": body is not None,
     }
     _check(to, [option for option, there in given.items() if there])
     iron = checked_iron(mu_r, nonlinear, refinement, "auto")
@@ -105,6 +130,8 @@ def export(
     if to == "mag-manip" and is_map_file(source):
         sampled = _sampled(source, iron, currents, spacing)
         written: tuple[Path, ...] = (sampled.write(output),)
+    elif to == "fmu" and is_map_file(source):
+        written = (_unit(source, iron, output, currents, (kind, outside), (fmi, moment, body)),)
     elif is_map_file(source):
         written = _of_map(source, iron, to, output, currents, spacing, (kind, outside))
     else:
@@ -142,6 +169,38 @@ def _sampled(
     opened = open_map(existing_map(source))
     amperes = parse_currents(currents, opened.coil_names) if currents else None
     return sample_for_mag_manip(opened, spacing, amperes)
+
+
+def _unit(
+    source: str,
+    iron: "IronOptions",
+    output: Path,
+    currents: list[str] | None,
+    how: tuple[str, str],
+    what: tuple[int | None, float | None, str | None],
+) -> Path:
+    from fieldmap.cli.arguments import parse_currents
+    from fieldmap.device import read_device
+    from fieldmap.dynamics import body_of_payload
+    from fieldmap.errors import InputError, Problem
+    from fieldmap.interop import write_fmu
+    from fieldmap.io import existing_map
+    from fieldmap.lookup import open_map
+
+    refuse_iron_of_map(iron)
+    (fmi, moment, device), opened = what, open_map(existing_map(source), *how)
+    require_currents(not opened.proportional, currents, f"{source} --to fmu")
+    body = None
+    if device is not None:
+        payload = read_device(device).payload
+        if payload is None or moment is not None:
+            must = "must be a device with a [payload], whose moment is that of the unit"
+            received = device if payload is None else "--moment as well"
+            raise InputError(Problem("--body", must, received, "choose another, or leave it out"))
+        body = body_of_payload(payload)
+    field = opened.at(parse_currents(currents, opened.coil_names)) if currents else opened
+    magnet = (0.0, 0.0, 1.0 if moment is None else moment)
+    return write_fmu(field, output, magnet, body, version=2 if fmi is None else fmi)
 
 
 def _of_map(

@@ -1,10 +1,11 @@
-"""Maps for other programs, and maps from them: C, JAX, MuJoCo, mag_manip, measurements.
+"""Maps for other programs, and maps from them: C, FMI, JAX, MuJoCo, mag_manip, measurements.
 
-Depends on: errors, extras, store, lookup. Never on the packages that make maps.
+Depends on: errors, extras, store, lookup, dynamics. Never on the packages that make maps.
 """
 
 from fieldmap.interop.c_map import c_header, write_c_files, write_c_map
 from fieldmap.interop.csv_map import write_csv
+from fieldmap.interop.fmu import write_fmu
 from fieldmap.interop.jax_field import JaxEvaluator, JaxField, jax_field
 from fieldmap.interop.mag_manip import VectorFields, read_mag_manip, sample_for_mag_manip, write_mag_manip
 from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
@@ -29,6 +30,7 @@ __all__ = [
     "write_c_files",
     "write_c_map",
     "write_csv",
+    "write_fmu",
     "write_mag_manip",
     "write_whole",
 ]

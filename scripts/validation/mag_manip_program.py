@@ -4,10 +4,6 @@ The environment is made with pip in the user's cache folder, once. The wheel was
 to read 100 000 nodes of a coil.
 """
 
-import os
-import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,32 +11,22 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldmap.errors import FieldmapError, Problem
 from fieldmap.interop import sample_for_mag_manip
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.maps import generate, read_recipe
 from fieldmap.shipped import shipped_names
+from validation.own_environment import OwnEnvironment, UnavailableError
 from validation.row import Array, Row, largest_error, timed
 
-REQUIREMENTS = ("mag_manip==3.0.0", "numpy==1.26.4")
-CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fieldmap"
-ENVIRONMENT = CACHE / f"mag_manip-3.0.0-python{sys.version_info.major}.{sys.version_info.minor}"
+# Python 3.13 has no wheels of numpy < 2.
+PROGRAM = OwnEnvironment("mag_manip", ("mag_manip==3.0.0", "numpy==1.26.4"), newest_python=(3, 12))
 MAPS = Path(__file__).parents[2] / "maps" / "out"
-SECONDS = 600
 POINTS = 1000
 # Shares of the largest value: what the export promises of B; the program takes differences for the gradient.
 FIELD_BOUND = 1e-4
 GRADIENT_BOUND = 0.03
 SOURCE = "the map, at 1000 points of its box and its corners; mag_manip 3.0.0, tricubic"
 _READER = Path(__file__).with_name("mag_manip_reader.py")
-
-
-class UnavailableError(FieldmapError):
-    """The program cannot be had here, or did not answer."""
-
-    def __init__(self, reason: str) -> None:
-        remedy = "run this on Linux with Python 3.11 or 3.12 and a package index within reach"
-        super().__init__(Problem("mag_manip", "must run in an environment of its own", reason, remedy))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,52 +41,12 @@ class Read:
 
 def is_installed() -> bool:
     """Whether the environment is there."""
-    ready = _ready(ENVIRONMENT)
-    return ready.exists() and ready.read_text() == "\n".join(REQUIREMENTS)
+    return PROGRAM.is_installed()
 
 
 def environment() -> Path:
     """Its interpreter; the environment is made unless it is there. Raises UnavailableError."""
-    if not is_installed():
-        _install()
-    return ENVIRONMENT / "bin" / "python"
-
-
-def _install() -> None:
-    if sys.platform != "linux":
-        raise UnavailableError("another system; its wheels are for Linux")
-    if sys.version_info >= (3, 13):
-        raise UnavailableError("Python 3.13 or newer, for which numpy < 2 has no wheels")
-    # Another process may be doing the same: each makes its own, and one of them stays.
-    own = ENVIRONMENT.with_name(f"{ENVIRONMENT.name}.{os.getpid()}")
-    own.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        _run(sys.executable, "-m", "venv", str(own))
-        pip = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:")
-        _run(str(own / "bin" / "python"), *pip, *REQUIREMENTS)
-        _ready(own).write_text("\n".join(REQUIREMENTS))
-        if not is_installed():
-            shutil.rmtree(ENVIRONMENT, ignore_errors=True)
-            own.rename(ENVIRONMENT)
-    finally:
-        shutil.rmtree(own, ignore_errors=True)
-
-
-def _ready(folder: Path) -> Path:
-    return folder / "installed.txt"
-
-
-def _run(*command: str) -> None:
-    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=SECONDS, env=clean
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise UnavailableError(str(error)) from None
-    if done.returncode:
-        said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-        raise UnavailableError(said[-1])
+    return PROGRAM.python()
 
 
 def ask(path: Path, points: Array, currents: Array) -> Read:
@@ -109,7 +55,7 @@ def ask(path: Path, points: Array, currents: Array) -> Read:
     with tempfile.TemporaryDirectory() as folder:
         given, read = Path(folder) / "given.npz", Path(folder) / "read.npz"
         np.savez(given, points=points, currents=currents)
-        _run(str(python), str(_READER), str(path), str(given), str(read))
+        PROGRAM.run(str(python), str(_READER), str(path), str(given), str(read))
         with np.load(read) as found:
             return Read(found["unit_field"].swapaxes(1, 2), found["gradient"], found["currents"])
 

@@ -1,0 +1,604 @@
+/* A map, and a rigid body with a magnet in it, as an FMU: FMI 2.0 or 3.0, model exchange and co-simulation.
+ *
+ * fmu_model.h, which fieldmap.interop.fmu writes, says which; FMU_VERSION is 2 or 3. The declarations are our own, after
+ * the standards (fmi-standard.org); nothing of their headers is in this file. Value references are positions in
+ * `values`. docs/other_programs.md says what the variables mean. BSD-3-Clause, the fieldmap developers.
+ */
+#include <stdbool.h>
+
+#include "fieldmap.h"
+#include "fmu_model.h"
+
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+enum {
+    TIME = 0, POSITION = 1, VELOCITY = 4, TURN = 7, ANGULAR = 11, DERIVATIVES = 14, PUSH = 27, TWIST = 30, STRENGTH = 33,
+    MASS = 34, INERTIA = 35, GRAVITY = 38, STEP = 39, FIELD = 40, GRADIENT = 43, FORCE = 52, TORQUE = 55, CURRENTS = 58,
+    VALUES = CURRENTS + FMU_COILS, STATES = FMU_BODY ? 13 : 0
+};
+enum { OK, WARNING, DISCARD, ERROR, FATAL };
+
+typedef struct model {
+    fieldmap map;
+    double values[VALUES + 1];
+    int stale; /* outputs and derivatives do not belong to the inputs */
+    int status;
+    void *environment;
+    void (*say)(const struct model *, int status, const char *text);
+    void (*logger)(void);
+    char name[64];
+} model;
+
+static const double dipoles[FMU_DIPOLES][6] = FMU_MAGNET; /* place from the body's centre, moment; frame of the body */
+static const double seat[3] = FMU_SEAT;                   /* the magnet's centre */
+static const double starts[CURRENTS] = FMU_STARTS;
+
+/* r[9]: from the body to the map; a quaternion of any length but zero. */
+static void turn_matrix(const double *q, double *r)
+{
+    double w = q[0], x = q[1], y = q[2], z = q[3], s = 2.0 / (w * w + x * x + y * y + z * z);
+    r[0] = 1.0 - s * (y * y + z * z), r[1] = s * (x * y - w * z), r[2] = s * (x * z + w * y);
+    r[3] = s * (x * y + w * z), r[4] = 1.0 - s * (x * x + z * z), r[5] = s * (y * z - w * x);
+    r[6] = s * (x * z - w * y), r[7] = s * (y * z + w * x), r[8] = 1.0 - s * (x * x + y * y);
+}
+
+static void to_map(const double *r, const double *v, double *out)
+{
+    int i;
+    for (i = 0; i < 3; i++) out[i] = r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2];
+}
+
+static void to_body(const double *r, const double *v, double *out)
+{
+    int i;
+    for (i = 0; i < 3; i++) out[i] = r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2];
+}
+
+static void add_cross(const double *a, const double *b, double *out)
+{
+    out[0] += a[1] * b[2] - a[2] * b[1];
+    out[1] += a[2] * b[0] - a[0] * b[2];
+    out[2] += a[0] * b[1] - a[1] * b[0];
+}
+
+/* Force and torque about the body's centre on all dipoles, frame of the map. */
+static int wrench(const model *m, const double *position, const double *r, double *force, double *torque)
+{
+    const double *currents = FMU_COILS ? m->values + CURRENTS : NULL;
+    int k, i;
+    for (i = 0; i < 3; i++) force[i] = torque[i] = 0.0;
+    for (k = 0; k < FMU_DIPOLES; k++) {
+        double arm[3], moment[3], place[3], both[6];
+        int status;
+        to_map(r, dipoles[k], arm);
+        to_map(r, dipoles[k] + 3, moment);
+        for (i = 0; i < 3; i++) {
+            place[i] = position[i] + arm[i];
+            moment[i] *= m->values[STRENGTH];
+        }
+        status = fieldmap_wrench(&m->map, currents, place, moment, both);
+        if (status != FIELDMAP_OK) return status;
+        for (i = 0; i < 3; i++) {
+            force[i] += both[i];
+            torque[i] += both[3 + i];
+        }
+        add_cross(arm, both, torque);
+    }
+    return FIELDMAP_OK;
+}
+
+/* Time derivative[13] of a state: place, velocity, quaternion, angular velocity in the frame of the body. */
+static int rates(const model *m, const double *state, double *out)
+{
+    const double *v = m->values, *q = state + 6, *s = state + 10, *inertia = v + INERTIA;
+    double r[9], force[3], torque[3], turning[3];
+    int i, status;
+    turn_matrix(q, r);
+    status = wrench(m, state, r, force, torque);
+    if (status != FIELDMAP_OK) return status;
+    for (i = 0; i < 3; i++) {
+        out[i] = state[3 + i];
+        out[3 + i] = (force[i] + v[PUSH + i]) / v[MASS];
+        torque[i] += v[TWIST + i];
+    }
+    out[5] -= v[GRAVITY];
+    out[6] = -0.5 * (q[1] * s[0] + q[2] * s[1] + q[3] * s[2]);
+    out[7] = 0.5 * (q[0] * s[0] + q[2] * s[2] - q[3] * s[1]);
+    out[8] = 0.5 * (q[0] * s[1] + q[3] * s[0] - q[1] * s[2]);
+    out[9] = 0.5 * (q[0] * s[2] + q[1] * s[1] - q[2] * s[0]);
+    to_body(r, torque, turning);
+    for (i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        out[10 + i] = (turning[i] + (inertia[j] - inertia[k]) * s[j] * s[k]) / inertia[i];
+    }
+    return FIELDMAP_OK;
+}
+
+/* Outputs and derivatives, where the inputs have changed. */
+static int refresh(model *m)
+{
+    double *v = m->values, r[9], arm[3], place[3];
+    int i, status;
+    if (!m->stale) return m->status;
+    m->stale = 0;
+    turn_matrix(v + TURN, r);
+    to_map(r, seat, arm);
+    for (i = 0; i < 3; i++) place[i] = v[POSITION + i] + arm[i];
+    status = fieldmap_field(&m->map, FMU_COILS ? v + CURRENTS : NULL, place, v + FIELD, v + GRADIENT);
+    if (status == FIELDMAP_OK) status = wrench(m, v + POSITION, r, v + FORCE, v + TORQUE);
+    if (status == FIELDMAP_OK && FMU_BODY) status = rates(m, v + POSITION, v + DERIVATIVES);
+    if (status != FIELDMAP_OK) {
+        for (i = FIELD; i < CURRENTS; i++) v[i] = (double)NAN;
+        for (i = 0; i < 13; i++) v[DERIVATIVES + i] = (double)NAN;
+        m->say(m, DISCARD, fieldmap_message(status));
+    }
+    return m->status = status == FIELDMAP_OK ? OK : DISCARD;
+}
+
+/* Classical Runge-Kutta steps of equal length, no longer than values[STEP]; inputs do not change meanwhile. */
+static int advance(model *m, double duration)
+{
+    double *state = m->values + POSITION, h;
+    long n, steps;
+    int i;
+    if (!(duration >= 0.0)) return ERROR;
+    if (!FMU_BODY) return OK; /* outputs follow inputs at once */
+    if (!(m->values[STEP] > 0.0)) return ERROR;
+    steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
+    h = steps > 0 ? duration / (double)steps : 0.0;
+    m->stale = 1;
+    for (n = 0; n < steps; n++) {
+        double k1[13], k2[13], k3[13], k4[13], at[13], length = 0.0;
+        int status = rates(m, state, k1);
+        for (i = 0; i < 13; i++) at[i] = state[i] + 0.5 * h * k1[i];
+        if (status == FIELDMAP_OK) status = rates(m, at, k2);
+        if (status == FIELDMAP_OK) {
+            for (i = 0; i < 13; i++) at[i] = state[i] + 0.5 * h * k2[i];
+            status = rates(m, at, k3);
+        }
+        if (status == FIELDMAP_OK) {
+            for (i = 0; i < 13; i++) at[i] = state[i] + h * k3[i];
+            status = rates(m, at, k4);
+        }
+        if (status != FIELDMAP_OK) {
+            m->say(m, DISCARD, fieldmap_message(status));
+            return DISCARD;
+        }
+        for (i = 0; i < 13; i++) state[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
+        for (i = 6; i < 10; i++) length += state[i] * state[i];
+        length = 1.0 / sqrt(length);
+        for (i = 6; i < 10; i++) state[i] *= length;
+        m->values[TIME] += h;
+    }
+    return OK;
+}
+
+static void reset(model *m)
+{
+    int i;
+    memset(m->values, 0, sizeof m->values);
+    for (i = 0; i < CURRENTS; i++) m->values[i] = starts[i];
+    m->stale = 1;
+}
+
+static int get(model *m, const unsigned *references, size_t count, double *out)
+{
+    size_t k;
+    int status = OK;
+    for (k = 0; k < count; k++) {
+        unsigned at = references[k];
+        int computed = (at >= FIELD && at < CURRENTS) || (FMU_BODY && at >= DERIVATIVES && at < PUSH);
+        if (at >= VALUES) return ERROR;
+        if (computed && refresh(m) > status) status = m->status;
+        out[k] = m->values[at];
+    }
+    return status;
+}
+
+static int set(model *m, const unsigned *references, size_t count, const double *values)
+{
+    size_t k;
+    for (k = 0; k < count; k++) {
+        unsigned at = references[k];
+        int computed = at == TIME || (at >= DERIVATIVES && at < PUSH) || (at >= FIELD && at < CURRENTS);
+        if (at >= VALUES || computed) return ERROR;
+        m->values[at] = values[k];
+    }
+    m->stale = 1;
+    return OK;
+}
+
+/* The map lies in the folder of resources: a path, or in FMI 2 its URI. */
+static int open_map(model *m, const char *folder)
+{
+    static const char map_name[] = "map.fmap";
+    size_t size = folder == NULL ? 0 : strlen(folder), i = 0, n = 0;
+    char *path = (char *)malloc(size + sizeof map_name + 2);
+    int status;
+    if (path == NULL) return FIELDMAP_NO_MEMORY;
+    if (size >= 5 && strncmp(folder, "file:", 5) == 0) {
+        i = 5;
+        if (size >= 7 && folder[5] == '/' && folder[6] == '/') {
+            for (i = 7; i < size && folder[i] != '/'; i++) {} /* host */
+        }
+        if (size > i + 2 && folder[i] == '/' && folder[i + 2] == ':') i++; /* /C:/ */
+        for (; i < size; i++) {
+            unsigned code;
+            char digits[3] = {0, 0, 0};
+            if (folder[i] == '%' && i + 2 < size) {
+                digits[0] = folder[i + 1], digits[1] = folder[i + 2];
+                code = (unsigned)strtoul(digits, NULL, 16);
+                path[n++] = (char)code;
+                i += 2;
+            } else {
+                path[n++] = folder[i];
+            }
+        }
+    } else {
+        for (; i < size; i++) path[n++] = folder[i];
+    }
+    if (n > 0 && path[n - 1] != '/' && path[n - 1] != '\\') path[n++] = '/';
+    memcpy(path + n, map_name, sizeof map_name);
+    status = fieldmap_open(&m->map, path);
+    if (status == FIELDMAP_OK && m->map.n_coils != (FMU_COILS ? FMU_COILS : 1)) {
+        fieldmap_close(&m->map);
+        status = FIELDMAP_DAMAGED;
+    }
+    free(path);
+    return status;
+}
+
+static model *make(const char *name, const char *token, const char *folder, void *environment,
+    void (*logger)(void), void (*say)(const model *, int, const char *))
+{
+    model *m = (model *)calloc(1, sizeof(model));
+    int status;
+    if (m == NULL) return NULL;
+    m->environment = environment, m->logger = logger, m->say = say;
+    if (name != NULL) strncpy(m->name, name, sizeof m->name - 1);
+    if (token == NULL || strcmp(token, FMU_TOKEN) != 0) {
+        say(m, ERROR, "another model description than the binary's");
+        free(m);
+        return NULL;
+    }
+    status = open_map(m, folder);
+    if (status != FIELDMAP_OK) {
+        say(m, ERROR, fieldmap_message(status));
+        free(m);
+        return NULL;
+    }
+    reset(m);
+    return m;
+}
+
+static void destroy(model *m)
+{
+    if (m != NULL) {
+        fieldmap_close(&m->map);
+        free(m);
+    }
+}
+
+static int get_states(const model *m, double *out, size_t count)
+{
+    if (count != (size_t)STATES) return ERROR;
+    memcpy(out, m->values + POSITION, count * sizeof(double));
+    return OK;
+}
+
+static int set_states(model *m, const double *states, size_t count)
+{
+    if (count != (size_t)STATES) return ERROR;
+    memcpy(m->values + POSITION, states, count * sizeof(double));
+    m->stale = 1;
+    return OK;
+}
+
+static int get_derivatives(model *m, double *out, size_t count)
+{
+    int status = count == 0 ? OK : refresh(m);
+    if (count != (size_t)STATES) return ERROR;
+    memcpy(out, m->values + DERIVATIVES, count * sizeof(double));
+    return status;
+}
+
+static int get_nominals(double *out, size_t count)
+{
+    static const double sizes[13] = {0.01, 0.01, 0.01, 0.1, 0.1, 0.1, 1, 1, 1, 1, 10, 10, 10};
+    if (count != (size_t)STATES) return ERROR;
+    memcpy(out, sizes, count * sizeof(double));
+    return OK;
+}
+
+/* A copy of all values, kept by the importer. */
+static int keep(const model *m, void **kept)
+{
+    if (*kept == NULL) *kept = malloc(sizeof m->values);
+    if (*kept == NULL) return ERROR;
+    memcpy(*kept, m->values, sizeof m->values);
+    return OK;
+}
+
+static int restore(model *m, const void *kept)
+{
+    if (kept == NULL) return ERROR;
+    memcpy(m->values, kept, sizeof m->values);
+    m->stale = 1;
+    return OK;
+}
+
+static int forget(void **kept)
+{
+    free(*kept);
+    *kept = NULL;
+    return OK;
+}
+
+#define UNUSED(x) (void)(x)
+
+#if FMU_VERSION == 2
+
+typedef void (*fmi2_logger)(void *, const char *, int, const char *, const char *, ...);
+typedef struct {
+    fmi2_logger logger;
+    void *(*allocate)(size_t, size_t);
+    void (*release)(void *);
+    void (*finished)(void *, int);
+    void *environment;
+} fmi2_callbacks;
+typedef struct {
+    int needed, terminate, nominals_changed, values_changed, next_defined;
+    double next;
+} fmi2_event_info;
+
+static void say(const model *m, int status, const char *text)
+{
+    if (m->logger != NULL) ((fmi2_logger)m->logger)(m->environment, m->name, status, "logStatus", "%s", text);
+}
+
+EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORT const char *fmi2GetVersion(void) { return "2.0"; }
+EXPORT int fmi2SetDebugLogging(model *m, int on, size_t n, const char *const categories[])
+{
+    UNUSED(m), UNUSED(on), UNUSED(n), UNUSED(categories);
+    return OK;
+}
+EXPORT model *fmi2Instantiate(const char *name, int kind, const char *token, const char *folder,
+    const fmi2_callbacks *callbacks, int visible, int logging)
+{
+    UNUSED(kind), UNUSED(visible), UNUSED(logging);
+    return make(name, token, folder, callbacks == NULL ? NULL : callbacks->environment,
+        callbacks == NULL ? NULL : (void (*)(void))callbacks->logger, say);
+}
+EXPORT void fmi2FreeInstance(model *m) { destroy(m); }
+EXPORT int fmi2SetupExperiment(model *m, int tolerance_given, double tolerance, double start, int stop_given, double stop)
+{
+    UNUSED(tolerance_given), UNUSED(tolerance), UNUSED(stop_given), UNUSED(stop);
+    m->values[TIME] = start;
+    return OK;
+}
+EXPORT int fmi2EnterInitializationMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi2ExitInitializationMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi2Terminate(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi2Reset(model *m) { reset(m); return OK; }
+EXPORT int fmi2GetReal(model *m, const unsigned r[], size_t n, double out[]) { return get(m, r, n, out); }
+EXPORT int fmi2SetReal(model *m, const unsigned r[], size_t n, const double in[]) { return set(m, r, n, in); }
+#define NONE_OF(NAME, TYPE) \
+    EXPORT int fmi2Get##NAME(model *m, const unsigned r[], size_t n, TYPE out[]) \
+    { UNUSED(m), UNUSED(r), UNUSED(out); return n == 0 ? OK : ERROR; } \
+    EXPORT int fmi2Set##NAME(model *m, const unsigned r[], size_t n, const TYPE in[]) \
+    { UNUSED(m), UNUSED(r), UNUSED(in); return n == 0 ? OK : ERROR; }
+NONE_OF(Integer, int)
+NONE_OF(Boolean, int)
+NONE_OF(String, char *)
+EXPORT int fmi2GetFMUstate(model *m, void **kept) { return keep(m, kept); }
+EXPORT int fmi2SetFMUstate(model *m, void *kept) { return restore(m, kept); }
+EXPORT int fmi2FreeFMUstate(model *m, void **kept) { UNUSED(m); return forget(kept); }
+EXPORT int fmi2SerializedFMUstateSize(model *m, void *kept, size_t *size) { UNUSED(m), UNUSED(kept), UNUSED(size); return ERROR; }
+EXPORT int fmi2SerializeFMUstate(model *m, void *kept, char out[], size_t size)
+{
+    UNUSED(m), UNUSED(kept), UNUSED(out), UNUSED(size);
+    return ERROR;
+}
+EXPORT int fmi2DeSerializeFMUstate(model *m, const char in[], size_t size, void **kept)
+{
+    UNUSED(m), UNUSED(in), UNUSED(size), UNUSED(kept);
+    return ERROR;
+}
+EXPORT int fmi2GetDirectionalDerivative(model *m, const unsigned of[], size_t n, const unsigned by[], size_t k,
+    const double seed[], double out[])
+{
+    UNUSED(m), UNUSED(of), UNUSED(n), UNUSED(by), UNUSED(k), UNUSED(seed), UNUSED(out);
+    return ERROR;
+}
+EXPORT int fmi2EnterEventMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi2NewDiscreteStates(model *m, fmi2_event_info *info)
+{
+    UNUSED(m);
+    memset(info, 0, sizeof *info);
+    return OK;
+}
+EXPORT int fmi2EnterContinuousTimeMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi2CompletedIntegratorStep(model *m, int no_return, int *event, int *terminate)
+{
+    UNUSED(m), UNUSED(no_return);
+    *event = *terminate = 0;
+    return OK;
+}
+EXPORT int fmi2SetTime(model *m, double time) { m->values[TIME] = time; return OK; }
+EXPORT int fmi2SetContinuousStates(model *m, const double in[], size_t n) { return set_states(m, in, n); }
+EXPORT int fmi2GetContinuousStates(model *m, double out[], size_t n) { return get_states(m, out, n); }
+EXPORT int fmi2GetDerivatives(model *m, double out[], size_t n) { return get_derivatives(m, out, n); }
+EXPORT int fmi2GetEventIndicators(model *m, double out[], size_t n) { UNUSED(m), UNUSED(out); return n == 0 ? OK : ERROR; }
+EXPORT int fmi2GetNominalsOfContinuousStates(model *m, double out[], size_t n) { UNUSED(m); return get_nominals(out, n); }
+EXPORT int fmi2SetRealInputDerivatives(model *m, const unsigned r[], size_t n, const int order[], const double in[])
+{
+    UNUSED(m), UNUSED(r), UNUSED(order), UNUSED(in);
+    return n == 0 ? OK : ERROR;
+}
+EXPORT int fmi2GetRealOutputDerivatives(model *m, const unsigned r[], size_t n, const int order[], double out[])
+{
+    UNUSED(m), UNUSED(r), UNUSED(order), UNUSED(out);
+    return n == 0 ? OK : ERROR;
+}
+EXPORT int fmi2DoStep(model *m, double time, double step, int no_return)
+{
+    int status;
+    UNUSED(no_return);
+    m->values[TIME] = time;
+    status = advance(m, step);
+    if (status == OK) m->values[TIME] = time + step;
+    return status;
+}
+EXPORT int fmi2CancelStep(model *m) { UNUSED(m); return ERROR; }
+EXPORT int fmi2GetStatus(model *m, int kind, int *out) { UNUSED(m), UNUSED(kind), UNUSED(out); return DISCARD; }
+EXPORT int fmi2GetRealStatus(model *m, int kind, double *out)
+{
+    if (kind != 2) return DISCARD; /* the last successful time */
+    *out = m->values[TIME];
+    return OK;
+}
+EXPORT int fmi2GetIntegerStatus(model *m, int kind, int *out) { UNUSED(m), UNUSED(kind), UNUSED(out); return DISCARD; }
+EXPORT int fmi2GetBooleanStatus(model *m, int kind, int *out)
+{
+    UNUSED(m), UNUSED(kind);
+    *out = 0; /* not terminated */
+    return OK;
+}
+EXPORT int fmi2GetStringStatus(model *m, int kind, const char **out) { UNUSED(m), UNUSED(kind), UNUSED(out); return DISCARD; }
+
+#else
+
+typedef void (*fmi3_logger)(void *, int, const char *, const char *);
+
+static void say(const model *m, int status, const char *text)
+{
+    if (m->logger != NULL) ((fmi3_logger)m->logger)(m->environment, status, "logStatus", text);
+}
+
+EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
+EXPORT int fmi3SetDebugLogging(model *m, bool on, size_t n, const char *const categories[])
+{
+    UNUSED(m), UNUSED(on), UNUSED(n), UNUSED(categories);
+    return OK;
+}
+EXPORT model *fmi3InstantiateModelExchange(const char *name, const char *token, const char *folder, bool visible,
+    bool logging, void *environment, fmi3_logger logger)
+{
+    UNUSED(visible), UNUSED(logging);
+    return make(name, token, folder, environment, (void (*)(void))logger, say);
+}
+EXPORT model *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *folder, bool visible,
+    bool logging, bool events, bool early, const unsigned required[], size_t n, void *environment, fmi3_logger logger,
+    void (*intermediate)(void))
+{
+    UNUSED(visible), UNUSED(logging), UNUSED(events), UNUSED(early), UNUSED(required), UNUSED(n), UNUSED(intermediate);
+    return make(name, token, folder, environment, (void (*)(void))logger, say);
+}
+EXPORT model *fmi3InstantiateScheduledExecution(void) { return NULL; }
+EXPORT void fmi3FreeInstance(model *m) { destroy(m); }
+EXPORT int fmi3EnterInitializationMode(model *m, bool tolerance_given, double tolerance, double start, bool stop_given,
+    double stop)
+{
+    UNUSED(tolerance_given), UNUSED(tolerance), UNUSED(stop_given), UNUSED(stop);
+    m->values[TIME] = start;
+    return OK;
+}
+EXPORT int fmi3ExitInitializationMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi3EnterEventMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi3Terminate(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi3Reset(model *m) { reset(m); return OK; }
+EXPORT int fmi3GetFloat64(model *m, const unsigned r[], size_t n, double out[], size_t k)
+{
+    return n == k ? get(m, r, n, out) : ERROR;
+}
+EXPORT int fmi3SetFloat64(model *m, const unsigned r[], size_t n, const double in[], size_t k)
+{
+    return n == k ? set(m, r, n, in) : ERROR;
+}
+#define NONE_OF(NAME, TYPE) \
+    EXPORT int fmi3Get##NAME(model *m, const unsigned r[], size_t n, TYPE out[], size_t k) \
+    { UNUSED(m), UNUSED(r), UNUSED(out), UNUSED(k); return n == 0 ? OK : ERROR; } \
+    EXPORT int fmi3Set##NAME(model *m, const unsigned r[], size_t n, const TYPE in[], size_t k) \
+    { UNUSED(m), UNUSED(r), UNUSED(in), UNUSED(k); return n == 0 ? OK : ERROR; }
+NONE_OF(Float32, float)
+NONE_OF(Int8, int8_t)
+NONE_OF(UInt8, uint8_t)
+NONE_OF(Int16, int16_t)
+NONE_OF(UInt16, uint16_t)
+NONE_OF(Int32, int32_t)
+NONE_OF(UInt32, uint32_t)
+NONE_OF(Int64, int64_t)
+NONE_OF(UInt64, uint64_t)
+NONE_OF(Boolean, bool)
+NONE_OF(String, char *)
+/* Nothing of this kind is in the model: nothing is read, and the answer is an error. */
+#define NOT_HERE(NAME) EXPORT int fmi3##NAME(void) { return ERROR; }
+NOT_HERE(GetBinary)
+NOT_HERE(SetBinary)
+NOT_HERE(GetClock)
+NOT_HERE(SetClock)
+NOT_HERE(GetNumberOfVariableDependencies)
+NOT_HERE(GetVariableDependencies)
+NOT_HERE(SerializedFMUStateSize)
+NOT_HERE(SerializeFMUState)
+NOT_HERE(DeserializeFMUState)
+NOT_HERE(GetDirectionalDerivative)
+NOT_HERE(GetAdjointDerivative)
+NOT_HERE(GetIntervalDecimal)
+NOT_HERE(GetIntervalFraction)
+NOT_HERE(GetShiftDecimal)
+NOT_HERE(GetShiftFraction)
+NOT_HERE(SetIntervalDecimal)
+NOT_HERE(SetIntervalFraction)
+NOT_HERE(SetShiftDecimal)
+NOT_HERE(SetShiftFraction)
+NOT_HERE(ActivateModelPartition)
+NOT_HERE(GetOutputDerivatives)
+NOT_HERE(EnterConfigurationMode)
+NOT_HERE(ExitConfigurationMode)
+EXPORT int fmi3GetFMUState(model *m, void **kept) { return keep(m, kept); }
+EXPORT int fmi3SetFMUState(model *m, void *kept) { return restore(m, kept); }
+EXPORT int fmi3FreeFMUState(model *m, void **kept) { UNUSED(m); return forget(kept); }
+EXPORT int fmi3EvaluateDiscreteStates(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi3UpdateDiscreteStates(model *m, bool *needed, bool *terminate, bool *nominals_changed,
+    bool *values_changed, bool *next_defined, double *next)
+{
+    UNUSED(m), UNUSED(next);
+    *needed = *terminate = *nominals_changed = *values_changed = *next_defined = false;
+    return OK;
+}
+EXPORT int fmi3EnterContinuousTimeMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi3CompletedIntegratorStep(model *m, bool no_return, bool *event, bool *terminate)
+{
+    UNUSED(m), UNUSED(no_return);
+    *event = *terminate = false;
+    return OK;
+}
+EXPORT int fmi3SetTime(model *m, double time) { m->values[TIME] = time; return OK; }
+EXPORT int fmi3SetContinuousStates(model *m, const double in[], size_t n) { return set_states(m, in, n); }
+EXPORT int fmi3GetContinuousStates(model *m, double out[], size_t n) { return get_states(m, out, n); }
+EXPORT int fmi3GetContinuousStateDerivatives(model *m, double out[], size_t n) { return get_derivatives(m, out, n); }
+EXPORT int fmi3GetEventIndicators(model *m, double out[], size_t n) { UNUSED(m), UNUSED(out); return n == 0 ? OK : ERROR; }
+EXPORT int fmi3GetNominalsOfContinuousStates(model *m, double out[], size_t n) { UNUSED(m); return get_nominals(out, n); }
+EXPORT int fmi3GetNumberOfEventIndicators(model *m, size_t *n) { UNUSED(m); *n = 0; return OK; }
+EXPORT int fmi3GetNumberOfContinuousStates(model *m, size_t *n) { UNUSED(m); *n = STATES; return OK; }
+EXPORT int fmi3EnterStepMode(model *m) { UNUSED(m); return OK; }
+EXPORT int fmi3DoStep(model *m, double time, double step, bool no_return, bool *event, bool *terminate, bool *early,
+    double *reached)
+{
+    int status;
+    UNUSED(no_return);
+    m->values[TIME] = time;
+    status = advance(m, step);
+    if (status == OK) m->values[TIME] = time + step;
+    *event = *terminate = *early = false;
+    *reached = m->values[TIME];
+    return status;
+}
+
+#endif

@@ -1,0 +1,410 @@
+"""A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
+
+The unit is the C source fmu.c and fieldmap.h, which lie beside this module, compiled with a header of numbers, and the
+map's flat file as its resource: no Python at run time. Value references are positions in one array, see fmu.c.
+"""
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_choice, check_signal
+from fieldmap.errors import FieldmapError, Problem
+from fieldmap.interop.c_map import c_header, write_c_map
+from fieldmap.kernels.motion.layout import INERTIA
+from fieldmap.lookup import FieldMap, FiniteMagnet, MapAtCurrents
+from fieldmap.store.whole_files import write_whole
+from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.dynamics import RigidBody
+
+# Positions in the array of values; fmu.c has the same.
+_POSITION, _VELOCITY, _TURN, _ANGULAR, _DERIVATIVES, _PUSH, _TWIST = 1, 4, 7, 11, 14, 27, 30
+_STRENGTH, _MASS, _INERTIA, _GRAVITY, _STEP, _FIELD, _GRADIENT, _FORCE, _TORQUE = (
+    33,
+    34,
+    35,
+    38,
+    39,
+    40,
+    43,
+    52,
+    55,
+)
+_CURRENTS = 58
+_LARGEST_STEP = 1e-4
+_COMPILERS = ("cc", "gcc", "clang")
+_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
+VERSIONS = {2: "2.0", 3: "3.0"}
+# Units of FMI by their exponents of SI base units.
+_UNITS = {
+    "m": {"m": 1},
+    "s": {"s": 1},
+    "A": {"A": 1},
+    "kg": {"kg": 1},
+    "m/s": {"m": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2},
+    "rad/s": {"s": -1, "rad": 1},
+    "rad/s2": {"s": -2, "rad": 1},
+    "1/s": {"s": -1},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "N.m": {"kg": 1, "m": 2, "s": -2},
+    "T": {"kg": 1, "s": -2, "A": -1},
+    "T/m": {"kg": 1, "s": -2, "A": -1, "m": -1},
+    "kg.m2": {"kg": 1, "m": 2},
+}
+
+
+@dataclass(frozen=True)
+class _Variable:
+    """A variable of the model; state: value reference of what it is the derivative of."""
+
+    reference: int
+    name: str
+    causality: str
+    unit: str
+    about: str
+    start: float | None = None
+    state: int | None = None
+
+    @property
+    def variability(self) -> str:
+        return "fixed" if self.causality == "parameter" else "continuous"
+
+    @property
+    def initial(self) -> str | None:
+        if self.causality in ("input", "independent"):
+            return None
+        return "calculated" if self.start is None else "exact"
+
+
+def write_fmu(
+    field: FieldMap | MapAtCurrents,
+    path: str | PathLike[str],
+    magnet: FiniteMagnet | ArrayLike = (0.0, 0.0, 1.0),
+    body: "RigidBody | None" = None,
+    *,
+    version: int = 2,
+) -> Path:
+    """Write a map as an FMU for co-simulation and model exchange, compiled for this machine.
+
+    Inputs are the coils' currents, A, none for a map at fixed currents, and the magnet's pose; outputs B and gradient
+    at its place, force and torque on it. magnet: a moment (3,), A m^2, or dipoles, in the frame of the pose. body: a
+    rigid body with its own magnet in the place of that; its motion is then inside, inputs are the currents and a force
+    and torque that disturb it. version: 2 or 3, of FMI. Only inertia, weight and the field act on the body: no drag, no
+    walls.
+
+    Raises InputError for a saturating map without fixed currents and for a Hermite form, FieldmapError where no C
+    compiler is found (CC, cc, gcc or clang).
+
+    >>> write_fmu(open_map("linear.h5"), "lift.fmu", magnet=[0, 0, 0.8])                     # doctest: +SKIP
+    """
+    check_choice("write_fmu(version)", str(version), map(str, VERSIONS))
+    target, carried = Path(path), _dipoles(magnet) if body is None else body.magnet
+    seat = np.zeros(3) if body is None else body.magnet_at
+    coils = field.coil_names if isinstance(field, FieldMap) else ()
+    variables = _variables(coils, _middle(field), body)
+    identifier = _identifier(target)
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        flat = write_c_map(field, work / "map.fmap")
+        for source in (_source(), c_header()):
+            shutil.copy(source, work)
+        numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
+        # The same map and magnet have the same token.
+        token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
+        (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token))
+        library = _compiled(work, identifier)
+        files = {
+            "modelDescription.xml": _description(version, identifier, token, variables).encode(),
+            f"binaries/{_folder(version)}/{library.name}": library.read_bytes(),
+            "resources/map.fmap": flat.read_bytes(),
+        }
+        for name in ("fmu.c", "fieldmap.h", "fmu_model.h"):
+            files[f"sources/{name}"] = (work / name).read_bytes()
+        if version == 3:
+            files["sources/buildDescription.xml"] = _build_description(identifier).encode()
+        write_whole(target, _zipped(files, work / "unit.zip"))
+    return target
+
+
+def _dipoles(magnet: FiniteMagnet | ArrayLike) -> FiniteMagnet:
+    if isinstance(magnet, FiniteMagnet):
+        return magnet
+    moment = np.array(check_signal("write_fmu(magnet)", magnet, columns=3))
+    return FiniteMagnet(np.zeros((1, 3)), moment.reshape(1, 3))
+
+
+def _source() -> Path:
+    return Path(__file__).with_name("fmu.c")
+
+
+def _middle(field: FieldMap | MapAtCurrents) -> Array:
+    return (np.asarray(field.lower) + np.asarray(field.upper)) / 2
+
+
+def _identifier(path: Path) -> str:
+    """The name without what C does not take in a name."""
+    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)
+    return plain if plain[:1].isalpha() else f"fmu_{plain}"
+
+
+def _variables(coils: Sequence[str], middle: Array, body: "RigidBody | None") -> list[_Variable]:
+    def vector(
+        first: int, name: str, causality: str, unit: str, about: str, start: ArrayLike | None = None
+    ) -> list[_Variable]:
+        starts = [None] * 3 if start is None else np.asarray(start, float).tolist()
+        return [
+            _Variable(first + k, f"{name}_{axis}", causality, unit, about, starts[k])
+            for k, axis in enumerate("xyz")
+        ]
+
+    pose = "input" if body is None else "output"
+    found = [_Variable(0, "time", "independent", "s", "time")]
+    found += [
+        _Variable(_CURRENTS + k, f"current_{k + 1}", "input", "A", f"current of coil {name}", 0.0)
+        for k, name in enumerate(coils)
+    ]
+    found += vector(_POSITION, "position", pose, "m", "place of the body's centre, frame of the map", middle)
+    found += [
+        _Variable(_TURN + k, f"quaternion_{part}", pose, "1", "from the body to the map", float(k == 0))
+        for k, part in enumerate("wxyz")
+    ]
+    if body is not None:
+        found += _of_body(vector, body)
+    at = "at the place" if body is None else "at the magnet's centre"
+    found += vector(_FIELD, "field", "output", "T", f"flux density {at}")
+    found += [
+        _Variable(_GRADIENT + 3 * i + j, f"gradient_{a}{b}", "output", "T/m", f"dB_{a}/d{b} {at}")
+        for i, a in enumerate("xyz")
+        for j, b in enumerate("xyz")
+    ]
+    found += vector(_FORCE, "force", "output", "N", "of the field, frame of the map")
+    found += vector(
+        _TORQUE, "torque", "output", "N.m", "of the field about the body's centre, frame of the map"
+    )
+    found.append(_Variable(_STRENGTH, "strength", "parameter", "1", "all moments times this", 1.0))
+    return found
+
+
+def _of_body(vector: Callable[..., list[_Variable]], body: "RigidBody") -> list[_Variable]:
+    zero = np.zeros(3)
+    found = vector(_VELOCITY, "velocity", "output", "m/s", "of the body's centre", zero)
+    found += vector(_ANGULAR, "angular_velocity", "output", "rad/s", "in the frame of the body", zero)
+    found += vector(_PUSH, "push", "input", "N", "force that disturbs, frame of the map", zero)
+    found += vector(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
+    found.append(_Variable(_MASS, "mass", "parameter", "kg", "of the body", body.mass))
+    # Of an upright body what the simulator takes for it.
+    inertia = body.numbers()[INERTIA : INERTIA + 3]
+    found += vector(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", inertia)
+    found.append(_Variable(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity))
+    about = "longest step of the integrator inside, co-simulation only"
+    found.append(_Variable(_STEP, "step", "parameter", "s", about, _LARGEST_STEP))
+    units = ["m/s"] * 3 + ["m/s2"] * 3 + ["1/s"] * 4 + ["rad/s2"] * 3
+    states = {each.reference: each.name for each in found} | {
+        _POSITION + k: f"position_{axis}" for k, axis in enumerate("xyz")
+    }
+    states |= {_TURN + k: f"quaternion_{part}" for k, part in enumerate("wxyz")}
+    return found + [
+        _Variable(_DERIVATIVES + k, f"der({states[1 + k]})", "local", unit, "", state=1 + k)
+        for k, unit in enumerate(units)
+    ]
+
+
+def _numbers_header(
+    version: int,
+    coils: int,
+    magnet: FiniteMagnet,
+    seat: Array,
+    body: "RigidBody | None",
+    variables: list[_Variable],
+) -> str:
+    """fmu_model.h: what fmu.c is compiled with; @TOKEN@ stands for the token."""
+    starts = np.zeros(_CURRENTS)
+    for each in variables:
+        if each.start is not None and each.reference < _CURRENTS:
+            starts[each.reference] = each.start
+    rows = np.hstack([magnet.points + seat, magnet.moments])
+    dipoles = ", ".join(_braces(row) for row in rows)
+    lines = {
+        "FMU_VERSION": version,
+        "FMU_TOKEN": '"@TOKEN@"',
+        "FMU_COILS": coils,
+        "FMU_BODY": int(body is not None),
+        "FMU_DIPOLES": len(rows),
+        "FMU_MAGNET": f"{{{dipoles}}}",
+        "FMU_SEAT": _braces(seat),
+        "FMU_STARTS": _braces(starts),
+    }
+    return "".join(f"#define {name} {value}\n" for name, value in lines.items())
+
+
+def _braces(numbers: Array) -> str:
+    return "{" + ", ".join(repr(float(x)) for x in numbers) + "}"
+
+
+def _compiled(folder: Path, identifier: str) -> Path:
+    """The library in this folder. Raises FieldmapError without a compiler, and where it fails."""
+    named = os.environ.get("CC")
+    compiler = shutil.which(named) if named else next(filter(None, map(shutil.which, _COMPILERS)), None)
+    if compiler is None:
+        remedy = "install gcc or clang, or name one in CC; or write the FMU on another machine of this kind"
+        received = f"no {named} (CC)" if named else f"none of {', '.join(_COMPILERS)}"
+        raise FieldmapError(Problem("write_fmu", "needs a C compiler", received, remedy))
+    library = folder / f"{identifier}{_suffix()}"
+    command = [compiler, *_FLAGS, "-I", str(folder), str(folder / "fmu.c"), "-o", str(library), "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if "error" in line]
+        said = (lines or [f"exit code {done.returncode}"])[0]
+        raise FieldmapError(
+            Problem("write_fmu", f"{compiler} must compile the unit", said, "name another in CC")
+        )
+    return library
+
+
+def _suffix() -> str:
+    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+
+
+def _folder(version: int) -> str:
+    """Where importers look for the library of this machine."""
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
+        platform.machine().lower(), platform.machine().lower()
+    )
+    system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
+    if version == 3:
+        return f"{machine}-{system}"
+    return {"windows": "win", "darwin": "darwin", "linux": "linux"}[system] + "64"
+
+
+def _zipped(files: dict[str, bytes], path: Path) -> bytes:
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            # Equal units have equal bytes: no time of day.
+            archive.writestr(ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content, ZIP_DEFLATED)
+    return path.read_bytes()
+
+
+def _build_description(identifier: str) -> str:
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
+        f'  <BuildConfiguration modelIdentifier="{identifier}">\n    <SourceFileSet language="C99">\n'
+        '      <SourceFile name="fmu.c"/>\n    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n'
+    )
+
+
+def _description(version: int, identifier: str, token: str, variables: list[_Variable]) -> str:
+    """modelDescription.xml."""
+    name = "guid" if version == 2 else "instantiationToken"
+    keeps = "canGetAndSetFMUstate" if version == 2 else "canGetAndSetFMUState"
+    head = _tag(
+        "fmiModelDescription",
+        fmiVersion=VERSIONS[version],
+        modelName=identifier,
+        **{name: token},
+        description="Field of a map and what it does to a magnet",
+        generationTool="fieldmap",
+        **(
+            {"variableNamingConvention": "structured", "numberOfEventIndicators": "0"} if version == 2 else {}
+        ),
+        close=">",
+    )
+    kinds = [
+        _tag("ModelExchange", modelIdentifier=identifier, **{keeps: "true"}),
+        _tag(
+            "CoSimulation",
+            modelIdentifier=identifier,
+            canHandleVariableCommunicationStepSize="true",
+            **{keeps: "true"},
+        ),
+    ]
+    if version == 2:
+        sources = '<SourceFiles><File name="fmu.c"/></SourceFiles>'
+        kinds = [f"{kind[:-2]}>{sources}</{kind[1:].split()[0]}>" for kind in kinds]
+    used = sorted({each.unit for each in variables} - {"1"})
+    units = [
+        f'<Unit name="{unit}">{_tag("BaseUnit", **{k: str(v) for k, v in _UNITS[unit].items()})}</Unit>'
+        for unit in used
+    ]
+    described = [_described(version, each, variables) for each in variables]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        head,
+        *kinds,
+        "<UnitDefinitions>",
+        *units,
+        "</UnitDefinitions>",
+        '<DefaultExperiment startTime="0" stopTime="1" stepSize="0.001"/>',
+        "<ModelVariables>",
+        *described,
+        "</ModelVariables>",
+        "<ModelStructure>",
+        *_structure(version, variables),
+        "</ModelStructure>",
+        "</fmiModelDescription>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _tag(element: str, close: str = "/>", **attributes: str | None) -> str:
+    given = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items() if value is not None)
+    return f"<{element}{given}{close}"
+
+
+def _described(version: int, each: _Variable, variables: list[_Variable]) -> str:
+    common: dict[str, str | None] = {
+        "name": each.name,
+        "valueReference": str(each.reference),
+        "causality": each.causality,
+        "variability": each.variability,
+        "initial": each.initial,
+        "description": each.about or None,
+    }
+    start = None if each.start is None else repr(each.start)
+    unit = None if each.unit == "1" else each.unit
+    if version == 3:
+        state = None if each.state is None else str(each.state)
+        return _tag("Float64", **common, unit=unit, start=start, derivative=state)
+    # FMI 2 counts the variables from 1.
+    order = {other.reference: str(n) for n, other in enumerate(variables, 1)}
+    real = _tag("Real", unit=unit, start=start, derivative=None if each.state is None else order[each.state])
+    return f"{_tag('ScalarVariable', **common, close='>')}{real}</ScalarVariable>"
+
+
+def _structure(version: int, variables: list[_Variable]) -> list[str]:
+    outputs = [each for each in variables if each.causality == "output"]
+    rates = [each for each in variables if each.state is not None]
+    unknown = [each for each in variables if each.initial == "calculated"]
+    if version == 3:
+        return [
+            *(_tag("Output", valueReference=str(each.reference)) for each in outputs),
+            *(_tag("ContinuousStateDerivative", valueReference=str(each.reference)) for each in rates),
+            *(_tag("InitialUnknown", valueReference=str(each.reference)) for each in unknown),
+        ]
+    order = {each.reference: str(n) for n, each in enumerate(variables, 1)}
+    lines = []
+    for name, those in (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", unknown)):
+        if those:
+            lines += [
+                f"<{name}>",
+                *(_tag("Unknown", index=order[each.reference]) for each in those),
+                f"</{name}>",
+            ]
+    return lines

@@ -1,0 +1,110 @@
+"""Run by FMPy in an environment of its own, without fieldmap: FMUs asked, run in closed loop, and integrated.
+
+python fmpy_reader.py TASK.npz ANSWER.npz: `kind` of the task says which.
+"""
+
+import sys
+
+import fmpy
+import numpy as np
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy.validation import validate_fmu
+
+AXES = "xyz"
+POSE = [f"position_{a}" for a in AXES] + [f"quaternion_{p}" for p in "wxyz"]
+STATE = [*POSE[:3], *(f"velocity_{a}" for a in AXES), *POSE[3:], *(f"angular_velocity_{a}" for a in AXES)]
+OUTPUTS = [f"field_{a}" for a in AXES] + [f"gradient_{a}{b}" for a in AXES for b in AXES]
+OUTPUTS += [f"force_{a}" for a in AXES] + [f"torque_{a}" for a in AXES]
+
+
+class Unit:
+    """An FMU, instantiated and started."""
+
+    def __init__(self, path, start, exchange=False):
+        assert validate_fmu(path) == []
+        self.description = read_model_description(path)
+        self.references = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.currents = [name for name in self.references if name.startswith("current_")]
+        self.two = self.description.fmiVersion == "2.0"
+        kind = self.description.modelExchange if exchange else self.description.coSimulation
+        maker = (FMU2Model if exchange else FMU2Slave) if self.two else (FMU3Model if exchange else FMU3Slave)
+        self.unit = maker(
+            guid=self.description.guid if self.two else self.description.instantiationToken,
+            unzipDirectory=extract(path),
+            modelIdentifier=kind.modelIdentifier,
+            instanceName="one",
+        )
+        self.unit.instantiate()
+        if self.two:
+            self.unit.setupExperiment(startTime=0.0)
+        self.unit.enterInitializationMode()
+        for name, value in start.items():
+            self.set([name], [value])
+        self.unit.exitInitializationMode()
+
+    def set(self, names, values):
+        chosen = [self.references[name] for name in names]
+        (self.unit.setReal if self.two else self.unit.setFloat64)(chosen, [float(v) for v in values])
+
+    def get(self, names):
+        chosen = [self.references[name] for name in names]
+        return np.array((self.unit.getReal if self.two else self.unit.getFloat64)(chosen))
+
+    def step(self, time, length):
+        self.unit.doStep(currentCommunicationPoint=time, communicationStepSize=length)
+
+
+def ask(task):
+    """Outputs at poses (n, 7) and currents (n, k)."""
+    unit, rows = Unit(str(task["path"]), {}), []
+    for n, (pose, currents) in enumerate(zip(task["poses"], task["currents"], strict=True)):
+        unit.set(POSE + unit.currents, [*pose, *currents])
+        unit.step(1e-3 * n, 1e-3)
+        rows.append(unit.get(OUTPUTS))
+    return {"outputs": np.array(rows)}
+
+
+def loop(task):
+    """A linear controller (docs/theory/dynamics.md (29)) around the body inside, its samples 0.. at `period`."""
+    unit = Unit(str(task["path"]), dict(zip(STATE, task["state"], strict=True)))
+    memory, period, rows = task["memory"], float(task["period"]), []
+    for n in range(int(task["periods"])):
+        rows.append(unit.get(STATE))
+        signals = np.concatenate([task["reference"], rows[-1][:3], [1.0]])
+        wanted = task["C"] @ memory + task["D"] @ signals
+        memory = task["A"] @ memory + task["B"] @ signals
+        unit.set(unit.currents, task["matrix"] @ wanted)
+        unit.step(period * n, period)
+    return {"states": np.array(rows)}
+
+
+def integrate(task):
+    """States at the end of a motion at fixed currents, by FMPy's own integrator and by the one inside."""
+    path, currents = str(task["path"]), task["currents"]
+    start = dict(zip(STATE, task["state"], strict=True))
+    start |= {f"current_{k + 1}": value for k, value in enumerate(currents)}
+    every = {}
+    for kind, more in (
+        ("ModelExchange", {"solver": "CVode", "relative_tolerance": 1e-10}),
+        ("CoSimulation", {}),
+    ):
+        found = fmpy.simulate_fmu(
+            path,
+            fmi_type=kind,
+            stop_time=float(task["duration"]),
+            output_interval=float(task["duration"]) / 50,
+            start_values=start,
+            output=STATE,
+            **more,
+        )
+        every[kind] = np.array([found[name] for name in STATE]).T
+    return every
+
+
+if __name__ == "__main__":
+    assert not any("fieldmap" in name for name in sys.modules)
+    with np.load(sys.argv[1]) as given:
+        task = dict(given)
+    np.savez(sys.argv[2], **{"ask": ask, "loop": loop, "integrate": integrate}[str(task["kind"])](task))

@@ -1,0 +1,87 @@
+"""A program in an environment of its own, made with pip in the user's cache folder, once."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldmap.errors import FieldmapError, Problem
+
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fieldmap"
+SECONDS = 600
+
+
+class UnavailableError(FieldmapError):
+    """The program cannot be had here, or did not answer."""
+
+    def __init__(self, program: str, reason: str) -> None:
+        remedy = "run this on Linux with Python 3.11 or 3.12 and a package index within reach"
+        super().__init__(Problem(program, "must run in an environment of its own", reason, remedy))
+
+
+@dataclass(frozen=True)
+class OwnEnvironment:
+    """program: its name. requirements: what pip installs, with versions, the program first. newest_python: for which
+    there are wheels."""
+
+    program: str
+    requirements: tuple[str, ...]
+    newest_python: tuple[int, int] | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where it lies."""
+        name = self.requirements[0].replace("==", "-")
+        return CACHE / f"{name}-python{sys.version_info.major}.{sys.version_info.minor}"
+
+    def is_installed(self) -> bool:
+        """Whether it is there."""
+        ready = _ready(self.folder)
+        return ready.exists() and ready.read_text() == "\n".join(self.requirements)
+
+    def python(self) -> Path:
+        """Its interpreter; the environment is made unless it is there. Raises UnavailableError."""
+        if not self.is_installed():
+            self._install()
+        return self.folder / "bin" / "python"
+
+    def run(self, *command: str) -> str:
+        """What a command prints. Raises UnavailableError with the last line of its error."""
+        clean = {
+            name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")
+        }
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, check=False, timeout=SECONDS, env=clean
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise UnavailableError(self.program, str(error)) from None
+        if done.returncode:
+            said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+            raise UnavailableError(self.program, said[-1])
+        return done.stdout
+
+    def _install(self) -> None:
+        if sys.platform != "linux":
+            raise UnavailableError(self.program, "another system than Linux")
+        if self.newest_python is not None and sys.version_info[:2] > self.newest_python:
+            raise UnavailableError(self.program, "a newer Python than its wheels are for")
+        # Another process may be doing the same: each makes its own, and one of them stays.
+        own = self.folder.with_name(f"{self.folder.name}.{os.getpid()}")
+        own.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self.run(sys.executable, "-m", "venv", str(own))
+            pip = ("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:")
+            self.run(str(own / "bin" / "python"), *pip, *self.requirements)
+            _ready(own).write_text("\n".join(self.requirements))
+            if not self.is_installed():
+                shutil.rmtree(self.folder, ignore_errors=True)
+                own.rename(self.folder)
+        finally:
+            shutil.rmtree(own, ignore_errors=True)
+
+
+def _ready(folder: Path) -> Path:
+    return folder / "installed.txt"

@@ -1,0 +1,335 @@
+"""FMUs: called as an importer calls them, and run by FMPy in an environment that has no fieldmap.
+
+That environment is made where FIELDMAP_OTHER_PROGRAMS is set, as `make validate` does.
+"""
+
+import ctypes
+import importlib
+import os
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fieldmap.control.blocks import state_block
+from fieldmap.dynamics import (
+    CoilDrive,
+    Machine,
+    MatrixAllocation,
+    RigidBody,
+    Schedule,
+    Sensors,
+    move_adaptively,
+    simulate_closed_loop,
+    state_of,
+    superposed,
+)
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.instruments import Amplifier
+from fieldmap.interop import write_fmu
+from fieldmap.lookup import FiniteMagnet, interpolate
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+ROOT = Path(__file__).parents[2]
+MOMENT, MASS, HEIGHT = 0.8, 0.01119, -0.09
+STRICT = [
+    "-std=c99",
+    "-pedantic",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-Wconversion",
+    "-Wshadow",
+    "-fPIC",
+    "-shared",
+]
+
+
+def magnet(moment=MOMENT):
+    return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, moment]]))
+
+
+BODY = RigidBody(MASS, np.array([6.8e-7, 7.1e-7, 1.9e-7]), magnet(), magnet_at=np.array([1e-4, 0.0, 1e-3]))
+
+
+@pytest.fixture(scope="module")
+def units(ring, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("units")
+    return {
+        (name, version): write_fmu(ring.map, folder / f"{name} {version}.fmu", version=version, **what)
+        for version in (2, 3)
+        for name, what in {"field": {"magnet": [0.1, -0.2, MOMENT]}, "body": {"body": BODY}}.items()
+    }
+
+
+@pytest.fixture(scope="session")
+def fmpy():
+    """FMPy on a task: the answer's arrays."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "scripts"))
+        found = importlib.import_module("validation.own_environment")
+    program = found.OwnEnvironment("FMPy", ("FMPy==0.3.32", "numpy==2.4.6"))
+    if not (program.is_installed() or os.environ.get("FIELDMAP_OTHER_PROGRAMS")):
+        pytest.skip("no environment of FMPy yet; FIELDMAP_OTHER_PROGRAMS=1 makes one")
+    try:
+        python = program.python()
+    except found.UnavailableError as error:
+        pytest.skip(str(error))
+
+    def run(folder, **task):
+        np.savez(folder / "task.npz", **task)
+        reader = ROOT / "scripts" / "validation" / "fmpy_reader.py"
+        program.run(str(python), str(reader), str(folder / "task.npz"), str(folder / "answer.npz"))
+        with np.load(folder / "answer.npz") as answer:
+            return dict(answer)
+
+    run.program, run.python = program, python
+    return run
+
+
+def poses(m, n, seed=3):
+    rng = np.random.default_rng(seed)
+    points = m.lower + rng.random((n, 3)) * (m.upper - m.lower)
+    return np.hstack([points, rng.normal(size=(n, 4))]), rng.normal(size=(n, 6))
+
+
+def expected(m, where, currents, moment):
+    """Field, gradient and wrench (n, 18)."""
+    turned = Rotation.from_quat(where[:, [4, 5, 6, 3]]).apply(moment)
+    flux, slope = m.field_and_gradient(where[:, :3], currents)
+    return np.hstack([flux, slope.reshape(-1, 9), m.wrench(where[:, :3], turned, currents)])
+
+
+def compare(found, exact):
+    for part in (slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)):
+        assert np.abs(found[:, part] - exact[:, part]).max() < 1e-12 * np.abs(exact[:, part]).max()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_fmpy_reads_is_the_wrench_of_the_map(units, ring, fmpy, tmp_path, version):
+    where, currents = poses(ring.map, 500)
+    found = fmpy(tmp_path, kind="ask", path=str(units["field", version]), poses=where, currents=currents)
+    compare(found["outputs"], expected(ring.map, where, currents, [0.1, -0.2, MOMENT]))
+
+
+def controller(ring, period):
+    """Lift by one current for all coils: proportional, differential, integral."""
+    base = MASS * BODY.gravity / (MOMENT * ring.map.gradient([0, 0, HEIGHT], np.ones(6))[2, 2])
+    # Memory: integral of the error, height before.
+    A, C = np.array([[1.0, 0.0], [0.0, 0.0]]), base * np.array([[60.0, 2.7 / period]])
+    B, D = np.zeros((2, 7)), np.zeros((1, 7))
+    B[0, 2], B[0, 5], B[1, 5] = period, -period, 1.0
+    D[0, 2], D[0, 5], D[0, 6] = 60.0 * base, -(60.0 + 2.7 / period) * base, base
+    return {"A": A, "B": B, "C": C, "D": D, "memory": np.array([0.0, HEIGHT - 0.001])}, base
+
+
+def simulated(ring, keys, base, state, period, periods, step):
+    machine = Machine(
+        superposed(ring.map),
+        BODY,
+        CoilDrive(Amplifier(1.0, -100.0, 100.0), 6),
+        Sensors(zero_depth=0.0),
+        MatrixAllocation(np.ones((6, 1)), np.zeros(6)),
+    )
+    block = state_block(keys["A"], keys["B"], keys["C"], keys["D"], memory=keys["memory"])
+    schedule = Schedule(np.tile([0.0, 0.0, HEIGHT], (periods, 1)), period, step)
+    run = simulate_closed_loop(machine, block, schedule, state, np.full(6, base), seed=None)
+    assert run.event is None
+    return run.rows[:, :13]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_body_inside_moves_as_in_the_simulator(units, ring, fmpy, tmp_path, version):
+    """One second held by a controller outside, tilted and off the axis at the start: the simulator's steps approach it
+    with the square of their length."""
+    period, periods = 1e-3, 1000
+    keys, base = controller(ring, period)
+    turn = Rotation.from_euler("xy", [6.0, -4.0], degrees=True).as_quat()[[3, 0, 1, 2]]
+    state = state_of([0.001, -0.0005, HEIGHT - 0.001], quaternion=turn, angular_velocity=[0.0, 0.0, 2.0])
+    task = {"reference": [0.0, 0.0, HEIGHT], "matrix": np.ones((6, 1)), "period": period, "periods": periods}
+    found = fmpy(tmp_path, kind="loop", path=str(units["body", version]), state=state, **task, **keys)[
+        "states"
+    ]
+    off = []
+    for step in (1e-4, 2.5e-5):
+        exact = simulated(ring, keys, base, state, period, periods, step)
+        off.append(np.abs(found - exact).max(axis=0))
+    assert np.abs(found[:, 2] - HEIGHT).max() > 5e-4
+    assert np.ptp(found[:, 10]) > 0.1
+    print(
+        "largest difference of places, m, and angular velocities, rad/s:", off[1][:3].max(), off[1][10:].max()
+    )
+    assert off[1][:3].max() < 5e-9
+    assert off[1][10:].max() < 5e-4
+    for part in (slice(0, 3), slice(10, 13)):
+        assert 10 < off[0][part].max() / off[1][part].max() < 22
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_model_exchange_and_co_simulation(units, ring, fmpy, tmp_path, version):
+    """FMPy's CVODE, the integrator inside, and our own adaptive one."""
+    currents = np.full(6, controller(ring, 1e-3)[1])
+    state = state_of([0.002, 0.001, HEIGHT], angular_velocity=[0.5, -1.0, 3.0])
+    found = fmpy(
+        tmp_path,
+        kind="integrate",
+        path=str(units["body", version]),
+        state=state,
+        currents=currents,
+        duration=0.1,
+    )
+    times = np.linspace(0.0, 0.1, 51)
+    exact = move_adaptively(ring.map.at(currents), BODY, state, times)
+    size = np.abs(exact).max(axis=0)
+    assert np.abs(found["CoSimulation"] - exact).max() < 1e-8
+    assert (np.abs(found["ModelExchange"] - exact).max(axis=0) < 1e-6 * size).all()
+    assert np.abs(exact[-1] - exact[0])[:3].max() > 1e-4
+
+
+CALLBACK = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p
+)
+
+LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+
+
+class Callbacks(ctypes.Structure):
+    _fields_ = [("logger", CALLBACK), *((name, ctypes.c_void_p) for name in "abcd")]
+
+
+def unpacked(path, folder):
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    root = ElementTree.parse(folder / "modelDescription.xml").getroot()
+    (binary,) = (folder / "binaries").rglob("*.so")
+    references = {each.get("name"): int(each.get("valueReference")) for each in root.find("ModelVariables")}
+    return root, binary, references
+
+
+def numbers(values):
+    return (ctypes.c_double * len(values))(*values)
+
+
+def ask_by_hand(path, folder, where, currents):
+    """Outputs of an FMU called as an importer would, and what it logged."""
+    root, binary, references = unpacked(path, folder)
+    library, said = ctypes.CDLL(str(binary)), []
+    names = [*references]
+    inputs = (ctypes.c_uint * 13)(
+        *(references[f"current_{k + 1}"] for k in range(6)), *range(1, 4), *range(7, 11)
+    )
+    assert [n for n in names if references[n] in range(7, 11)] == [f"quaternion_{p}" for p in "wxyz"]
+    outputs, n, k = (ctypes.c_uint * 18)(*range(40, 58)), ctypes.c_size_t(13), ctypes.c_size_t(18)
+    if root.get("fmiVersion") == "2.0":
+        log = CALLBACK(lambda env, name, status, kind, text: said.append(status))
+        made, free = library.fmi2Instantiate, library.fmi2FreeInstance
+        made.restype = ctypes.c_void_p
+        callbacks = Callbacks(log)
+        resources = (folder / "resources").as_uri().encode()
+        unit = made(b"one", 1, root.get("guid").encode(), resources, ctypes.byref(callbacks), 0, 1)
+        write, read, more = library.fmi2SetReal, library.fmi2GetReal, ()
+    else:
+        log = LOGGER(lambda env, status, kind, text: said.append(status))
+        made, free = library.fmi3InstantiateModelExchange, library.fmi3FreeInstance
+        made.restype = ctypes.c_void_p
+        token, resources = root.get("instantiationToken").encode(), str(folder / "resources").encode()
+        no = ctypes.c_bool(False)
+        unit = made(b"one", token, resources, no, no, None, log)
+        # FMI 3 wants the number of values too.
+        write, read, more = library.fmi3SetFloat64, library.fmi3GetFloat64, (n, k)
+    assert unit
+    rows, statuses = [], []
+    for pose, amperes in zip(where, currents, strict=True):
+        out = numbers([0.0] * 18)
+        assert write(ctypes.c_void_p(unit), inputs, n, numbers([*amperes, *pose]), *more[:1]) == 0
+        statuses.append(read(ctypes.c_void_p(unit), outputs, k, out, *more[1:]))
+        rows.append(list(out))
+    free(ctypes.c_void_p(unit))
+    return np.array(rows), statuses, said
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_importer_gets_the_wrench_of_the_map(units, ring, tmp_path, version):
+    where, currents = poses(ring.map, 50)
+    found, statuses, said = ask_by_hand(units["field", version], tmp_path, where, currents)
+    assert statuses == [0] * 50
+    assert said == []
+    compare(found, expected(ring.map, where, currents, [0.1, -0.2, MOMENT]))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_outside_the_map_it_discards(units, ring, tmp_path, version):
+    where, currents = poses(ring.map, 2)
+    where[1, 2] = 1.0
+    found, statuses, said = ask_by_hand(units["field", version], tmp_path, where, currents)
+    assert statuses == [0, 2]
+    assert said == [2]
+    assert np.isnan(found[1]).all()
+
+
+@pytest.mark.parametrize("name", ["field", "body"])
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_source_is_strict_and_a_unit_the_same_each_time(units, ring, tmp_path, name, version):
+    folder = tmp_path / "unit"
+    with zipfile.ZipFile(units[name, version]) as archive:
+        archive.extractall(folder)
+    command = ["gcc", *STRICT, folder / "sources" / "fmu.c", "-o", tmp_path / "strict.so", "-lm"]
+    subprocess.run(command, check=True, capture_output=True)
+    what = {"magnet": [0.1, -0.2, MOMENT]} if name == "field" else {"body": BODY}
+    again = write_fmu(ring.map, tmp_path / units[name, version].name, version=version, **what)
+    assert again.read_bytes() == units[name, version].read_bytes()
+    assert "python" not in (folder / "sources" / "fmu.c").read_text().lower()
+
+
+def test_fixed_currents_have_no_inputs_for_them(ring, tmp_path):
+    path = write_fmu(ring.map.at(np.ones(6)), tmp_path / "1 fixed.fmu", magnet=[0, 0, MOMENT])
+    root, binary, references = unpacked(path, tmp_path / "unit")
+    assert not any(name.startswith("current_") for name in references)
+    assert binary.stem == root.find("CoSimulation").get("modelIdentifier") == "fmu_1_fixed"
+
+
+def test_what_cannot_be_written(ring, tmp_path, monkeypatch):
+    for field, what in ((interpolate(ring.data, "hermite"), {}), (ring.map, {"version": 4})):
+        with pytest.raises(InputError):
+            write_fmu(field, tmp_path / "a.fmu", **what)
+    monkeypatch.setenv("CC", "no-compiler-of-this-name")
+    with pytest.raises(FieldmapError) as caught:
+        write_fmu(ring.map, tmp_path / "a.fmu")
+    assert caught.value.problems[0].remedy
+    assert "CC" in caught.value.problems[0].received
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(FieldmapError):
+        write_fmu(ring.map, tmp_path / "a.fmu")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_lines_of_the_documentation(ring, fmpy, tmp_path):
+    from fieldmap.cli import main
+    from fieldmap.store import write_map
+
+    write_map(tmp_path / "linear.h5", ring.data)
+    names = [
+        "export",
+        str(tmp_path / "linear.h5"),
+        "--to",
+        "fmu",
+        "-o",
+        str(tmp_path / "lift.fmu"),
+        "--moment",
+        "0.8",
+    ]
+    assert main(names) == 0
+    section = (ROOT / "docs" / "other_programs.md").read_text().split("## FMI")[1]
+    lines = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1] + "\nprint(repr(float(force)))"
+    done = subprocess.run(
+        [fmpy.python, "-c", lines], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    exact = ring.map.wrench([0.0, 0.0, -0.1], [0, 0, 0.8], np.full(6, 1.5))[2]
+    assert abs(float(done.stdout.splitlines()[-1]) / exact - 1) < 1e-12
