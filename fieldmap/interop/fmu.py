@@ -316,6 +316,7 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
     keeps = "canGetAndSetFMUstate" if version == 2 else "canGetAndSetFMUState"
     head = _tag(
         "fmiModelDescription",
+        ">",
         fmiVersion=VERSIONS[version],
         modelName=identifier,
         **{name: token},
@@ -324,7 +325,6 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
         **(
             {"variableNamingConvention": "structured", "numberOfEventIndicators": "0"} if version == 2 else {}
         ),
-        close=">",
     )
     kinds = [
         _tag("ModelExchange", modelIdentifier=identifier, **{keeps: "true"}),
@@ -363,7 +363,7 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
     return "\n".join(lines) + "\n"
 
 
-def _tag(element: str, close: str = "/>", **attributes: str | None) -> str:
+def _tag(element: str, close: str = "/>", /, **attributes: str | None) -> str:
     given = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items() if value is not None)
     return f"<{element}{given}{close}"
 
@@ -385,7 +385,7 @@ def _described(version: int, each: _Variable, variables: list[_Variable]) -> str
     # FMI 2 counts the variables from 1.
     order = {other.reference: str(n) for n, other in enumerate(variables, 1)}
     real = _tag("Real", unit=unit, start=start, derivative=None if each.state is None else order[each.state])
-    return f"{_tag('ScalarVariable', **common, close='>')}{real}</ScalarVariable>"
+    return f"{_tag('ScalarVariable', '>', **common)}{real}</ScalarVariable>"
 
 
 def _structure(version: int, variables: list[_Variable]) -> list[str]:
