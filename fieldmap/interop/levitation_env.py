@@ -1,0 +1,254 @@
+"""A levitated magnet as an environment of Gymnasium, `fieldmap/Levitation-v0` (pip install fieldmap[gymnasium]).
+
+`gymnasium.make("fieldmap.interop.levitation_env:fieldmap/Levitation-v0")`; after an import of this module the last part
+is enough.
+
+The motion is that of `fieldmap.dynamics`, a compiled call a step. Without a map it is a made-up rig: six loops without
+iron in a ring above a magnet of 11 g.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
+from fieldmap.dynamics import CoilDrive, Drag, RigidBody, linearised, sampled_field, state_of
+from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.extras import require
+from fieldmap.field import as_field
+from fieldmap.instruments import Amplifier
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
+from fieldmap.kernels.map.cached_field import keep_field
+from fieldmap.kernels.map.lookup import evaluate_with
+from fieldmap.kernels.map.map_block import INSIDE, SETS
+from fieldmap.kernels.motion.control_period import advance_period
+from fieldmap.kernels.motion.step import find_load
+from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map
+from fieldmap.store import Grid, MapData
+from fieldmap.typing import Array
+
+Env: Any = object
+try:
+    _gymnasium: Any = import_module("gymnasium")
+except ImportError:
+    # Whoever makes an environment is told (`require`).
+    _gymnasium = None
+else:
+    Env = _gymnasium.Env
+
+ENVIRONMENT = "fieldmap/Levitation-v0"
+ACTIONS = ("currents", "signals")
+EFFORT = 0.01
+"""Weight of the mean square of the actions in the reward."""
+SECONDS = 10.0
+"""Length of an episode of `gymnasium.make`, unless max_episode_steps is given."""
+
+_PERIOD = 2e-3
+# The made-up rig: radius of the ring and its height, of each loop, m; turns. The body: 16 x 20 mm, of 0.8 A m^2.
+_RING, _ABOVE, _LOOP, _TURNS = 0.044, 0.026, 0.016, 1e4
+_MASS, _RADIUS, _HEIGHT, _MOMENT = 0.01119, 0.008, 0.02, 0.8
+_TARGET = (0.0, 0.0, -0.09)
+
+
+class LevitationEnv(Env):
+    """Hold a magnet at a place by the currents of coils.
+
+    Observation (12 + n,): place less target (3), m; velocity (3), m/s; the body's z axis in the map (3); angular
+    velocity (3), rad/s, in the frame of the body; currents (n,), A. Noise is added to the place.
+
+    Action in -1..1, n currents or 3 signals: "currents": currents at rest + span * action, span in A. "signals": a
+    force along x, y and z more than the weight needs, span * weight * action, by currents of least power at the
+    target. Currents at rest: those of least power that carry the body at the target.
+
+    Reward of a step: 1 - (distance from the target / limit)^2 - 0.01 mean(action^2). An episode ends at a distance of
+    `limit`, or outside the map, with a reward of 0 for that step. It starts at rest, each coordinate off the target by
+    up to `start`, m, and turned about x and y by up to `tilt`, rad.
+
+    field: a map, its path, or any field with a box; body: with its magnet; target (3,): of its centre of mass, m. Left
+    out all three: a made-up rig. A map of saturating iron is linearised about the currents at rest. span: unless given,
+    the largest current at rest, or 0.5 of the weight. period, step: s, as of `fieldmap.dynamics.Schedule`. noise:
+    standard deviations (3,), m. drive: of the coils; currents follow at once unless given. drag: a little air unless
+    given. Raises FieldmapError without Gymnasium, InputError for arguments that do not fit, Infeasible where no
+    currents carry the body.
+
+    >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
+    """
+
+    metadata: Mapping[str, Any] = {"render_modes": []}
+
+    def __init__(
+        self,
+        field: Any = None,
+        body: RigidBody | None = None,
+        target: ArrayLike | None = None,
+        *,
+        action: str = "currents",
+        span: float | None = None,
+        period: float = _PERIOD,
+        step: float = 2e-4,
+        noise: ArrayLike = (0.0, 0.0, 0.0),
+        start: float = 5e-4,
+        tilt: float = 0.02,
+        limit: float = 5e-3,
+        drive: CoilDrive | None = None,
+        drag: Drag | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        require("gymnasium", "gymnasium", "LevitationEnv")
+        check_choice("LevitationEnv(action)", action, ACTIONS)
+        check_positive("LevitationEnv", period=period, step=step, limit=limit)
+        check_not_negative("LevitationEnv", start=start, tilt=tilt)
+        self.render_mode = render_mode
+        field, body, target = _rig(field, body, target)
+        self.target = np.array(check_signal("LevitationEnv(target)", target, columns=3))
+        self._noise = np.array(check_signal("LevitationEnv(noise)", noise, columns=3))
+        self.field, self.body, self.period = field, body, float(period)
+        self._steps = max(round(period / step), 1)
+        self._step = self.period / self._steps
+        self._start, self._tilt, self._limit = float(start), float(tilt), float(limit)
+        weight = np.array([0.0, 0.0, body.mass * body.gravity])
+        moment = body.magnet.moments.sum(axis=0)
+        place = self.target + body.magnet_at
+        self.rest = np.asarray(field.currents_for(place, force=weight, moment=moment))
+        n = len(self.rest)
+        known = linearised(field, self.rest)
+        drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
+        if action == "currents":
+            wide = float(np.abs(self.rest).max()) if span is None else float(span)
+            self._to_currents = wide * np.eye(n)
+        else:
+            share = 0.5 if span is None else float(span)
+            self._to_currents = (
+                share * weight[2] * np.linalg.pinv(_force_per_ampere(known.block, place, moment, n))
+            )
+        self._coils, self._scale = drive.numbers(self._step), float(known.numbers.scale)
+        self._at_once = bool((self._coils[:, :2] == 0.0).all())
+        self._limits = drive.steady
+        self._numbers = body.numbers(Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag)
+        # Behind those of the coils the constant part of linearised iron, of weight 1.
+        weights = np.full(int(known.block[SETS]), self._scale)
+        self._kept = keep_field(known.block, weights, len(body.magnet.points))
+        self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
+        self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._to_currents.shape[1],), np.float64)
+        self.observation_space = _gymnasium.spaces.Box(-np.inf, np.inf, (12 + n,), np.float64)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """A new episode: (observation, info), see the class. options: `state` (13,) to begin with."""
+        super().reset(seed=seed)
+        begin = None if options is None else options.get("state")
+        if begin is None:
+            off = self.np_random.uniform(-self._start, self._start, 3)
+            half = self.np_random.uniform(-self._tilt, self._tilt, 2) / 2
+            begin = state_of(self.target + off, quaternion=(1.0, *np.tan(half), 0.0))
+        self._state[:] = check_signal("LevitationEnv.reset(state)", begin, columns=13)
+        self._currents[:] = self.rest
+        self._kept[1][: len(self.rest)] = self._scale * self.rest
+        self._kept[2][:] = -1
+        status, _ = find_load(self._kept, self._numbers, self._state, self._load)
+        if status != INSIDE:
+            problem = Problem(
+                "LevitationEnv.reset", "the magnet must begin in the map", f"{self._state[:3]}", "move it"
+            )
+            raise OutsideMapError(problem)
+        return self._observed(), {}
+
+    def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """One control period: (observation, reward, terminated, truncated, info)."""
+        given = np.minimum(np.maximum(action, -1.0), 1.0)
+        commands = np.minimum(
+            np.maximum(self.rest + self._to_currents @ given, self._limits[0]), self._limits[1]
+        )
+        status = advance_period(
+            self._step,
+            self._steps,
+            self._at_once,
+            self._scale,
+            self._coils,
+            self._numbers,
+            self._kept,
+            commands,
+            self._state,
+            self._currents,
+            self._load,
+        )
+        off = self._state[:3] - self.target
+        share = float(off @ off) / self._limit**2
+        if status != INSIDE or not share < 1.0:
+            return self._observed(), 0.0, True, False, {}
+        return self._observed(), 1.0 - share - EFFORT * float(given @ given) / len(given), False, False, {}
+
+    @property
+    def state(self) -> Array:
+        """Place, velocity, quaternion (w, x, y, z) and angular velocity (13,), without noise: a copy."""
+        return self._state.copy()
+
+    @property
+    def currents(self) -> Array:
+        """Of the coils (n,), A: a copy."""
+        return self._currents.copy()
+
+    def _observed(self) -> Array:
+        out, state, q = np.empty(12 + len(self._currents)), self._state, self._state[6:10]
+        out[:3] = state[:3] - self.target
+        if self._noise.any():
+            out[:3] += self._noise * self.np_random.standard_normal(3)
+        out[3:6] = state[3:6]
+        w, x, y, z = q.tolist()
+        out[6], out[7], out[8] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+        out[9:12] = state[10:13]
+        out[12:] = self._currents
+        return out
+
+
+def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:
+    """(3, n), N/A, of an upright magnet at a place of the map."""
+    weights, out = np.zeros((n, int(block[SETS]))), np.empty((3, n))
+    weights[:, :n] = np.eye(n)
+    flux, slope = np.empty((1, 3)), np.empty((1, 3, 3))
+    for k, weight in enumerate(weights):
+        evaluate_with(block, weight[None], place[None], flux, slope)
+        out[:, k] = slope[0].T @ moment
+    return out
+
+
+def _rig(
+    field: Any, body: RigidBody | None, target: ArrayLike | None
+) -> tuple[FieldMap, RigidBody, ArrayLike]:
+    """What was given, or the made-up rig."""
+    given = [each is not None for each in (field, body, target)]
+    if any(given) and not all(given):
+        problem = Problem(
+            "LevitationEnv", "field, body and target must all be given", f"{sum(given)} of them", "or none"
+        )
+        raise InputError(problem)
+    if body is not None and target is not None:
+        opened = open_map(field) if isinstance(field, str | PathLike) else sampled_field(as_field(field))
+        return opened, body, target
+    return _six_loops(), _made_up_body(), _TARGET
+
+
+def _made_up_body() -> RigidBody:
+    across = _MASS * (_RADIUS**2 / 4 + _HEIGHT**2 / 12)
+    inertia = np.array([across, across, _MASS * _RADIUS**2 / 2])
+    return RigidBody(_MASS, inertia, FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, _MOMENT]])))
+
+
+def _six_loops() -> FieldMap:
+    grid = Grid([-0.02, -0.02, -0.12], [0.005, 0.005, 0.005], (9, 9, 13))
+    angles = np.arange(6) * np.pi / 3
+    centres = np.stack([_RING * np.cos(angles), _RING * np.sin(angles), np.full(6, _ABOVE)], axis=1)
+    found = [loop_flux_density_and_gradient(grid.points() - centre, _LOOP) for centre in centres]
+    flux = _TURNS * np.stack([one[0] for one in found]).reshape(6, *grid.shape, 3)
+    slope = _TURNS * np.stack([one[1] for one in found]).reshape(6, *grid.shape, 3, 3)
+    names = tuple(f"loop {k + 1}" for k in range(6))
+    return interpolate(MapData(grid, names, np.ones(6), flux_density=flux, gradient=slope))
+
+
+if _gymnasium is not None and ENVIRONMENT not in _gymnasium.registry:
+    _gymnasium.register(ENVIRONMENT, f"{__name__}:LevitationEnv", max_episode_steps=round(SECONDS / _PERIOD))
