@@ -7,7 +7,8 @@ import pytest
 
 from fieldmap.errors import FieldmapError
 from fieldmap.extras import require
-from fieldmap.interop import MagnetForces, read_mag_manip
+from fieldmap.interop import MagnetForces, jax_field, read_mag_manip
+from fieldmap.interop.levitation_env import LevitationEnv
 from fieldmap.studies.data_set import require_xarray
 
 
@@ -15,6 +16,8 @@ from fieldmap.studies.data_set import require_xarray
     ("call", "module", "extra"),
     [
         (lambda: MagnetForces(None, None, {}, np.zeros(1)), "mujoco", "mujoco"),
+        (lambda: jax_field(None), "jax", "jax"),
+        (LevitationEnv, "gymnasium", "gymnasium"),
         (lambda: read_mag_manip("none.yaml"), "yaml", "mag-manip"),
         (require_xarray, "h5netcdf", "studies"),
         (require_xarray, "xarray", "studies"),

@@ -240,7 +240,7 @@ def _made_up_body() -> RigidBody:
 
 
 def _six_loops() -> FieldMap:
-    grid = Grid([-0.02, -0.02, -0.12], [0.005, 0.005, 0.005], (9, 9, 13))
+    grid = Grid(np.array([-0.02, -0.02, -0.12]), np.full(3, 0.005), (9, 9, 13))
     angles = np.arange(6) * np.pi / 3
     centres = np.stack([_RING * np.cos(angles), _RING * np.sin(angles), np.full(6, _ABOVE)], axis=1)
     found = [loop_flux_density_and_gradient(grid.points() - centre, _LOOP) for centre in centres]
