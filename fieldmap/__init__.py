@@ -12,7 +12,40 @@ if TYPE_CHECKING:
     from fieldmap import dynamics as dynamics
     from fieldmap import instruments as instruments
     from fieldmap import interop as interop
+    from fieldmap.device import material as material
     from fieldmap.device import read_device as read_device
+    from fieldmap.device.model import Arctangent as Arctangent
+    from fieldmap.device.model import BHTable as BHTable
+    from fieldmap.device.model import Body as Body
+    from fieldmap.device.model import Box as Box
+    from fieldmap.device.model import CircularCoil as CircularCoil
+    from fieldmap.device.model import Coil as Coil
+    from fieldmap.device.model import Cylinder as Cylinder
+    from fieldmap.device.model import Device as Device
+    from fieldmap.device.model import Driver as Driver
+    from fieldmap.device.model import ExtrudedPolygon as ExtrudedPolygon
+    from fieldmap.device.model import FluxBarrier as FluxBarrier
+    from fieldmap.device.model import Froehlich as Froehlich
+    from fieldmap.device.model import LinearMaterial as LinearMaterial
+    from fieldmap.device.model import MagnetBlock as MagnetBlock
+    from fieldmap.device.model import MagnetCylinder as MagnetCylinder
+    from fieldmap.device.model import MagnetSphere as MagnetSphere
+    from fieldmap.device.model import Marrocco as Marrocco
+    from fieldmap.device.model import Part as Part
+    from fieldmap.device.model import PathCoil as PathCoil
+    from fieldmap.device.model import Payload as Payload
+    from fieldmap.device.model import PermanentMagnet as PermanentMagnet
+    from fieldmap.device.model import Placement as Placement
+    from fieldmap.device.model import Reference as Reference
+    from fieldmap.device.model import RevolvedProfile as RevolvedProfile
+    from fieldmap.device.model import Ring as Ring
+    from fieldmap.device.model import RoundedRectangleCoil as RoundedRectangleCoil
+    from fieldmap.device.model import Section as Section
+    from fieldmap.device.model import Sphere as Sphere
+    from fieldmap.device.model import StepFile as StepFile
+    from fieldmap.device.model import WorkspaceBox as WorkspaceBox
+    from fieldmap.device.model import WorkspaceCylinder as WorkspaceCylinder
+    from fieldmap.device.model import placed as placed
     from fieldmap.dynamics import simulate as simulate
     from fieldmap.io import open_field as open_field
     from fieldmap.iron import solve as solve
@@ -23,7 +56,44 @@ if TYPE_CHECKING:
     from fieldmap.maps import generate as generate
     from fieldmap.provenance import __version__ as __version__
 
+# What machines are made of in Python.
+_PARTS = (
+    "Arctangent",
+    "BHTable",
+    "Body",
+    "Box",
+    "CircularCoil",
+    "Coil",
+    "Cylinder",
+    "Device",
+    "Driver",
+    "ExtrudedPolygon",
+    "FluxBarrier",
+    "Froehlich",
+    "LinearMaterial",
+    "MagnetBlock",
+    "MagnetCylinder",
+    "MagnetSphere",
+    "Marrocco",
+    "Part",
+    "PathCoil",
+    "Payload",
+    "PermanentMagnet",
+    "Placement",
+    "Reference",
+    "RevolvedProfile",
+    "Ring",
+    "RoundedRectangleCoil",
+    "Section",
+    "Sphere",
+    "StepFile",
+    "WorkspaceBox",
+    "WorkspaceCylinder",
+    "placed",
+)
 _PUBLIC = {
+    **dict.fromkeys(_PARTS, "fieldmap.device.model"),
+    "material": "fieldmap.device",
     "read_device": "fieldmap.device",
     "solve_linear": "fieldmap.iron",
     "solve_to_tolerance": "fieldmap.iron",

@@ -1,19 +1,21 @@
-"""What a machine is: frozen data, SI units, right-handed frame with z up.
+"""The machine, and all that it is made of: frozen data, SI units, right-handed frame with z up.
 
-Coils and materials have folders of their own, `fieldmap.device.coils` and `fieldmap.device.materials`; their shipped
-shapes and laws are offered here too. `fieldmap.device.read_device` makes a device from a file and checks it.
+Made in Python or read from a file by `fieldmap.device.read_device`, a `Device` is checked by the same rules.
 """
 
+import hashlib
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-
-import numpy as np
+from typing import Any, Self
 
 from fieldmap.device.coils import Coil as Coil
 from fieldmap.device.coils.circular import CircularCoil as CircularCoil
 from fieldmap.device.coils.path import PathCoil as PathCoil
 from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil as RoundedRectangleCoil
+from fieldmap.device.keys import checked_data, device_data
+from fieldmap.device.made import Made
 from fieldmap.device.materials import Material as Material
 from fieldmap.device.materials import SaturatingMaterial as SaturatingMaterial
 from fieldmap.device.materials.arctangent import Arctangent as Arctangent
@@ -23,228 +25,53 @@ from fieldmap.device.materials.froehlich import Froehlich as Froehlich
 from fieldmap.device.materials.linear import LinearMaterial as LinearMaterial
 from fieldmap.device.materials.marrocco import Marrocco as Marrocco
 from fieldmap.device.materials.permanent_magnet import PermanentMagnet as PermanentMagnet
+from fieldmap.device.parts import Body as Body
+from fieldmap.device.parts import Box as Box
+from fieldmap.device.parts import Cylinder as Cylinder
+from fieldmap.device.parts import Driver as Driver
+from fieldmap.device.parts import ExtrudedPolygon as ExtrudedPolygon
+from fieldmap.device.parts import MagnetBlock as MagnetBlock
+from fieldmap.device.parts import MagnetCylinder as MagnetCylinder
+from fieldmap.device.parts import MagnetSphere as MagnetSphere
+from fieldmap.device.parts import Part as Part
+from fieldmap.device.parts import Payload as Payload
+from fieldmap.device.parts import Reference as Reference
+from fieldmap.device.parts import RevolvedProfile as RevolvedProfile
+from fieldmap.device.parts import Ring as Ring
+from fieldmap.device.parts import Section as Section
+from fieldmap.device.parts import Shape as Shape
+from fieldmap.device.parts import Sphere as Sphere
+from fieldmap.device.parts import StepFile as StepFile
+from fieldmap.device.parts import Workspace as Workspace
+from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
+from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
 from fieldmap.device.placement import Placement as Placement
+from fieldmap.device.placement import placed as placed
+from fieldmap.device.toml_text import toml_text
+from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
-from fieldmap.records import FrozenDict, Record
-from fieldmap.typing import Array
+from fieldmap.inputs.key_paths import matches
+from fieldmap.records import FrozenDict
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
-
-
-# ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
-
-
-@dataclass(frozen=True, repr=False)
-class Cylinder(Record):
-    """Solid cylinder, 0 <= z <= height."""
-
-    radius: float
-    height: float
-
-
-@dataclass(frozen=True, repr=False)
-class Ring(Record):
-    """Hollow cylinder, 0 <= z <= height."""
-
-    inner_radius: float
-    outer_radius: float
-    height: float
-
-
-@dataclass(frozen=True, repr=False)
-class Box(Record):
-    """|x| <= size[0]/2, |y| <= size[1]/2, 0 <= z <= size[2]."""
-
-    size: tuple[float, float, float]
-
-
-@dataclass(frozen=True, repr=False)
-class Sphere(Record):
-    """Centred at the local origin (not on the plane z = 0)."""
-
-    radius: float
+_SEQUENCES = ("coils", "bodies", "references", "sections")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExtrudedPolygon(Record):
-    """Simple polygon `points` (n, 2) in the x-y plane, extruded over 0 <= z <= height."""
+class Device(Made):
+    """A whole machine, checked when it is made: InputError with one Problem for everything that is wrong.
 
-    points: Array
-    height: float
+    title: one line about it; the name if it is "". materials: by the names that bodies use; those that are called
+    otherwise are renamed. provenance: key paths of the file -> where the number comes from. For the map file's record:
+    `text` is the file as read, or that of `to_toml`; `included` maps each file that it names to its text (material
+    files) or to "sha256:..." of its bytes (STEP files).
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RevolvedProfile(Record):
-    """Simple polygon `points` (n, 2) of (r, z), r >= 0, turned fully about the local z axis."""
-
-    points: Array
-
-
-@dataclass(frozen=True, repr=False)
-class StepFile(Record):
-    """Solid(s) of a STEP file; `scale` turns the file's length unit into metres."""
-
-    path: Path
-    scale: float
-
-
-Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile
-
-
-@dataclass(frozen=True, repr=False)
-class Part(Record):
-    """One shape of a body; `operation` is "add" or "cut", applied in order."""
-
-    shape: Shape
-    placement: Placement = field(default_factory=Placement)
-    operation: str = "add"
-
-
-@dataclass(frozen=True, repr=False)
-class Body(Record):
-    """A named piece of one material. Bodies that touch become one magnetic body.
-
-    mesh_size: largest element edge, m. edge_size: size of the first element layer at sharp edges, m,
-    or None for no grading.
-    """
-
-    name: str
-    material: str
-    parts: tuple[Part, ...]
-    mesh_size: float
-    edge_size: float | None = None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Section(Record):
-    """What a plane cuts out of iron: origin (3,) in m, normal (3,) of any length; positive flux runs along it.
-
-    bodies: those that are cut, all if empty. half_widths (3,): only what lies within these distances, m, of the
-    origin along x, y and z; None for everything.
-    """
-
-    name: str
-    origin: Array
-    normal: Array
-    bodies: tuple[str, ...] = ()
-    half_widths: Array | None = None
-
-
-# ---- what is levitated, what drives it, where --------------------------------------------------------------
-
-
-@dataclass(frozen=True, repr=False)
-class MagnetCylinder(Record):
-    """Axially magnetised cylinder; remanence in T."""
-
-    diameter: float
-    height: float
-    remanence: float
-
-
-@dataclass(frozen=True, repr=False)
-class MagnetSphere(Record):
-    """Uniformly magnetised sphere; remanence in T."""
-
-    diameter: float
-    remanence: float
-
-
-@dataclass(frozen=True, repr=False)
-class MagnetBlock(Record):
-    """Block magnetised along its z edge; remanence in T."""
-
-    size: tuple[float, float, float]
-    remanence: float
-
-
-@dataclass(frozen=True, repr=False)
-class Payload(Record):
-    """What is levitated. moment: magnitude in A m^2 (from the magnet if it is given).
-
-    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
-    printed with every result that uses it). inertia (3,) kg m^2 or None. drag: N s/m.
-    """
-
-    mass: float
-    moment: float
-    magnet: MagnetCylinder | MagnetSphere | MagnetBlock | None = None
-    magnet_offset: float = 0.0
-    inertia: tuple[float, float, float] | None = None
-    drag: float = 0.0
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """That the magnet is a point, and where it sits."""
-        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm"
-        return (f"point dipole, {depth} below the point that the sensor reads",)
-
-
-@dataclass(frozen=True, repr=False)
-class Driver(Record):
-    """Current amplifier: gain in A/V, limits in A, supply limit in V."""
-
-    gain: float
-    current_limit: float
-    supply_voltage: float | None = None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class WorkspaceBox(Record):
-    """Axis-parallel box, corners (3,) in m."""
-
-    lower: Array
-    upper: Array
-
-    @property
-    def bounds(self) -> Bounds:
-        """Its two corners, m."""
-        return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class WorkspaceCylinder(Record):
-    """Upright cylinder: centre of its lower face (3,), radius and height in m."""
-
-    base: Array
-    radius: float
-    height: float
-
-    @property
-    def bounds(self) -> Bounds:
-        """Corners of the axis-parallel box around it, m."""
-        base = np.asarray(self.base, dtype=float)
-        sideways = np.array([self.radius, self.radius, 0.0])
-        return base - sideways, base + sideways + [0.0, 0.0, self.height]
-
-
-Workspace = WorkspaceBox | WorkspaceCylinder
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Reference(Record):
-    """A known value to hold results against: flux density component or gradient entry at a point.
-
-    quantity: "Bx", "By", "Bz" (T) or "dBx/dx" ... "dBz/dz" (T/m); currents (n_coils,) in A; mu_r: the iron's
-    relative permeability for which the value holds, or None; tolerance: relative, of the value itself.
-    """
-
-    quantity: str
-    at: Array
-    currents: Array
-    value: float
-    source: str
-    mu_r: float | None = None
-    tolerance: float | None = None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Device(Record):
-    """A whole machine.
-
-    provenance: key paths of the file -> where the number comes from. For the map file's record: `text` is the
-    file as read; `included` maps each file that it names to its text (material files) or to "sha256:..." of
-    its bytes (STEP files).
+    >>> coil = CircularCoil("coil", inner_radius=0.02, outer_radius=0.03, height=0.01, turns=100)
+    >>> Device("pair", "Two coils", coils=coil.along([0.0, 0.0, 0.03], 2)).coil_names
+    ('coil_1', 'coil_2')
+    >>> Device("none", "No turns", coils=[CircularCoil("a", 0.02, 0.03, 0.01, turns=-100)])
+    Traceback (most recent call last):
+    fieldmap.errors.InputError: Device "none", coil "a": coils[0].turns: must be greater than 0; received -100; ...
     """
 
     name: str
@@ -259,8 +86,61 @@ class Device(Record):
     sections: tuple[Section, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
     source: Path | None = None
-    text: str = ""
-    included: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
+    text: str = field(default="", repr=False)
+    included: Mapping[str, str] = field(default_factory=lambda: _EMPTY, repr=False)
+
+    def __post_init__(self) -> None:
+        problems = []
+        for name in _SEQUENCES:
+            given = getattr(self, name)
+            if isinstance(given, str) or not hasattr(given, "__iter__"):
+                remedy = "write it in brackets"
+                problems.append(Problem(f"Device.{name}", "must be a sequence", type(given).__name__, remedy))
+                continue
+            object.__setattr__(self, name, tuple(given))
+        for name in ("materials", "provenance", "included"):
+            given = getattr(self, name)
+            if not isinstance(given, Mapping):
+                remedy = "write { name: value }"
+                problems.append(Problem(f"Device.{name}", "must be a mapping", type(given).__name__, remedy))
+                continue
+            object.__setattr__(self, name, FrozenDict(given))
+        if problems:
+            raise InputError(*problems)
+        self._name_materials()
+        made = checked_data(self)
+        if not self.text and not made.unwritten:
+            object.__setattr__(self, "text", toml_text(made.data))
+            object.__setattr__(self, "included", FrozenDict(hashes_of_solids(self.bodies, Path())))
+
+    def _name_materials(self) -> None:
+        renamed = {
+            name: replace(one, name=name) if isinstance(one, Material) and one.name != name else one  # type: ignore[type-var]
+            for name, one in self.materials.items()
+        }
+        object.__setattr__(self, "materials", FrozenDict(renamed))
+
+    @classmethod
+    def unchecked(cls, **values: Any) -> Self:
+        """A device of values that were checked as keys of a file, or whose bodies lack their materials on purpose."""
+        device = object.__new__(cls)
+        defaults = {
+            "title": "",
+            "bodies": (),
+            "materials": FrozenDict(),
+            "payload": None,
+            "driver": None,
+            "workspace": None,
+            "references": (),
+            "sections": (),
+            "provenance": _EMPTY,
+            "source": None,
+            "text": "",
+            "included": _EMPTY,
+        }
+        for name, value in (defaults | values).items():
+            object.__setattr__(device, name, value)
+        return device
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -276,3 +156,41 @@ class Device(Record):
     def texts(self) -> tuple[str, ...]:
         """All that was read to make it: the file, and name and text (or hash) of each that it names."""
         return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))
+
+    def replace(self, **changes: Any) -> "Device":
+        """The device with other values, checked anew; its text is that of `to_toml`. Sources of numbers that are gone
+        go with them.
+
+        >>> import fieldmap as fm
+        >>> fm.read_device("loop_and_sphere").replace(name="mine").name
+        'mine'
+        """
+        about: dict[str, Any] = {"source": None, "text": "", "included": {}} | changes
+        bare = replace(self, **{**about, "provenance": {}})
+        data = device_data(bare).data
+        wanted = about.get("provenance") or {
+            path: text for path, text in self.provenance.items() if matches(data, path)
+        }
+        return replace(bare, provenance=wanted, text="") if wanted else bare
+
+    def to_toml(self) -> str:
+        """The text of a device file that is read as this device, every table written out, lengths in mm.
+
+        Raises InputError for coils and materials of classes that have no keys.
+        """
+        made = device_data(self.replace() if self.text else self)
+        if made.unwritten:
+            received = ", ".join(made.unwritten)
+            remedy = "give its class keys (docs/extend.md)"
+            must_hold = "coils and materials that a device file can hold"
+            raise InputError(Problem(f'Device "{self.name}"', must_hold, received, remedy))
+        return toml_text(made.data)
+
+
+def hashes_of_solids(bodies: tuple[Body, ...], folder: Path) -> dict[str, str]:
+    """SHA-256 of the STEP files that bodies name, by their paths relative to a folder."""
+    solids = {part.shape.path for body in bodies for part in body.parts if isinstance(part.shape, StepFile)}
+    return {
+        os.path.relpath(path, folder): "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(solids)
+    }

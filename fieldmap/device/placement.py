@@ -1,18 +1,31 @@
-"""Where a shape or a coil stands: the frozen data, and the keys position_mm and rotation_deg."""
+"""Where a shape or a coil stands: the frozen data, the keys position_mm and rotation_deg, and patterns of things.
 
-from dataclasses import dataclass, field
-from typing import Annotated
+Things are moved, turned and mirrored by their keys, whether they stand in a file or are made in Python: both get the
+same numbers to the last bit.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from numpy.typing import ArrayLike
+from pydantic import Field, ValidationError
 
+from fieldmap.device.made import Made
+from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.document import schema_findings
 from fieldmap.inputs.tables import MILLI, Point, Table, read_only
-from fieldmap.records import Record
 from fieldmap.typing import Array
+
+Axis = Literal["x", "y", "z"]
+AXES = ("x", "y", "z")
+MOST_COPIES = 1000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Placement(Record):
+class Placement(Made):
     """global = rotation @ local + position.
 
     position (3,) in m; rotation (3, 3), orthonormal, determinant +1.
@@ -21,29 +34,92 @@ class Placement(Record):
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
 
+    def keys(self) -> "PlacementKeys":
+        """The keys of a file that give this placement."""
+        return PlacementKeys(
+            position_mm=[in_unit(float(x), MILLI) for x in np.asarray(self.position)],
+            rotation_deg=rotation_angles(np.asarray(self.rotation)),
+        )
+
 
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 
 
-def _cosine_and_sine(angle_deg: float) -> tuple[float, float]:
-    """Exact at whole quarter turns, so that a body turned by 90 deg stays axis-parallel to the last bit."""
-    if angle_deg % 90 == 0:
-        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(angle_deg // 90) % 4]
-    return float(np.cos(np.deg2rad(angle_deg))), float(np.sin(np.deg2rad(angle_deg)))
+def in_unit(value: float, unit: float) -> float:
+    """The number in a unit whose product with it is this value, to the last bit where there is one; as short as can be.
+
+    >>> in_unit(38.10512e-3, 1e-3), in_unit(0.1 + 0.2, 1e-3)
+    (38.10512, 300.00000000000006)
+    """
+    near = value / unit
+    for digits in range(6, 18):
+        short = float(f"{near:.{digits}g}")
+        if short * unit == value:
+            return short
+    return next((x for x in np.nextafter(near, [-np.inf, np.inf]).tolist() if x * unit == value), near)
 
 
-def rotation_matrix(rotation_deg: list[float]) -> Array:
+def cosine_and_sine(angle_deg: float) -> tuple[float, float]:
+    """Exact at multiples of 30 deg that have short values, and with the symmetry of the circle to the last bit.
+
+    >>> cosine_and_sine(60.0)[0], cosine_and_sine(120.0)[1] == cosine_and_sine(60.0)[1]
+    (0.5, True)
+    """
+    quarter, rest = divmod(angle_deg, 90.0)
+    if rest <= 45.0:
+        cos, sin = _of_half_quarter(rest)
+    else:
+        sin, cos = _of_half_quarter(90.0 - rest)
+    turned = ((cos, sin), (-sin, cos), (-cos, -sin), (sin, -cos))[int(quarter) % 4]
+    return turned[0] + 0.0, turned[1] + 0.0
+
+
+def _of_half_quarter(angle_deg: float) -> tuple[float, float]:
+    if angle_deg == 45.0:
+        return float(np.sqrt(0.5)), float(np.sqrt(0.5))
+    sine = 0.5 if angle_deg == 30.0 else float(np.sin(np.deg2rad(angle_deg)))
+    return float(np.cos(np.deg2rad(angle_deg))), sine
+
+
+def rotation_matrix(rotation_deg: Sequence[float]) -> Array:
     """Turn about the fixed x axis, then the fixed y axis, then the fixed z axis: Rz @ Ry @ Rx, (3, 3).
 
     >>> rotation_matrix([0, 0, 90]) @ [1.0, 0.0, 0.0]
     array([0., 1., 0.])
     """
-    (cx, sx), (cy, sy), (cz, sz) = (_cosine_and_sine(angle) for angle in rotation_deg)
+    (cx, sx), (cy, sy), (cz, sz) = (cosine_and_sine(angle) for angle in rotation_deg)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
     return about_z @ about_y @ about_x + 0.0  # + 0.0 turns -0.0 into 0.0
+
+
+def rotation_angles(rotation: Array) -> list[float]:
+    """Angles (3,), deg, whose `rotation_matrix` this is: whole ones where they give the same bits.
+
+    >>> rotation_angles(rotation_matrix([0, 135, 45]))
+    [0.0, 135.0, 45.0]
+    """
+    y = np.degrees(np.arcsin(np.clip(-rotation[2, 0], -1.0, 1.0)))
+    if abs(rotation[2, 0]) > 1.0 - 1e-12:
+        x, z = 0.0, np.degrees(np.arctan2(-rotation[0, 1], rotation[1, 1]))
+    else:
+        x = np.degrees(np.arctan2(rotation[2, 1], rotation[2, 2]))
+        z = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    near = [np.array([x, y, z]), np.array([x + 180.0, 180.0 - y, z + 180.0])]
+    near = [(angles + 180.0) % 360.0 - 180.0 for angles in near]
+    short = [np.round(angles, 9) % 360.0 + 0.0 for angles in near]
+    short.sort(key=np.count_nonzero)
+    exact = [
+        angles for angles in (*short, *near) if np.array_equal(rotation_matrix(angles.tolist()), rotation)
+    ]
+    best = (
+        exact[0]
+        if exact
+        else min((*short, *near), key=lambda a: np.abs(rotation_matrix(a.tolist()) - rotation).max())
+    )
+    return [float(angle) for angle in best]
 
 
 class PlacementKeys(Table):
@@ -59,3 +135,193 @@ class PlacementKeys(Table):
         """In SI."""
         rotation = read_only(rotation_matrix(self.rotation_deg).tolist())
         return Placement(read_only(self.position_mm, MILLI), rotation)
+
+
+# ---- moving, turning and mirroring keys ----
+
+
+def moved_keys(position_mm: Sequence[float], by_mm: Sequence[float]) -> list[float]:
+    """position_mm of a thing that is moved."""
+    return [float(x + dx) for x, dx in zip(position_mm, by_mm, strict=True)]
+
+
+def turned_keys(
+    position_mm: Sequence[float],
+    rotation_deg: Sequence[float],
+    axis: Axis,
+    angle_deg: float,
+    centre_mm: Sequence[float] = (0.0, 0.0, 0.0),
+) -> tuple[list[float], list[float]]:
+    """position_mm and rotation_deg of a thing that is turned about an axis through a centre.
+
+    >>> turned_keys([44.0, 0.0, 6.0], [0.0, 90.0, 0.0], "z", 60.0)
+    ([22.0, 38.10511776651531, 6.0], [0.0, 90.0, 60.0])
+    """
+    k = AXES.index(axis)
+    first, second = (k + 1) % 3, (k + 2) % 3
+    position = [float(x) for x in position_mm]
+    u, v = position[first] - centre_mm[first], position[second] - centre_mm[second]
+    cos, sin = cosine_and_sine(angle_deg)
+    position[first] = centre_mm[first] + (cos * u - sin * v) + 0.0
+    position[second] = centre_mm[second] + (sin * u + cos * v) + 0.0
+    angles = [float(angle) for angle in rotation_deg]
+    if not any(angles[k + 1 :]):  # turned about this axis last
+        angles[k] = (angles[k] + angle_deg) % 360.0
+        return position, angles
+    about = [0.0, 0.0, 0.0]
+    about[k] = angle_deg
+    return position, rotation_angles(rotation_matrix(about) @ rotation_matrix(angles))
+
+
+def mirrored_keys(
+    position_mm: Sequence[float], rotation_deg: Sequence[float], plane: Axis, at_mm: float = 0.0
+) -> tuple[list[float], list[float], int]:
+    """position_mm and rotation_deg of a thing seen in the mirror x = at_mm (or y, or z), and which local axis, 0 or 1,
+    of its shape changes its sign.
+
+    A mirror turns the local frame over. The shape is turned over with it across a local axis in its plane: the axis of
+    a cylinder or a coil is the mirrored one, and a positive current still runs counter-clockwise about it.
+    """
+    k = AXES.index(plane)
+    position = [float(x) for x in position_mm]
+    position[k] = 2.0 * at_mm - position[k] + 0.0
+    axis = 1 if plane == "y" else 0
+    x, y, z = (float(angle) for angle in rotation_deg)
+    if k == axis:  # mirror @ R @ mirror: turns about the other two axes change their sense
+        signs = [1.0 if j == k else -1.0 for j in range(3)]
+        return position, [sign * angle % 360.0 for sign, angle in zip(signs, (x, y, z), strict=True)], axis
+    mirrors = [np.diag([-1.0 if j == i else 1.0 for j in range(3)]) for i in (k, axis)]
+    return position, rotation_angles(mirrors[0] @ rotation_matrix([x, y, z]) @ mirrors[1] + 0.0), axis
+
+
+# ---- patterns of things made in Python ----
+
+
+class Movable(Made):
+    """A body or a coil: moved, turned, mirrored and repeated. The thing itself stays; copies are returned."""
+
+    name: str
+
+    @abstractmethod
+    def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Self:
+        """The thing with every placement changed, and its shapes mirrored across a local axis."""
+
+    @abstractmethod
+    def _pattern(self) -> str:
+        """A name with {k}, for copies."""
+
+    def named(self, name: str) -> Self:
+        """The same by another name."""
+        return replace(self, name=name)  # type: ignore[type-var]
+
+    def moved(self, by: ArrayLike) -> Self:
+        """Moved by (3,), m."""
+        by_mm = [in_unit(x, MILLI) for x in _vector("moved, by", by)]
+
+        def change(place: Placement) -> Placement:
+            keys = place.keys()
+            return _placement(moved_keys(keys.position_mm, by_mm), keys.rotation_deg)
+
+        return self._placed(change)
+
+    def turned(self, axis: Axis, angle_deg: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
+        """Turned by an angle in degrees about the x, y or z axis through a centre (3,), m."""
+        _check_axis("turned, axis", axis)
+        (angle,) = _vector("turned, angle_deg", [angle_deg], 1)
+        centre_mm = [in_unit(x, MILLI) for x in _vector("turned, centre", centre)]
+
+        def change(place: Placement) -> Placement:
+            keys = place.keys()
+            return _placement(*turned_keys(keys.position_mm, keys.rotation_deg, axis, angle, centre_mm))
+
+        return self._placed(change)
+
+    def mirrored(self, plane: Axis, at: float = 0.0, name: str | None = None) -> Self:
+        """Seen in the mirror x = at (or y, or z), m, by another name if one is given.
+
+        `mirrored_keys` says what becomes of currents.
+        """
+        _check_axis("mirrored, plane", plane)
+        (at_mm,) = (in_unit(x, MILLI) for x in _vector("mirrored, at", [at], 1))
+
+        def change(place: Placement) -> Placement:
+            keys = place.keys()
+            return _placement(*mirrored_keys(keys.position_mm, keys.rotation_deg, plane, at_mm)[:2])
+
+        copy = self._placed(change, 1 if plane == "y" else 0)
+        return copy if name is None else copy.named(name)
+
+    def around(
+        self,
+        axis: Axis,
+        count: int,
+        step_deg: float | None = None,
+        names: Sequence[str] | str | None = None,
+        centre: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> tuple[Self, ...]:
+        """`count` copies about an axis, step_deg (a full turn divided by count) from each to the next; the first stays.
+
+        names: of the copies, or a pattern with {k}, which counts from 1; the name of the thing may be one.
+        """
+        named = self._names(count, names)
+        step = 360.0 / len(named) if step_deg is None else step_deg
+        return tuple(self.turned(axis, k * step, centre).named(name) for k, name in enumerate(named))
+
+    def along(
+        self, step: ArrayLike, count: int, names: Sequence[str] | str | None = None
+    ) -> tuple[Self, ...]:
+        """`count` copies in a row, each a step (3,), m, from the one before; the first stays. names: as in `around`."""
+        named = self._names(count, names)
+        shift = np.array(_vector("along, step", step))
+        return tuple(self.moved(k * shift).named(name) for k, name in enumerate(named))
+
+    def _names(self, count: int, names: Sequence[str] | str | None) -> list[str]:
+        if not isinstance(count, int | np.integer) or not 1 <= count <= MOST_COPIES:
+            must_hold = f"must be a whole number from 1 to {MOST_COPIES}"
+            raise InputError(Problem("count", must_hold, repr(count), "give the number of copies"))
+        if names is None or isinstance(names, str):
+            pattern = self._pattern() if names is None else names
+            if "{k}" not in pattern and count > 1:
+                remedy = 'write for instance "core {k}"'
+                raise InputError(Problem("names", "a pattern has {k} in it", repr(pattern), remedy))
+            return [pattern.replace("{k}", str(k + 1)) for k in range(count)]
+        if len(names) != count:
+            raise InputError(Problem("names", f"must be {count} names", f"{len(names)}", "name every copy"))
+        return list(names)
+
+
+def placed(position: ArrayLike = (0.0, 0.0, 0.0), rotation_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Placement:
+    """A placement at a position (3,), m, turned by angles (3,), deg, about the fixed x, then y, then z axis."""
+    position_mm = [in_unit(x, MILLI) for x in _vector("placed, position", position)]
+    return _placement(position_mm, _vector("placed, rotation_deg", rotation_deg))
+
+
+def _placement(position_mm: Sequence[float], rotation_deg: Sequence[float]) -> Placement:
+    keys: dict[str, Any] = {"position_mm": list(position_mm), "rotation_deg": list(rotation_deg)}
+    try:
+        return PlacementKeys.model_validate(keys).placement()
+    except ValidationError:
+        findings = schema_findings(PlacementKeys, keys)
+        places = [".".join(map(str, one.location)) for one in findings]
+        raise InputError(
+            *(
+                Problem(f"placement, {place}", one.must_hold, one.received, one.remedy)
+                for place, one in zip(places, findings, strict=True)
+            )
+        ) from None
+
+
+def _vector(where: str, values: ArrayLike, count: int = 3) -> list[float]:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        must_hold = f"must be {count} finite numbers" if count > 1 else "must be a finite number"
+        raise InputError(Problem(where, must_hold, repr(values)[:80], "give lengths in m, angles in degrees"))
+    return [float(x) for x in array]
+
+
+def _check_axis(where: str, axis: str) -> None:
+    if axis not in AXES:
+        raise InputError(Problem(where, 'must be "x", "y" or "z"', repr(axis)[:80], "choose one of these"))

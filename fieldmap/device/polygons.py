@@ -105,3 +105,14 @@ def _folds_back(
     q = next(r for r in second if tuple(r) != tuple(corner))
     ahead = (p[0] - corner[0]) * (q[0] - corner[0]) + (p[1] - corner[1]) * (q[1] - corner[1])
     return _side(corner, p, q) == 0 and ahead > 0
+
+
+def reflected_polygon(points: PlanePoints, axis: int) -> list[list[float]]:
+    """The polygon with the sign of one coordinate (0 or 1) changed, its corners in the opposite order: it runs the same
+    way round.
+
+    >>> reflected_polygon([[0, 0], [2, 0], [2, 1]], 0)
+    [[-2.0, 1.0], [-2.0, 0.0], [0.0, 0.0]]
+    """
+    signs = [-1.0 if k == axis else 1.0 for k in range(2)]
+    return [[sign * float(x) + 0.0 for sign, x in zip(signs, point, strict=True)] for point in points][::-1]

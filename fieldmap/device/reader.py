@@ -1,6 +1,5 @@
 """Read a device file and the material files that it names, check all of it, and make the frozen Device in SI units."""
 
-import hashlib
 import os
 import tomllib
 from collections.abc import Mapping
@@ -10,16 +9,21 @@ from typing import Any, TypeVar
 from pydantic import BaseModel
 
 from fieldmap.device.cross_checks import cross_findings
-from fieldmap.device.materials import Curves, MaterialKeys, keys_of_table
-from fieldmap.device.model import Device, StepFile
+from fieldmap.device.materials import Curves, MaterialKeys, SaturatingMaterial, keys_of_table
+from fieldmap.device.measured import DEFAULT
+from fieldmap.device.model import Device, StepFile, hashes_of_solids
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
 from fieldmap.errors import DeviceFileError, Problem
-from fieldmap.inputs.document import Document, schema_findings
+from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import dotted
 from fieldmap.records import FrozenDict
 from fieldmap.shipped import shipped_file, shipped_names
+from fieldmap.typing import PathLike
+
+TEXT = "device text"
+"""In the place of a path where a text was given."""
 
 
 def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Problem]]:
@@ -88,11 +92,12 @@ def _beside_or_shipped(folder: Path, file: str) -> Path | None:
 _File = TypeVar("_File", bound=BaseModel)
 
 
-def read_device(path_or_name: str | Path) -> Device:
+def read_device(path_or_name: PathLike | Device) -> Device:
     """Read and check a device file.
 
-    path_or_name: path of a TOML file, or the name of a shipped device ("drive_unit"). The format is described
-    in docs/device_files.md. Lengths come out in m, the frame is right-handed with z up.
+    path_or_name: path of a TOML file, the name of a shipped device ("drive_unit"), or the text of a device file (what
+    has more than one line). The format is described in docs/device_files.md. Lengths come out in m, the frame is
+    right-handed with z up.
 
     Raises DeviceFileError with one Problem for every error of the file: file, line and key path; what must
     hold; what was received; the remedy.
@@ -101,7 +106,34 @@ def read_device(path_or_name: str | Path) -> Device:
     >>> device.coil_names
     ('1', '2', '3', '4', '5', '6')
     """
+    if isinstance(path_or_name, Device):
+        return path_or_name
+    if isinstance(path_or_name, str) and "\n" in path_or_name:
+        return device_of(parsed(Path(TEXT), path_or_name, DeviceFileError))
+    if not isinstance(path_or_name, str | os.PathLike):
+        must_hold = "must be the path or text of a device file, or the name of a shipped device"
+        remedy = f'write for instance read_device("{DEFAULT}")'
+        raise DeviceFileError(Problem("read_device", must_hold, type(path_or_name).__name__, remedy))
     return device_of(DEVICE.load(DEVICE.find(path_or_name)))
+
+
+def material(
+    path_or_name: str | Path,
+    above: str = "slope mu0",
+    saturation: float | None = None,
+    name: str | None = None,
+) -> SaturatingMaterial:
+    """A measured B-H curve from a material file: a path, or the name of a shipped one ("steel_a3").
+
+    above: law past its last point, "slope mu0", or "towards saturation" with the polarisation, T, that it rises to;
+    below the first point a straight line to the origin. name: the file's own unless given; a device names its
+    materials anew. Raises DeviceFileError as `read_device`.
+
+    >>> material("steel_a3").name
+    'steel_a3'
+    """
+    contents = MATERIAL.contents(MATERIAL.load(MATERIAL.find(path_or_name)))
+    return contents.law(name or contents.name, above, saturation)
 
 
 def device_of(document: Document) -> Device:
@@ -123,7 +155,7 @@ def recorded_device(text: str, solids: bool = False) -> Device:
     document = Document(Path("device recorded in the map"), text, tomllib.loads(text))
     contents = DEVICE.contents(document)
     bodies = (body.to_model(Path()) for body in contents.body) if solids else ()
-    return Device(
+    return Device.unchecked(
         name=contents.name,
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
@@ -160,9 +192,8 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
     folder = document.path.parent
     bodies = tuple(body.to_model(folder) for body in contents.body)
     materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
-    solids = {part.shape.path for body in bodies for part in body.parts if isinstance(part.shape, StepFile)}
-    included = included | {os.path.relpath(path, folder): _digest(path) for path in sorted(solids)}
-    return Device(
+    included = included | hashes_of_solids(bodies, folder)
+    return Device.unchecked(
         name=contents.name,
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
@@ -174,11 +205,7 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         references=tuple(reference.to_model() for reference in contents.reference),
         sections=tuple(section.to_model() for section in contents.section),
         provenance=FrozenDict(dict(contents.provenance)),
-        source=document.path,
+        source=None if document.path == Path(TEXT) else document.path,
         text=document.text,
         included=FrozenDict(included),
     )
-
-
-def _digest(path: Path) -> str:
-    return "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()

@@ -60,6 +60,11 @@ def parse(path: Path, error: type[InputError]) -> Document:
         remedy = "check the path and its permissions, and save the file as UTF-8 text"
         problem = Problem(str(path), "must be readable UTF-8 text", str(unreadable), remedy)
         raise error(problem) from unreadable
+    return parsed(path, text, error)
+
+
+def parsed(path: Path, text: str, error: type[InputError]) -> Document:
+    """A text as the document of a path; `error` where it is no TOML."""
     text = text.replace("\r\n", "\n")
     try:
         return Document(path, text, tomllib.loads(text))

@@ -1,6 +1,6 @@
 """What the tables of all files share: strict keys, finite numbers, and how a broken rule is told."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -69,6 +69,9 @@ class Table(BaseModel):
 
     written_as: ClassVar[str | None] = None
     """Of a table that is chosen in another way than by one key's value: how it is written."""
+
+    attributes: ClassVar[Mapping[str, str]] = {}
+    """Attributes of the object that the table makes, by key, unless they are called like the key without its unit."""
 
 
 def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:

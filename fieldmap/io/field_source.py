@@ -1,5 +1,6 @@
 """From a name to a field: what lies behind it, read and checked before anything is solved."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError, Problem
-from fieldmap.field import Bounds, Currents, Field, coil_currents
+from fieldmap.field import AnyField, Bounds, Currents, Field, as_field, coil_currents
 from fieldmap.records import Record
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -83,8 +84,11 @@ class FieldSource(Record):
         return state_notes(self.device, self.field.at(currents))
 
 
-def open_field(name: PathLike, options: IronOptions | None = None, progress: Progress | None = None) -> Field:
-    """The field behind a name: a map file, a device file, or the name of a shipped device.
+def open_field(
+    name: PathLike | Device | AnyField, options: IronOptions | None = None, progress: Progress | None = None
+) -> Field:
+    """The field behind a name: a map file, a device file, or the name of a shipped device; of a device made in Python;
+    or an object that `fieldmap.field.as_field` takes.
 
     A map is opened. A device is solved: a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`, which
     solves a state for each set of currents. Raises InputError and MapFileError as the readers and solvers do.
@@ -93,6 +97,10 @@ def open_field(name: PathLike, options: IronOptions | None = None, progress: Pro
     >>> print(f"{1e3 * field.at(1.0).field([0.0, 0.0, -0.014])[2]:.2f} mT")
     1.01 mT
     """
+    if isinstance(name, Device):
+        return solve_device(name, options or IronOptions(), progress)
+    if not isinstance(name, str | os.PathLike):
+        return as_field(name)
     return find_source(name, options, progress).field
 
 

@@ -497,9 +497,25 @@ def open_map(
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
+    if not isinstance(path, str | PathLike):
+        raise InputError(_no_path(path))
     check_choices(kind, outside, outside_currents)
     rules = outside_currents, follow_currents, tabulate_currents
     return interpolate(read_map(path), kind, outside, threads, *rules)
+
+
+def _no_path(given: object) -> Problem:
+    """What to do with an object that is no path."""
+    name = type(given).__name__
+    if hasattr(given, "field"):
+        remedy = f"a {name} is a field already: ask it for field(points, currents)"
+    elif hasattr(given, "coils"):
+        remedy = "make the map first: fieldmap.open_map(fieldmap.generate(device, spacing=4e-3))"
+    elif isinstance(given, MapData):
+        remedy = "use fieldmap.lookup.interpolate(data)"
+    else:
+        remedy = "give the path of a file that fieldmap.generate has made"
+    return Problem("open_map, path", "must be the path of a map file", f"a {name}", remedy)
 
 
 def interpolate(

@@ -4,6 +4,6 @@ Depends on: errors, kernels, device, store, iron, pydantic.
 """
 
 from fieldmap.maps.generation import generate
-from fieldmap.maps.recipe import Recipe, read_recipe
+from fieldmap.maps.recipe import Recipe, read_recipe, recipe_for
 
-__all__ = ["Recipe", "generate", "read_recipe"]
+__all__ = ["Recipe", "generate", "read_recipe", "recipe_for"]

@@ -1,5 +1,6 @@
 """From a recipe to a map file: check, solve, evaluate part by part, bound the error, write."""
 
+import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -8,8 +9,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fieldmap.device.model import Device
+from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, SolverReport, check_geometry
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
@@ -22,6 +24,7 @@ from fieldmap.maps.recipe import (
     current_domain,
     read_recipe,
     read_recipe_device,
+    recipe_for,
     with_box,
 )
 from fieldmap.maps.saturating_fields import SaturatingFields, Stopwatch, trained_map
@@ -87,17 +90,25 @@ def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
 
 
 def generate(
-    recipe: PathLike,
+    recipe: PathLike | Device,
     output: PathLike | None = None,
     resume: bool = True,
     progress: Progress | None = None,
     workers: int = 1,
     scheduler: str | None = None,
+    *,
+    spacing: ArrayLike | None = None,
+    box: WorkspaceBox | Sequence[ArrayLike] | None = None,
+    currents: Sequence[ArrayLike] | Mapping[str, Any] | None = None,
+    iron: Mapping[str, Any] | None = None,
+    reference_current: float | None = None,
 ) -> Path:
-    """Make the map that a recipe asks for and return the path of its file.
+    """Make the map that a recipe asks for, or a map of a device, and return the path of its file.
 
-    recipe: path of a recipe file, or the name of a shipped one. output: the file to write, by default
-    maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
+    recipe: path of a recipe file, or the name of a shipped one; or a device, with what a recipe would say: spacing, m,
+    box (lower, upper), m, currents (smallest, largest), A, where the iron shall saturate, iron and reference_current as
+    in `fieldmap.maps.recipe_for`. The file is that of a recipe with these numbers. output: the file to write, by
+    default maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
     that was stopped, and leave a finished map alone, if everything that decides the numbers is the same;
     False begins anew. progress(message, fraction) is called as the work goes on. workers: how many processes of this
     machine solve and evaluate, 1 for this one alone; scheduler: address of a dask scheduler whose workers do it
@@ -117,8 +128,14 @@ def generate(
     """
     say = progress or _silent
     say("checking recipe, device and geometry", 0.0)
-    order = read_recipe(Path(recipe))
-    device = read_recipe_device(order)
+    said = {
+        "spacing": spacing,
+        "box": box,
+        "currents": currents,
+        "iron": iron,
+        "reference_current": reference_current,
+    }
+    order, device = _order(recipe, {name: value for name, value in said.items() if value is not None})
     target = _target(order, output)
     info = _describe(order, device)
     placed = with_box(device, info.grid)
@@ -144,6 +161,25 @@ def generate(
             raise
     say("complete", 1.0)
     return target
+
+
+def _order(recipe: PathLike | Device, said: dict[str, Any]) -> tuple[Recipe, Device]:
+    """The recipe and its device. Raises InputError for what is neither a recipe nor a device."""
+    if isinstance(recipe, Device):
+        if "spacing" not in said:
+            remedy = "give the largest distance of neighbouring nodes, m, such as spacing=4e-3"
+            raise RecipeError(Problem("generate, spacing", "a map of a device needs it", "nothing", remedy))
+        return recipe_for(recipe, **said), recipe
+    if not isinstance(recipe, str | os.PathLike):
+        must_hold = "must be a recipe file, the name of a shipped recipe, or a device"
+        remedy = "give the device: generate(device, spacing=4e-3)"
+        raise RecipeError(Problem("generate", must_hold, type(recipe).__name__, remedy))
+    if said:
+        names = ", ".join(said)
+        remedy = "write it into the recipe, or give a device in its place"
+        raise RecipeError(Problem(f"generate, {names}", "belongs to a device, not a recipe", names, remedy))
+    order = read_recipe(Path(recipe))
+    return order, read_recipe_device(order)
 
 
 def _generate_linear(

@@ -2,18 +2,21 @@
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
 from fieldmap.device.model import WorkspaceBox
+from fieldmap.device.placement import in_unit
 from fieldmap.device.schema.workspace import above_lower
+from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import RecipeError
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
@@ -325,9 +328,59 @@ def read_recipe(path_or_name: str | Path) -> Recipe:
     >>> read_recipe("quick").device
     'disk_six_cores'
     """
-    path = RECIPE.find(path_or_name)
-    document = RECIPE.load(path)
-    contents = RECIPE.contents(document)
+    document = RECIPE.load(RECIPE.find(path_or_name))
+    return _recipe(document, RECIPE.contents(document))
+
+
+def recipe_for(
+    device: Device,
+    spacing: ArrayLike | None,
+    box: WorkspaceBox | Sequence[ArrayLike] | None = None,
+    currents: Sequence[ArrayLike] | Mapping[str, Any] | None = None,
+    iron: Mapping[str, Any] | None = None,
+    reference_current: float | None = None,
+) -> Recipe:
+    """The recipe of a map of a device, without a file: as if one had been written, with a text of its own.
+
+    spacing: largest distance of nodes, one number or three, m. box: (lower, upper), m, or a WorkspaceBox; the device's
+    workspace if None. currents: None for linear iron; for saturating iron the smallest and the largest current, A, each
+    one number or one per coil, or a mapping with the keys of [currents]. iron: keys of [iron], such as
+    {"refinement": 0.7}. reference_current: A. Raises RecipeError with one Problem for everything that is wrong.
+
+    >>> import fieldmap as fm
+    >>> recipe_for(fm.read_device("disk_six_cores"), 8e-3, currents=(0.5, 2.0)).file_name
+    'disk_six_cores.h5'
+    """
+    corners = None if box is None else (box.lower, box.upper) if isinstance(box, WorkspaceBox) else box
+    data: dict[str, Any] = {"format": 1, "title": device.title or device.name, "device": device.name}
+    data["spacing_mm"] = _plain(spacing, MILLI)
+    if corners is not None:
+        pair = list(corners)
+        data["box"] = {"lower_mm": _plain(pair[0], MILLI), "upper_mm": _plain(pair[-1], MILLI)}
+    data["iron"] = {"model": "linear" if currents is None else "saturating", **(iron or {})}
+    if isinstance(currents, Mapping):
+        data["currents"] = {key: _plain(value, 1.0) for key, value in currents.items()}
+    elif currents is not None:
+        pair = list(currents)
+        data["currents"] = {"lower_A": _plain(pair[0], 1.0), "upper_A": _plain(pair[-1], 1.0)}
+    if reference_current is not None:
+        data["output"] = {"reference_current_A": _plain(reference_current, 1.0)}
+    contents = RECIPE.contents(Document(Path("generate"), "", data))
+    text = "# Made by fieldmap.generate of a device made in Python.\n" + toml_text(data)
+    return _recipe(Document(Path(f"{device.name}.toml"), text, data), contents)
+
+
+def _plain(value: Any, unit: float) -> Any:
+    """Numbers in a unit as lists; what is no number stays for the schema to refuse."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(one, unit) for one in value]
+    return in_unit(float(value), unit) if _is_number(value) and unit != 1.0 else value
+
+
+def _recipe(document: Document, contents: RecipeFile) -> Recipe:
+    path = document.path
     iron, output, box = contents.iron, contents.output, contents.box
     return Recipe(
         path=path,

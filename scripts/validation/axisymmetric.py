@@ -99,7 +99,7 @@ def on_one_axis(case: str, material: LinearMaterial | BHTable) -> Device:
     at = Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
     coil = CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
     count = {"disk": 1, "diskcore": 2, "spool": 3}[case]
-    return Device(case, "", (coil,), bodies[:count], {"iron": material})
+    return Device.unchecked(name=case, coils=(coil,), bodies=bodies[:count], materials={"iron": material})
 
 
 def _analytic_law() -> BHTable:

@@ -145,7 +145,7 @@ def test_forms_bracket_the_inductance_and_close_in():
 
 def test_estimate_of_a_saturated_state_is_honest():
     """2.5 T in the core: both forms by Newton's method, and a coarser mesh."""
-    solver = NonlinearSolver(replace(saturated.device(0.005, 0.002), workspace=SPACE))
+    solver = NonlinearSolver(Device.unchecked(**{**vars(saturated.device(0.005, 0.002)), "workspace": SPACE}))
     state = solver.solve([15.0])
     estimate = solver.estimate_error(state)
     points, exact = saturated.reference(12600)

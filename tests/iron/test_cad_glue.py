@@ -18,7 +18,7 @@ def body(name: str, shape, x: float = 0, y: float = 0, z: float = 0, mesh_size: 
 
 
 def device(*bodies: Body) -> Device:
-    return Device("d", "test device", coils=(), bodies=bodies)
+    return Device.unchecked(name="d", coils=(), bodies=bodies)
 
 
 DISK = body("disk", Cylinder(0.066, 0.006), mesh_size=0.012)

@@ -21,7 +21,8 @@ def block(x: float = 0.0, size: float = 10.0) -> occ.TopoDS_Shape:
 
 def device(path: Path, scale: float = 1e-3, position: tuple[float, float, float] = (0, 0, 0)) -> Device:
     part = Part(StepFile(path, scale), Placement(np.array(position, dtype=float)))
-    return Device("d", "d", coils=(), bodies=(Body("part", "iron", (part,), 0.005),), source=Path("d.toml"))
+    body = Body("part", "iron", (part,), 0.005)
+    return Device.unchecked(name="d", coils=(), bodies=(body,), source=Path("d.toml"))
 
 
 @pytest.fixture

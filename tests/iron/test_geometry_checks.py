@@ -19,7 +19,7 @@ def body(name: str, shape, x: float = 0, y: float = 0, z: float = 0, rotation=No
 
 
 def device(*bodies: Body) -> Device:
-    return Device("d", "test device", coils=(), bodies=bodies, source=Path("d.toml"))
+    return Device.unchecked(name="d", title="", coils=(), bodies=bodies, source=Path("d.toml"))
 
 
 def problems(*bodies: Body) -> tuple[Problem, ...]:
@@ -236,5 +236,7 @@ def test_all_problems_come_in_one_error():
 
 def test_a_device_without_a_file_is_called_by_its_name():
     with pytest.raises(GeometryError) as caught:
-        check_geometry(Device("made in code", "", coils=(), bodies=(body("a", CUBE), body("b", CUBE, 1))))
+        check_geometry(
+            Device.unchecked(name="made in code", coils=(), bodies=(body("a", CUBE), body("b", CUBE, 1)))
+        )
     assert named(caught.value.problems[0]) == ["made in code", "a", "b"]

@@ -55,7 +55,7 @@ def problems(device: Device) -> tuple[Problem, ...]:
 
 
 def device(coils=(), bodies=(), workspace=None) -> Device:
-    return Device("d", "d", coils, bodies, workspace=workspace, source=Path("d.toml"))
+    return Device.unchecked(name="d", coils=coils, bodies=bodies, workspace=workspace, source=Path("d.toml"))
 
 
 # ---- windings ----
@@ -194,7 +194,7 @@ def test_neighbouring_rounded_square_coils_clear_each_other_by_their_corners(dri
 def test_windings_of_the_drive_unit_made_too_wide_are_all_named(drive_unit):
     # Two millimetres more outside and inside: every coil cuts its core and both its neighbours.
     wide = tuple(replace(coil, thickness=0.014) for coil in drive_unit.coils)
-    found = [problem.where for problem in problems(replace(drive_unit, coils=wide))]
+    found = [problem.where for problem in problems(device(wide, drive_unit.bodies))]
     assert sum("body 'core" in where for where in found) == 6
     assert sum("winding '" in where.split(" and ")[1] for where in found) == 6
     assert len(found) == 12

@@ -87,7 +87,13 @@ def test_coils_alone_and_solutions_read_back():
     assert unit.as_magpylib([2.0]).getB(POINTS) == pytest.approx(
         unit.field(POINTS, [2.0]), rel=1e-6, abs=1e-12
     )
-    core = Device("d", "", alone.coils, device(None).bodies[:1], {"iron": LinearMaterial("iron", 2.0)})
+    core = Device(
+        "d",
+        "",
+        alone.coils,
+        device(LinearMaterial("iron", 2.0)).bodies[:1],
+        {"iron": LinearMaterial("iron", 2.0)},
+    )
     stored = from_arrays(core, *to_arrays(fm.solve_linear(core)))
     with pytest.raises(InputError) as caught:
         stored.as_magpylib([1.0])

@@ -27,7 +27,12 @@ from fieldmap.iron import NonlinearSolver
 AIR = np.array([[0.0, 0.002, -0.006], [0.012, 0.0, 0.02]])
 INSIDE = np.array([[0.0, 0.001, 0.013]])
 STEEL = BHTable(
-    "iron", np.array([200.0, 1000.0, 1e4, 1e5]), np.array([0.7, 1.4, 1.8, 2.2]), "line", "mu0", 2785.0
+    "iron",
+    np.array([200.0, 1000.0, 1e4, 1e5]),
+    np.array([0.7, 1.4, 1.8, 2.2]),
+    "straight line to the origin",
+    "slope mu0",
+    2785.0,
 )
 
 

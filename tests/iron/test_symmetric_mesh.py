@@ -21,7 +21,7 @@ def body(shape, at=(0.0, 0.0, 0.0), size=0.01, turned=0.0, name="b", edge=None):
 
 
 def device(*bodies):
-    return Device("d", "", (), bodies, IRON)
+    return Device.unchecked(name="d", coils=(), bodies=bodies, materials=IRON)
 
 
 def plate_with_posts(count, turned=0.0, edge=None):

@@ -48,7 +48,7 @@ def body(*parts, material="iron", name="b", size=0.005):
 
 
 def device(*bodies, coils=()):
-    return Device("d", "", tuple(coils), tuple(bodies), MATERIALS)
+    return Device.unchecked(name="d", coils=tuple(coils), bodies=tuple(bodies), materials=MATERIALS)
 
 
 def ring_of(count, radius, shape=None, start=0.0):
@@ -201,7 +201,7 @@ def test_remanence_is_an_axial_vector():
         body((Box((0.01, 0.02, 0.03)), Placement(np.array([x, 0, 0]))), material=m, name=m)
         for x, m in ((0.02, "up"), (-0.02, "down"))
     ]
-    group = find_symmetry(Device("d", "", (), tuple(blocks), magnets))
+    group = find_symmetry(Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
     assert group.order == 8
     # Kept: what exchanges the blocks and turns a moment along z over, and what does neither.
     kept = {str(operation) for operation in group.operations if operation.keeps_magnets}

@@ -5,15 +5,16 @@ Both stand in one module of `fieldmap.device.coils`; nothing else names them. Th
 (`Coil.winding`) is all that field, forces, inductance, solids, symmetry and drawings ask for.
 """
 
-from abc import ABC, abstractmethod
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, ValidationInfo
 
 from fieldmap.device.coils.winding import WindingPath
-from fieldmap.device.placement import Placement, PlacementKeys
+from fieldmap.device.placement import Movable, Placement, PlacementKeys
 from fieldmap.inputs.tables import MILLI, Length, Positive, broken, text_like
-from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # A coil's name becomes part of a record name in the map file: letters, digits and underscores only.
@@ -27,7 +28,7 @@ CoilName = Annotated[
 ]
 
 
-class Coil(Record, ABC):
+class Coil(Movable):
     """A coil: axis along local z, winding centred at the local origin, rectangular winding section.
 
     Positive current runs counter-clockwise seen from local +z at polarity 1. height: length of the winding along its
@@ -44,6 +45,17 @@ class Coil(Record, ABC):
     placement: Placement
     resistance: float | None
     inductance: float | None
+
+    def reflected(self, axis: int) -> Self:
+        """The winding seen in a mirror across local axis 0 or 1; the same where it is symmetric."""
+        return self
+
+    def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Self:
+        coil = self if mirror_axis is None else self.reflected(mirror_axis)
+        return replace(coil, placement=change(coil.placement))  # type: ignore[type-var]
+
+    def _pattern(self) -> str:
+        return self.name if "{k}" in self.name else self.name + "_{k}"
 
     @abstractmethod
     def winding(self) -> WindingPath:

@@ -1,6 +1,6 @@
 """Coils wound along a closed plane path of straight pieces with rounded corners."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ from fieldmap.device.coils.base import Coil, RoundedKeys, require_room_for_the_w
 from fieldmap.device.coils.winding import WindingPath, rounded_path
 from fieldmap.device.dimensions import SimplePolygon
 from fieldmap.device.placement import Placement
-from fieldmap.device.polygons import rounding_fault, signed_area
+from fieldmap.device.polygons import reflected_polygon, rounding_fault, signed_area
 from fieldmap.inputs.tables import MILLI, Length, broken, read_only
 from fieldmap.typing import Array
 
@@ -32,6 +32,10 @@ class PathCoil(Coil):
     placement: Placement = field(default_factory=Placement)
     resistance: float | None = None
     inductance: float | None = None
+
+    def reflected(self, axis: int) -> "PathCoil":
+        """See `Coil.reflected`: the corners mirrored, counter-clockwise as before."""
+        return replace(self, corners=read_only(reflected_polygon(self.corners.tolist(), axis)))
 
     def winding(self) -> WindingPath:
         """An arc at every corner, bars between them."""

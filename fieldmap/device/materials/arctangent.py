@@ -1,5 +1,6 @@
 """The arctangent law."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -37,6 +38,8 @@ class Arctangent(TwoConstantLaw):
 
 class ArctangentKeys(MaterialKeys):
     """Arctangent law, which saturates more sharply."""
+
+    attributes: ClassVar[Mapping[str, str]] = {"saturation_polarisation_T": "saturation"}
 
     material: ClassVar[type[Material]] = Arctangent
     rank: ClassVar[int] = 30

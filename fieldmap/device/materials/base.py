@@ -5,7 +5,7 @@ its [material.NAME] table, derived from `MaterialKeys`. Both stand in one module
 else names them. In formulas h = mu0 H and b are both in tesla, J = b - h is the polarisation.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, get_args
@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import PydanticCustomError
 
+from fieldmap.device.made import Made
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.tables import Table
 from fieldmap.records import Record
@@ -46,7 +47,7 @@ class LawPoints(Record):
     slope: Array
 
 
-class Material(Record, ABC):
+class Material(Made):
     """What a body is made of.
 
     role: how the models take it. "iron" may be given another constant permeability; a "magnet" keeps its own; a

@@ -1,5 +1,6 @@
 """Measured B-H curves: a table in the device file, or in a material file that it names."""
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
@@ -26,6 +27,7 @@ SMALLEST_SLOPE = 0.99 * mu_0
 # Device files keep to the slope of free space. The solver bears less: formulas in B, such as the law of
 # tests/reference/axisymmetric_saturated.csv, dip to 0.62 of it.
 _SMALLEST_SLOPE_OF_A_LAW = 0.5 * mu_0
+STRAIGHT_LINE = "straight line to the origin"
 TOWARDS_SATURATION = "towards saturation"
 
 
@@ -33,9 +35,10 @@ TOWARDS_SATURATION = "towards saturation"
 class BHTable(SaturatingMaterial):
     """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
 
-    below: law from the origin to the first point ("straight line to the origin" is the only one so far);
-    above: law past the last point: "slope mu0" (saturated), or "towards saturation": the polarisation B - mu0 H goes
-    on rising to `saturation`, T. Both are named assumptions, printed with results.
+    initial_mu_r: that of the first point if left out. below: law from the origin to the first point ("straight line to
+    the origin" is the only one so far); above: law past the last point: "slope mu0" (saturated), or "towards
+    saturation": the polarisation B - mu0 H goes on rising to `saturation`, T. Both are named assumptions, printed with
+    results.
     """
 
     name: str
@@ -43,8 +46,13 @@ class BHTable(SaturatingMaterial):
     b: Array
     below: str
     above: str
-    initial_mu_r: float
+    initial_mu_r: float = 0.0
     saturation: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.initial_mu_r == 0.0:
+            with contextlib.suppress(TypeError, ValueError, IndexError, ZeroDivisionError):
+                object.__setattr__(self, "initial_mu_r", float(self.b[0] / (mu_0 * self.h[0])))
 
     @property
     def initial_slope(self) -> str:  # type: ignore[override]
@@ -170,6 +178,11 @@ class CurveKeys(Table):
             _require_slope(h, value)
         return value
 
+    def law(self, name: str, above: str, saturation: float | None) -> BHTable:
+        """The curve with a straight line to the origin below it, and a law past its last point."""
+        h, b = read_only(self.H_A_per_m), read_only(self.B_T)
+        return BHTable(name, h, b, STRAIGHT_LINE, above, saturation=saturation)
+
 
 def _require_increasing(key: str, values: list[float]) -> None:
     steps = np.flatnonzero(np.diff(values) <= 0)
@@ -264,6 +277,12 @@ def require_room_to_saturate(h: list[float], b: list[float], saturation: float) 
 
 class BHTableKeys(_ExtensionKeys, CurveKeys):
     """B-H table in the device file."""
+
+    attributes: ClassVar[Mapping[str, str]] = {
+        "H_A_per_m": "h",
+        "B_T": "b",
+        "saturation_polarisation_T": "saturation",
+    }
 
     material: ClassVar[type[Material]] = BHTable
     rank: ClassVar[int] = 10

@@ -1,5 +1,6 @@
 """The law of Froehlich and Kennelly."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -36,6 +37,8 @@ class Froehlich(TwoConstantLaw):
 
 class FroehlichKeys(MaterialKeys):
     """Froehlich-Kennelly law."""
+
+    attributes: ClassVar[Mapping[str, str]] = {"saturation_polarisation_T": "saturation"}
 
     material: ClassVar[type[Material]] = Froehlich
     rank: ClassVar[int] = 20

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
-from fieldmap.device import model
+from fieldmap.device import parts as model
 from fieldmap.device.placement import PlacementKeys
 from fieldmap.device.schema.shapes import (
     BoxKeys,
@@ -70,6 +70,16 @@ class RevolvedProfilePart(PartKeys, RevolvedProfileKeys):
 class StepFilePart(PartKeys, StepFileKeys):
     """Solids of a STEP file."""
 
+
+SHAPE_KEYS: dict[type[model.Shape], type[Table]] = {
+    model.Cylinder: CylinderKeys,
+    model.Ring: RingKeys,
+    model.Box: BoxKeys,
+    model.Sphere: SphereKeys,
+    model.ExtrudedPolygon: ExtrudedPolygonKeys,
+    model.RevolvedProfile: RevolvedProfileKeys,
+    model.StepFile: StepFileKeys,
+}
 
 AnyPart = Annotated[
     Annotated[CylinderPart, Tag("cylinder")]

@@ -1,12 +1,11 @@
 """What is levitated, [payload], and what drives the coils, [driver]."""
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, field_validator
 from scipy.constants import mu_0
 
-from fieldmap.device import model
+from fieldmap.device import parts as model
 from fieldmap.inputs.tables import (
     MILLI,
     Coordinate,
@@ -32,10 +31,6 @@ class MagnetCylinderKeys(Table):
     height_mm: Length = Field(description="height")
     remanence_T: Positive = Field(description="remanence")
 
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 4 * (self.diameter_mm * MILLI) ** 2 * self.height_mm * MILLI
-
     def to_model(self) -> model.MagnetCylinder:
         """In SI."""
         return model.MagnetCylinder(self.diameter_mm * MILLI, self.height_mm * MILLI, self.remanence_T)
@@ -47,10 +42,6 @@ class MagnetSphereKeys(Table):
     shape: Literal["sphere"] = Field(description="uniformly magnetised sphere")
     diameter_mm: Length = Field(description="diameter")
     remanence_T: Positive = Field(description="remanence")
-
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * (self.diameter_mm * MILLI) ** 3
 
     def to_model(self) -> model.MagnetSphere:
         """In SI."""
@@ -64,15 +55,17 @@ class MagnetBlockKeys(Table):
     size_mm: Size = Field(description="[x, y, z] edge lengths")
     remanence_T: Positive = Field(description="remanence")
 
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.prod(edge * MILLI for edge in self.size_mm)
-
     def to_model(self) -> model.MagnetBlock:
         """In SI."""
         x, y, z = (edge * MILLI for edge in self.size_mm)
         return model.MagnetBlock((x, y, z), self.remanence_T)
 
+
+MAGNET_KEYS: dict[type, type[Table]] = {
+    model.MagnetCylinder: MagnetCylinderKeys,
+    model.MagnetSphere: MagnetSphereKeys,
+    model.MagnetBlock: MagnetBlockKeys,
+}
 
 AnyMagnet = Annotated[
     Annotated[MagnetCylinderKeys, Tag("cylinder")]
@@ -127,8 +120,8 @@ class PayloadWithMagnet(_PayloadKeys):
 
     def to_model(self) -> model.Payload:
         """In SI."""
-        moment = self.magnet.volume() * self.magnet.remanence_T / mu_0
-        return self._payload(moment, self.magnet.to_model())
+        magnet = self.magnet.to_model()
+        return self._payload(magnet.volume * magnet.remanence / mu_0, magnet)
 
 
 class PayloadWithMoment(_PayloadKeys):

@@ -3,12 +3,13 @@
 Local frame of every shape: axis along z, base in the plane z = 0, centred in x and y (a sphere: centred).
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fieldmap.device import model
+from fieldmap.device import parts as model
 from fieldmap.device.dimensions import (
     Polygon,
     SimplePolygon,
@@ -111,6 +112,8 @@ class RevolvedProfileKeys(Table):
 
 class StepFileKeys(Table):
     """Solids from a CAD program."""
+
+    attributes: ClassVar[Mapping[str, str]] = {"file": "path", "unit_mm": "scale"}
 
     shape: Literal["step_file"] = Field(description="solids of a STEP file")
     file: Text = Field(description="path of the STEP file, relative to the device file")

@@ -1,10 +1,11 @@
 """Where the payload may go, [workspace], and known values to hold results against, [[reference]]."""
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
-from fieldmap.device import model
+from fieldmap.device import parts as model
 from fieldmap.inputs.tables import (
     MILLI,
     Length,
@@ -132,6 +133,8 @@ AnyReference = Annotated[
 
 class SectionKeys(Table):
     """What a plane cuts out of iron."""
+
+    attributes: ClassVar[Mapping[str, str]] = {"centre_mm": "origin"}
 
     name: Name = Field(description="the section's name, its own among the sections")
     centre_mm: Point = Field(description="[x, y, z] of a point of the plane")

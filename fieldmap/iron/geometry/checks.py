@@ -142,7 +142,8 @@ def check_geometry(device: Device) -> None:
     >>> import fieldmap.device.model as model
     >>> part = model.Part(model.Sphere(0.01))
     >>> twins = tuple(model.Body(name, "iron", (part,), mesh_size=0.005) for name in ("a", "b"))
-    >>> check_geometry(model.Device("twins", "Two spheres in one place", coils=(), bodies=twins))
+    >>> iron = {"iron": model.LinearMaterial("iron", 1000.0)}
+    >>> check_geometry(model.Device("twins", "Two spheres in one place", (), twins, iron))
     Traceback (most recent call last):
     fieldmap.errors.GeometryError: device 'twins': body 'a' and body 'b': bodies may touch but not ...
     """

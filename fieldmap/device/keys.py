@@ -1,0 +1,389 @@
+"""A machine made in Python as the data of a device file, and what is wrong with it.
+
+The rules are those of files: the data are checked by the schema and the rules between tables, and each finding is told
+at the path of the attribute.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from pydantic import BaseModel
+
+from fieldmap.device import parts as model
+from fieldmap.device.coils import Coil, coil_choices
+from fieldmap.device.cross_checks import cross_findings
+from fieldmap.device.materials import Material, MaterialKeys, material_choices
+from fieldmap.device.placement import Placement, in_unit, rotation_angles
+from fieldmap.device.schema import DeviceFile
+from fieldmap.device.schema.bodies import SHAPE_KEYS, BodyKeys
+from fieldmap.device.schema.payload import MAGNET_KEYS, DriverKeys, PayloadWithMagnet, PayloadWithMoment
+from fieldmap.device.schema.workspace import (
+    FluxDensityReference,
+    GradientReference,
+    SectionKeys,
+    WorkspaceBoxKeys,
+    WorkspaceCylinderKeys,
+)
+from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.document import schema_findings
+from fieldmap.inputs.explain import REQUIRED
+from fieldmap.inputs.findings import Finding, shown
+from fieldmap.inputs.key_paths import Location, dotted, value_at
+from fieldmap.inputs.tables import Table
+from fieldmap.typing import Array
+
+_UNITS = {
+    "mm": 1e-3,
+    "g": 1e-3,
+    "mH": 1e-3,
+    "g_mm2": 1e-9,
+    **dict.fromkeys(("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "N_s_per_m"), 1.0),
+}
+_UNIT = re.compile(r"^(.+?)_(" + "|".join(sorted(_UNITS, key=len, reverse=True)) + ")$")
+_KEY_IN_TEXT = re.compile(r"\b([a-z]\w*?)_(mm|g_mm2|g|mH)\b((?:/2)? = [-\d.e+]+)?")
+_BOUND = re.compile(r"^must be (greater than|at least|less than|at most) [-\d.e+]+$")
+_ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
+_WORKSPACES: dict[type, type[Table]] = {
+    model.WorkspaceBox: WorkspaceBoxKeys,
+    model.WorkspaceCylinder: WorkspaceCylinderKeys,
+}
+
+
+@dataclass
+class DeviceData:
+    """Data of a device file, and where they come from: paths of attributes by location. findings: what cannot be
+    written as data at all. unwritten: coils and materials of classes that have no keys."""
+
+    data: dict[str, Any] = field(default_factory=dict)
+    paths: dict[Location, str] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    unwritten: list[str] = field(default_factory=list)
+
+    def refuse(self, location: Location, path: str, must_hold: str, value: object) -> None:
+        """A value of a type that the data of a file cannot hold."""
+        self.paths[location] = path
+        received = shown(value) if isinstance(value, str | bool | int | float) else type(value).__name__
+        self.findings.append(Finding(location, must_hold, received, "see help(fieldmap.Device)"))
+
+    def table(self, thing: object, keys: type[BaseModel], location: Location, path: str) -> dict[str, Any]:
+        """The keys of a thing: each is the attribute of its name, in its unit."""
+        data: dict[str, Any] = {}
+        for key, about in keys.model_fields.items():
+            fixed = get_args(about.annotation) if key in ("kind", "shape") else ()
+            attribute, unit = attribute_of(keys, key)
+            if fixed:
+                data[key] = fixed[0]
+            elif hasattr(thing, attribute):
+                self.paths[(*location, key)] = f"{path}.{attribute}"
+                value = _in_unit(getattr(thing, attribute), unit)
+                if value is not None and (type(value), value) != (type(about.default), about.default):
+                    data[key] = value
+        return data
+
+    def placement(self, place: object, location: Location, path: str) -> dict[str, Any]:
+        """position_mm and rotation_deg."""
+        if not isinstance(place, Placement):
+            self.refuse((*location, "position_mm"), path, "must be a Placement", place)
+            return {}
+        self.paths[(*location, "position_mm")] = f"{path}.position"
+        self.paths[(*location, "rotation_deg")] = f"{path}.rotation"
+        position = _in_unit(place.position, 1e-3)
+        data = {} if position == [0.0, 0.0, 0.0] else {"position_mm": position}
+        rotation = _matrix(place.rotation)
+        if rotation is None:
+            received = shown(np.asarray(place.rotation, dtype=object).tolist())
+            remedy = "use fieldmap.placed(position, rotation_deg), or turned(axis, angle_deg)"
+            self.findings.append(Finding((*location, "rotation_deg"), _ROTATION, received, remedy))
+        elif not np.array_equal(rotation, np.eye(3)):
+            data["rotation_deg"] = rotation_angles(rotation)
+        return data
+
+
+def attribute_of(keys: type[BaseModel], key: str) -> tuple[str, float]:
+    """The attribute that a key becomes, and the SI value of its unit.
+
+    >>> attribute_of(DriverKeys, "gain_A_per_V"), attribute_of(SectionKeys, "centre_mm")
+    (('gain', 1.0), ('origin', 0.001))
+    """
+    found = _UNIT.match(key)
+    plain, unit = (found[1], _UNITS[found[2]]) if found else (key, 1.0)
+    attributes: Mapping[str, str] = getattr(keys, "attributes", {})
+    return attributes.get(key, plain), unit
+
+
+def device_data(device: Any, whole: bool = True) -> DeviceData:
+    """The data of a device, whatever its values are. whole: with what a file says about the machine, too: sections,
+    known values and where numbers come from."""
+    made = DeviceData(paths={(key,): f"{key}s" for key in ("coil", "section", "reference", "material")})
+    made.paths |= {("body",): "bodies", ("title",): "title", ("name",): "name"}
+    title = device.name if device.title == "" and isinstance(device.name, str) else device.title
+    made.data = {"format": 1, "name": device.name, "title": title}
+    _materials(made, device.materials)
+    tables = [_body(made, body, k) for k, body in enumerate(device.bodies)]
+    made.data |= {"body": tables} if tables else {}
+    _coils(made, device.coils)
+    if device.payload is not None:
+        made.data["payload"] = _payload(made, device.payload)
+    singles: tuple[tuple[str, object, Mapping[type, type[Table]]], ...] = (
+        ("driver", device.driver, {model.Driver: DriverKeys}),
+        ("workspace", device.workspace, _WORKSPACES),
+    )
+    for key, thing, kinds in singles:
+        if thing is not None:
+            made.data[key] = _of_kind(made, thing, kinds, (key,), key)
+    if whole:
+        _sections_and_references(made, device)
+    if whole and device.provenance:
+        made.data["provenance"] = dict(device.provenance)
+        made.paths[("provenance",)] = "provenance"
+    return made
+
+
+def _of_kind(
+    made: DeviceData, thing: object, kinds: Mapping[type, type[Table]], location: Location, path: str
+) -> dict[str, Any]:
+    """The table of a thing that is of one of several classes."""
+    keys = kinds.get(type(thing))
+    made.paths[location] = path
+    if keys is None:
+        made.refuse(location, path, f"must be one of {', '.join(kind.__name__ for kind in kinds)}", thing)
+        return {}
+    return made.table(thing, keys, location, path)
+
+
+def _materials(made: DeviceData, materials: Mapping[str, Material]) -> None:
+    tables: dict[str, Any] = {}
+    for name, material in materials.items():
+        location, path = ("material", name), f"materials[{name!r}]"
+        if not isinstance(material, Material):
+            made.refuse(
+                location, path, f"must be fieldmap.material(...) or one of {_classes(Material)}", material
+            )
+            continue
+        keys = _keys_of_material(material)
+        if keys is None:
+            made.unwritten.append(name)
+            tables[str(name)] = {"kind": "linear", "mu_r": 1.0}
+            continue
+        tables[name] = made.table(material, keys, location, path)
+    made.data |= {"material": tables} if tables else {}
+
+
+def _classes(base: type) -> str:
+    """The classes that one can make objects of."""
+    found, waiting = [], [base]
+    while waiting:
+        cls = waiting.pop()
+        waiting += cls.__subclasses__()
+        if cls.__module__.startswith("fieldmap.") and not getattr(cls, "__abstractmethods__", ()):
+            found.append(cls.__name__)
+    return ", ".join(sorted(found))
+
+
+def _keys_of_material(material: Material) -> type[MaterialKeys] | None:
+    of_class = [keys for keys in material_choices() if keys.material is type(material)]
+    return next((keys for keys in of_class if "file" not in keys.model_fields), None)
+
+
+def _body(made: DeviceData, body: object, k: int) -> dict[str, Any]:
+    location: Location = ("body", k)
+    path = f"bodies[{k}]"
+    made.paths[location] = path
+    if not isinstance(body, model.Body):
+        made.refuse(location, path, "must be a Body", body)
+        return {}
+    own = made.table(body, BodyKeys, location, path)
+    parts = body.parts
+    single = len(parts) == 1 and isinstance(parts[0], model.Part) and parts[0].operation == "add"
+    if single:
+        return own | _part(made, parts[0], location, f"{path}.parts[0]")
+    made.paths[(*location, "part")] = f"{path}.parts"
+    tables = []
+    for i, part in enumerate(parts):
+        place: Location = (*location, "part", i)
+        if not isinstance(part, model.Part):
+            made.refuse(place, f"{path}.parts[{i}]", f"must be a Part or one of {_SHAPES}", part)
+            continue
+        made.paths[(*place, "operation")] = f"{path}.parts[{i}].operation"
+        how = {} if part.operation == "add" else {"operation": part.operation}
+        tables.append(how | _part(made, part, place, f"{path}.parts[{i}]"))
+    return own | {"part": tables}
+
+
+_SHAPES = ", ".join(shape.__name__ for shape in SHAPE_KEYS)
+
+
+def _part(made: DeviceData, part: model.Part, location: Location, path: str) -> dict[str, Any]:
+    keys = SHAPE_KEYS.get(type(part.shape))
+    if keys is None:
+        made.refuse((*location, "shape"), f"{path}.shape", f"must be one of {_SHAPES}", part.shape)
+        return {}
+    shape = made.table(part.shape, keys, location, f"{path}.shape")
+    return shape | made.placement(part.placement, location, f"{path}.placement")
+
+
+def _coils(made: DeviceData, coils: Sequence[Coil]) -> None:
+    tables: list[dict[str, Any]] = []
+    for k, coil in enumerate(coils):
+        location, path = ("coil", len(tables)), f"coils[{k}]"
+        made.paths[location] = path
+        if not isinstance(coil, Coil):
+            made.refuse(location, path, f"must be one of {_classes(Coil)}", coil)
+            continue
+        keys = coil_choices().get(getattr(coil, "kind", ""))
+        if keys is None:
+            made.unwritten.append(coil.name)
+            continue
+        table = made.table(coil, keys, location, path)
+        tables.append(table | made.placement(coil.placement, location, f"{path}.placement"))
+    made.data |= {"coil": tables} if tables else {}
+
+
+def _payload(made: DeviceData, payload: object) -> dict[str, Any]:
+    made.paths[("payload",)] = "payload"
+    if not isinstance(payload, model.Payload):
+        made.refuse(("payload",), "payload", "must be a Payload", payload)
+        return {}
+    if payload.magnet is None:
+        return made.table(payload, PayloadWithMoment, ("payload",), "payload")
+    table = made.table(payload, PayloadWithMagnet, ("payload",), "payload")
+    table["magnet"] = _of_kind(made, payload.magnet, MAGNET_KEYS, ("payload", "magnet"), "payload.magnet")
+    try:
+        moment = model.Payload(mass=1.0, magnet=payload.magnet).moment
+        agree = abs(payload.moment - moment) <= 1e-9 * abs(moment)
+    except (TypeError, ValueError, AttributeError):
+        return table  # told at the magnet
+    if not agree:
+        must_hold = f"must be that of the magnet, {moment:.6g}: volume times remanence over mu0"
+        place: Location = ("payload", "moment_A_m2")
+        made.paths[place] = "payload.moment"
+        remedy = "leave the moment out, or the magnet"
+        made.findings.append(Finding(place, must_hold, shown(payload.moment), remedy))
+    return table
+
+
+def _sections_and_references(made: DeviceData, device: Any) -> None:
+    kinds: dict[str, Any] = {"section": {model.Section: SectionKeys}}
+    for key, things in (("section", device.sections), ("reference", device.references)):
+        tables = []
+        for k, thing in enumerate(things):
+            if key == "reference":
+                gradient = str(getattr(thing, "quantity", "")).startswith("d")
+                kinds[key] = {model.Reference: GradientReference if gradient else FluxDensityReference}
+            table = _of_kind(made, thing, kinds[key], (key, k), f"{key}s[{k}]")
+            if key == "reference" and isinstance(thing, model.Reference):
+                table["quantity"] = thing.quantity
+                made.paths[(key, k, "quantity")] = f"references[{k}].quantity"
+            tables.append(table)
+        made.data |= {key: tables} if tables else {}
+
+
+# ---- values ----
+
+
+def _in_unit(value: Any, unit: float) -> Any:
+    """A value in the unit of its key, as plain data; what is no number stays as it is."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_in_unit(one, unit) for one in value]
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, int | float) and not isinstance(value, bool) and unit != 1.0:
+        try:
+            number = float(value)
+        except OverflowError:
+            return float("inf")
+        return in_unit(number, unit) if np.isfinite(number) else number
+    return value
+
+
+def _matrix(rotation: Any) -> Array | None:
+    """A rotation matrix; None for anything else."""
+    try:
+        matrix = np.asarray(rotation, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or np.abs(matrix).max() > 2.0:
+        return None
+    orthonormal = np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-9
+    return matrix if orthonormal and np.linalg.det(matrix) > 0.0 else None
+
+
+# ---- what is wrong ----
+
+
+def checked_data(device: Any) -> DeviceData:
+    """The data of a device. Raises InputError with one Problem for everything that is wrong with it."""
+    # Of a device that was read, and of which some parts were replaced, the text speaks of those that it had.
+    read = bool(device.text)
+    made = device_data(device, whole=not read)
+    findings = list(made.findings)
+    if not findings:
+        findings = schema_findings(DeviceFile, made.data)
+        missing = {dotted(made.data, one.location) for one in findings if one.must_hold == REQUIRED}
+        findings += [
+            one
+            for one in cross_findings(made.data, Path(), missing)
+            if not (made.unwritten and one.location in ((), ("reference",)))
+            and not (read and not device.materials and one.location[-1:] == ("material",))
+        ]
+    if findings:
+        raise InputError(*(_problem(made, finding) for finding in findings))
+    return made
+
+
+def _problem(made: DeviceData, finding: Finding) -> Problem:
+    location = finding.location
+    path, unit = _attribute_path(made, location), ""
+    where = f'Device "{made.data["name"]}"'
+    if len(location) > 1 and location[0] in ("body", "coil", "section", "material"):
+        name = value_at(made.data, (*location[:2], "name")) if location[0] != "material" else location[1]
+        where += f', {location[0]} "{name}"' if isinstance(name, str) else ""
+    keys = [step for step in location if isinstance(step, str)]
+    if keys and (found := _UNIT.match(keys[-1])) and _UNITS[found[2]] != 1.0:
+        unit = " " + found[2].replace("g_mm2", "g mm^2")
+    if location and location[0] == "provenance":  # about keys of the text
+        return Problem(f"{where}: {path}", finding.must_hold, finding.received, finding.remedy)
+    number = re.fullmatch(r"-?\d[\d.e+-]*", finding.received)
+    return Problem(
+        f"{where}: {path}" if path else where,
+        _in_code(finding.must_hold) + (unit if _BOUND.match(finding.must_hold) else ""),
+        _in_code(finding.received) + (unit if number else ""),
+        _in_code(finding.remedy).replace(
+            "its unit is the last part of the key",
+            "lengths are in m, masses in kg, all else in SI units as well",
+        ),
+    )
+
+
+def _in_code(text: str) -> str:
+    """A text about keys, for attributes: numbers in the unit of the key keep it."""
+
+    def attribute(found: re.Match[str]) -> str:
+        unit = found[2].replace("g_mm2", "g mm^2")
+        return f"{found[1]}{found[3]} {unit}" if found[3] else found[1]
+
+    return _KEY_IN_TEXT.sub(attribute, text)
+
+
+def _attribute_path(made: DeviceData, location: Location) -> str:
+    for length in range(len(location), 0, -1):
+        if location[:length] in made.paths:
+            path, rest = made.paths[location[:length]], location[length:]
+            break
+    else:
+        path, rest = "", location
+    for step in rest:
+        if isinstance(step, int):
+            path += f"[{step}]"
+        elif path == "provenance":
+            path += f"[{step!r}]"
+        else:
+            attribute = attribute_of(Table, step)[0]
+            path += f".{attribute}" if path else attribute
+    return path

@@ -1,0 +1,296 @@
+"""What a machine is made of: frozen data, SI units, right-handed frame with z up.
+
+Coils and materials have folders of their own, `fieldmap.device.coils` and `fieldmap.device.materials`. Values are
+checked when a `Device` is made of the parts.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.constants import mu_0
+
+from fieldmap.device.made import Made
+from fieldmap.device.placement import Movable, Placement
+from fieldmap.device.polygons import reflected_polygon
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import Bounds
+from fieldmap.inputs.tables import read_only
+from fieldmap.typing import Array
+
+# ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
+
+
+@dataclass(frozen=True, repr=False)
+class Cylinder(Made):
+    """Solid cylinder, 0 <= z <= height."""
+
+    radius: float
+    height: float
+
+
+@dataclass(frozen=True, repr=False)
+class Ring(Made):
+    """Hollow cylinder, 0 <= z <= height."""
+
+    inner_radius: float
+    outer_radius: float
+    height: float
+
+
+@dataclass(frozen=True, repr=False)
+class Box(Made):
+    """|x| <= size[0]/2, |y| <= size[1]/2, 0 <= z <= size[2]."""
+
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True, repr=False)
+class Sphere(Made):
+    """Centred at the local origin (not on the plane z = 0)."""
+
+    radius: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExtrudedPolygon(Made):
+    """Simple polygon `points` (n, 2) in the x-y plane, extruded over 0 <= z <= height."""
+
+    points: Array
+    height: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RevolvedProfile(Made):
+    """Simple polygon `points` (n, 2) of (r, z), r >= 0, turned fully about the local z axis."""
+
+    points: Array
+
+
+@dataclass(frozen=True, repr=False)
+class StepFile(Made):
+    """Solid(s) of a STEP file; `scale` turns the file's length unit into metres."""
+
+    path: Path
+    scale: float = 1e-3
+
+
+Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile
+SHAPES = (Cylinder, Ring, Box, Sphere, ExtrudedPolygon, RevolvedProfile, StepFile)
+
+
+@dataclass(frozen=True, repr=False)
+class Part(Made):
+    """One shape of a body; `operation` is "add" or "cut", applied in order."""
+
+    shape: Shape
+    placement: Placement = field(default_factory=Placement)
+    operation: str = "add"
+
+
+@dataclass(frozen=True, repr=False)
+class Body(Movable, Made):
+    """A named piece of one material. Bodies that touch become one magnetic body.
+
+    parts: a shape, or shapes and `Part`s that are added and cut in this order. mesh_size: largest element edge, m.
+    edge_size: size of the first element layer at sharp edges, m, or None for no grading.
+
+    >>> core = Body("core {k}", "steel", Cylinder(0.01, 0.04), mesh_size=5e-3).moved([0.044, 0.0, 0.006])
+    >>> [one.name for one in core.around("z", 3)]
+    ['core 1', 'core 2', 'core 3']
+    """
+
+    name: str
+    material: str
+    parts: tuple[Part, ...]
+    mesh_size: float
+    edge_size: float | None = None
+
+    if TYPE_CHECKING:  # what may be given for the parts
+
+        def __init__(
+            self,
+            name: str,
+            material: str,
+            parts: "Shape | Part | Sequence[Shape | Part]",
+            mesh_size: float,
+            edge_size: float | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        given = self.parts if isinstance(self.parts, list | tuple) else (self.parts,)
+        parts = tuple(Part(one) if isinstance(one, SHAPES) else one for one in given)
+        object.__setattr__(self, "parts", parts)
+
+    def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> "Body":
+        parts = tuple(
+            replace(part, shape=_reflected(part.shape, mirror_axis), placement=change(part.placement))
+            for part in self.parts
+        )
+        return replace(self, parts=parts)
+
+    def _pattern(self) -> str:
+        return self.name if "{k}" in self.name else self.name + " {k}"
+
+
+def _reflected(shape: Shape, axis: int | None) -> Shape:
+    """The shape seen in a mirror across a local axis, 0 or 1; the same where it is symmetric."""
+    if axis is None:
+        return shape
+    if isinstance(shape, StepFile):
+        remedy = "make the mirrored solid in the program that wrote the file"
+        raise InputError(Problem("mirrored", "a shape that can be mirrored", "a STEP file", remedy))
+    if isinstance(shape, ExtrudedPolygon):
+        return replace(shape, points=read_only(reflected_polygon(shape.points.tolist(), axis)))
+    return shape
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Section(Made):
+    """What a plane cuts out of iron: origin (3,) in m, normal (3,) of any length; positive flux runs along it.
+
+    bodies: those that are cut, all if empty. half_widths (3,): only what lies within these distances, m, of the
+    origin along x, y and z; None for everything.
+    """
+
+    name: str
+    origin: Array
+    normal: Array
+    bodies: tuple[str, ...] = ()
+    half_widths: Array | None = None
+
+
+# ---- what is levitated, what drives it, where --------------------------------------------------------------
+
+
+@dataclass(frozen=True, repr=False)
+class MagnetCylinder(Made):
+    """Axially magnetised cylinder; remanence in T."""
+
+    diameter: float
+    height: float
+    remanence: float
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 4 * self.diameter**2 * self.height
+
+
+@dataclass(frozen=True, repr=False)
+class MagnetSphere(Made):
+    """Uniformly magnetised sphere; remanence in T."""
+
+    diameter: float
+    remanence: float
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * self.diameter**3
+
+
+@dataclass(frozen=True, repr=False)
+class MagnetBlock(Made):
+    """Block magnetised along its z edge; remanence in T."""
+
+    size: tuple[float, float, float]
+    remanence: float
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.prod(self.size)
+
+
+Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
+
+
+@dataclass(frozen=True, repr=False)
+class Payload(Made):
+    """What is levitated. moment: magnitude in A m^2; left out, volume times remanence over mu0 of the magnet.
+
+    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
+    printed with every result that uses it). inertia (3,) kg m^2 or None. drag: N s/m.
+    """
+
+    mass: float
+    moment: float = 0.0
+    magnet: Magnet | None = None
+    magnet_offset: float = 0.0
+    inertia: tuple[float, float, float] | None = None
+    drag: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.moment == 0.0 and isinstance(self.magnet, Magnet):
+            with contextlib.suppress(TypeError):  # no numbers: told when a device is made of it
+                moment = self.magnet.volume * self.magnet.remanence / mu_0
+                object.__setattr__(self, "moment", moment)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """That the magnet is a point, and where it sits."""
+        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm"
+        return (f"point dipole, {depth} below the point that the sensor reads",)
+
+
+@dataclass(frozen=True, repr=False)
+class Driver(Made):
+    """Current amplifier: gain in A/V, limits in A, supply limit in V."""
+
+    gain: float
+    current_limit: float
+    supply_voltage: float | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceBox(Made):
+    """Axis-parallel box, corners (3,) in m."""
+
+    lower: Array
+    upper: Array
+
+    @property
+    def bounds(self) -> Bounds:
+        """Its two corners, m."""
+        return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceCylinder(Made):
+    """Upright cylinder: centre of its lower face (3,), radius and height in m."""
+
+    base: Array
+    radius: float
+    height: float
+
+    @property
+    def bounds(self) -> Bounds:
+        """Corners of the axis-parallel box around it, m."""
+        base = np.asarray(self.base, dtype=float)
+        sideways = np.array([self.radius, self.radius, 0.0])
+        return base - sideways, base + sideways + [0.0, 0.0, self.height]
+
+
+Workspace = WorkspaceBox | WorkspaceCylinder
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reference(Made):
+    """A known value to hold results against: flux density component or gradient entry at a point.
+
+    quantity: "Bx", "By", "Bz" (T) or "dBx/dx" ... "dBz/dz" (T/m); currents (n_coils,) in A; mu_r: the iron's
+    relative permeability for which the value holds, or None; tolerance: relative, of the value itself.
+    """
+
+    quantity: str
+    at: Array
+    currents: Array
+    value: float
+    source: str
+    mu_r: float | None = None
+    tolerance: float | None = None
