@@ -1,19 +1,36 @@
 """Magnets in MuJoCo: bodies feel the wrench of a map's field at every step (pip install fieldmap[mujoco]).
 
 MuJoCo has one passive-force callback for the whole process; `MagnetForces` takes it while it is entered as a context.
+Where the map allows, the callback is compiled: MuJoCo calls it without Python. MuJoCo's structures differ from version
+to version, so where its data keeps an array is found by looking for the address that its Python binding tells.
 """
 
+import ctypes
 from collections.abc import Mapping
-from types import TracebackType
+from functools import cache
+from pathlib import Path
+from types import ModuleType, TracebackType
 from typing import Any
 
 import numpy as np
+from numba import cfunc, types
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
+from fieldmap.field import coil_currents
+from fieldmap.kernels.map.map_block import INSIDE
+from fieldmap.kernels.motion import mujoco_force as at
 from fieldmap.lookup import FieldMap, FiniteMagnet
+from fieldmap.lookup.evaluation import outside_error
 from fieldmap.typing import Array
+
+_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
+_LIBRARIES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
+# Bytes of MuJoCo's data in which its pointers are looked for; in version 3.17 they lie near 160 000.
+_DATA_SIZE = 1 << 20
+# Address of the task that the callback works on.
+_active = np.zeros(1, np.int64)
 
 
 class MagnetForces:
@@ -22,7 +39,12 @@ class MagnetForces:
     magnets: per body, by name, its moment (3,) in A m^2 in the body's frame, at the body's origin, or a `FiniteMagnet`
     with its centre there and magnetised along the body's z. currents (n_coils,), A: assign `currents` between steps,
     as a controller does. offset (3,), m: where the map's origin lies in the world. Axes of map and world are parallel,
-    units SI. Raises InputError for a body that does not exist, FieldmapError without MuJoCo.
+    units SI. mutual: magnets act on each other, dipole by dipole. Raises InputError for a body that does not exist,
+    FieldmapError without MuJoCo.
+
+    `compiled` says whether MuJoCo calls machine code; that is so unless the map is of saturating iron, or one that an
+    evaluator other than the compiled kernels answers. compiled=False asks for Python. Compiling takes some seconds,
+    once. A callback serves any number of data and threads of the model; `currents` are those of all of them.
 
     A magnet that leaves the box feels nothing from there on, and `check`, or the end of the context, raises the
     OutsideMapError: an exception cannot pass through MuJoCo. With outside="clamp" it feels the field of the edge.
@@ -41,10 +63,13 @@ class MagnetForces:
         magnets: Mapping[str, FiniteMagnet | ArrayLike],
         currents: ArrayLike,
         offset: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        mutual: bool = False,
+        compiled: bool = True,
     ) -> None:
         mujoco = require("mujoco", "mujoco", "MagnetForces")
         self._mujoco, self._field = mujoco, field
-        self.currents = np.array(currents, dtype=np.float64)
+        self._currents = np.array(coil_currents(currents, field.coil_names), dtype=np.float64)
         self._offset = np.array(offset, dtype=np.float64)
         self._bodies: list[tuple[int, FiniteMagnet | Array]] = []
         for name, magnet in magnets.items():
@@ -57,6 +82,31 @@ class MagnetForces:
             self._bodies.append((body, known))
         self._before: Any = None
         self._error: Exception | None = None
+        self._mutual, self._compiled = mutual, None
+        block = _kernel_block(field) if compiled else None
+        library = _library(mujoco)
+        if block is not None and library is not None:
+            self._compiled = _Compiled(mujoco, model, library, block, self)
+        elif mutual:
+            raise InputError(
+                Problem(
+                    "MagnetForces(mutual)", "needs the compiled callback", "one in Python", "leave it out"
+                )
+            )
+
+    @property
+    def currents(self) -> Array:
+        """Of the coils (n_coils,), A: assign to it, or to parts of it, between steps."""
+        return self._currents
+
+    @currents.setter
+    def currents(self, amperes: ArrayLike) -> None:
+        self._currents[:] = amperes
+
+    @property
+    def compiled(self) -> bool:
+        """Whether MuJoCo calls machine code."""
+        return self._compiled is not None
 
     def wrench(self, data: Any, body: int, magnet: FiniteMagnet | Array) -> Array:
         """Force and torque (6,) on a magnet about its body's origin, world frame."""
@@ -80,18 +130,121 @@ class MagnetForces:
 
     def check(self) -> None:
         """Raise what went wrong in the callback since it was entered, if anything did."""
+        if self._error is None and self._compiled is not None:
+            self._error = self._compiled.error(self._field)
         if self._error is not None:
             raise self._error
 
     def __enter__(self) -> "MagnetForces":
         self._error = None
         self._before = self._mujoco.get_mjcb_passive()
-        self._mujoco.set_mjcb_passive(self)
+        if self._compiled is None:
+            self._mujoco.set_mjcb_passive(self)
+        else:
+            self._compiled.begin()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._mujoco.set_mjcb_passive(self._before)
+        if self._compiled is not None:
+            self._compiled.end()
         if error is None:
             self.check()
+
+
+class _Compiled:
+    """The arrays of a task (fieldmap.kernels.motion.mujoco_force), and the callback that knows where they lie."""
+
+    def __init__(
+        self, mujoco: ModuleType, model: Any, library: ctypes.CDLL, block: Array, magnets: MagnetForces
+    ) -> None:
+        self._mujoco, self._model = mujoco, model
+        rows, dipoles = [], []
+        for body, magnet in magnets._bodies:
+            point = not isinstance(magnet, FiniteMagnet)
+            points = np.zeros((1, 3)) if point else magnet.points
+            moments = np.reshape(magnet, (1, 3)) if point else magnet.moments
+            rows.append([body, len(dipoles), len(dipoles) + len(points)])
+            dipoles += np.hstack([points, moments]).tolist()
+        # Kept here because the task holds nothing but addresses.
+        self._block = np.ascontiguousarray(block)
+        self._dipoles, self._rows = np.reshape(np.array(dipoles, float), (-1, 6)), np.array(rows, np.int64)
+        self._place, self._origin, self._currents = np.zeros(3), magnets._offset.copy(), magnets._currents
+        task = self._task = np.zeros(at.SIZE, np.int64)
+        task[at.APPLY] = ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0
+        data = mujoco.MjData(model)
+        for where, array in ((at.XPOS, data.xpos), (at.XMAT, data.xmat), (at.PASSIVE, data.qfrc_passive)):
+            task[where] = _offset_of(data, array)
+        for where, array in (
+            (at.BLOCK, self._block),
+            (at.CURRENTS, self._currents),
+            (at.DIPOLES, self._dipoles),
+            (at.BODIES, self._rows),
+            (at.PLACE, self._place),
+            (at.ORIGIN, self._origin),
+        ):
+            task[where] = array.ctypes.data
+        task[at.BLOCK_SIZE], task[at.COILS] = len(self._block), len(self._currents)
+        task[at.DIPOLE_COUNT], task[at.BODY_COUNT] = len(self._dipoles), len(self._rows)
+        task[at.MUTUAL] = int(magnets._mutual)
+        self._before = 0
+        _callback()
+
+    def begin(self) -> None:
+        """Set the callback, and let it know its model."""
+        self._task[at.STATUS], self._task[at.MODEL] = INSIDE, 0
+        self._before, _active[0] = int(_active[0]), self._task.ctypes.data
+        self._mujoco.set_mjcb_passive(_callback()[1])
+        self._mujoco.mj_forward(self._model, self._mujoco.MjData(self._model))
+
+    def end(self) -> None:
+        """The task of before."""
+        _active[0] = self._before
+
+    def error(self, field: FieldMap) -> Exception | None:
+        """Of the first magnet that left the map."""
+        if self._task[at.STATUS] == INSIDE:
+            return None
+        return outside_error(self._place[None].copy(), 1, field.lower, field.upper)
+
+
+@cache
+def _callback() -> Any:
+    """The callback, a few instructions that hand the address of the task to a kernel that is cached: compiled once,
+    because MuJoCo has one at a time."""
+    kernel, active = at.add_forces, _active.ctypes.data
+
+    @cfunc(types.void(types.intp, types.intp))
+    def passive(model, data):
+        kernel(active, model, data)
+
+    return passive, _CALLBACK(passive.address)
+
+
+def _kernel_block(field: FieldMap) -> Array | None:
+    """Coefficients for the compiled kernels, or None where these do not give the field."""
+    if not field.proportional:
+        return None
+    try:
+        return np.asarray(field.compiled()[1])
+    except InputError:
+        return None
+
+
+def _library(mujoco: ModuleType) -> ctypes.CDLL | None:
+    """MuJoCo's own library, which its package has loaded."""
+    folder = Path(str(mujoco.__file__)).parent
+    found = [path for pattern in _LIBRARIES for path in sorted(folder.glob(pattern))]
+    return ctypes.CDLL(str(found[0])) if found else None
+
+
+def _offset_of(data: Any, array: Array) -> int:
+    """Where in MuJoCo's data the pointer to one of its arrays lies, bytes."""
+    wanted, start = array.ctypes.data, int(data._address)
+    for offset in range(0, _DATA_SIZE, 8):
+        if ctypes.c_size_t.from_address(start + offset).value == wanted:
+            return offset
+    must_hold = "must keep pointers to its arrays in the structure of its data"
+    raise InputError(Problem("MagnetForces", must_hold, "another version of MuJoCo", "use compiled=False"))

@@ -1,12 +1,18 @@
 """Magnets in MuJoCo: the wrench of the map, energy kept, a body held in the air, and what goes wrong."""
 
+import re
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from fieldmap.device.model import MagnetCylinder
+from fieldmap.dynamics import RigidBody, move_adaptively, state_of
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.interop import MagnetForces
-from fieldmap.lookup import volume_rule
+from fieldmap.lookup import FiniteMagnet, volume_rule
+from fieldmap.store import write_map
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install fieldmap[mujoco])")
 
@@ -33,12 +39,14 @@ def lift_current(ring):
     return MASS * GRAVITY / (MOMENT * ring.map.gradient(np.array([0, 0, HEIGHT]), np.ones(6))[2, 2])
 
 
+@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("finite", [False, True])
-def test_passive_forces_are_the_wrench_of_the_map(ring, finite):
+def test_passive_forces_are_the_wrench_of_the_map(ring, finite, compiled):
     model, data = scene(0.004, -0.003, -0.1, tilt=40.0)
     magnet = volume_rule(MagnetCylinder(0.01, 0.01, 1.3), 2) if finite else np.array([0.1, 0.2, MOMENT])
     currents, offset = np.array([1.0, 2.0, 0.5, -1.0, 0.2, 1.5]), np.array([0.001, 0.0, -0.002])
-    with MagnetForces(model, ring.map, {"float": magnet}, currents, offset):
+    with MagnetForces(model, ring.map, {"float": magnet}, currents, offset, compiled=compiled) as magnets:
+        assert magnets.compiled == compiled
         mujoco.mj_forward(model, data)
     turn = data.xmat[1].reshape(3, 3)
     where = np.array([0.004, -0.003, -0.1]) - offset
@@ -103,5 +111,185 @@ def test_without_a_controller_it_falls_out_of_the_map(ring):
 
 
 def test_a_body_that_does_not_exist(ring):
-    with pytest.raises(InputError, match="flote"):
+    with pytest.raises(InputError) as caught:
         MagnetForces(scene()[0], ring.map, {"flote": [0, 0, 1]}, np.ones(6))
+    assert caught.value.problems[0].received == "flote"
+
+
+SEVERAL = """
+<mujoco>
+  <option timestep="1e-4" gravity="0 0 -9.81" integrator="{integrator}"><flag energy="enable"/></option>
+  <worldbody>
+    <body name="a" pos="0.004 0 -0.09" euler="20 10 0">
+      <freejoint/><inertial pos="0 0 0" mass="0.011" diaginertia="6e-7 7e-7 3e-7"/>
+    </body>
+    <body name="b" pos="-0.008 0.006 -0.1"><joint type="hinge" axis="0 1 0" pos="0 0 0.01"/>
+      <geom type="box" size="0.001 0.002 0.003" pos="0.001 0 0" mass="0.02"/>
+      <body name="c" pos="0 0.004 0.012" euler="0 30 5"><joint type="hinge" axis="1 0 0"/>
+        <geom type="box" size="0.001 0.002 0.003" mass="0.01"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+MAGNETS = {"a": [0.1, -0.2, 0.5], "b": [0.3, 0.0, 0.1], "c": [0.0, 0.2, -0.3]}
+CURRENTS = np.array([1.0, 2.0, 0.5, -1.0, 0.2, 1.5])
+
+
+def several(integrator="Euler"):
+    model = mujoco.MjModel.from_xml_string(SEVERAL.format(integrator=integrator))
+    data = mujoco.MjData(model)
+    data.qvel[:] = np.linspace(-0.3, 0.3, model.nv)
+    return model, data
+
+
+def test_several_magnets_on_joints_compiled_and_in_python(ring):
+    """Also what MuJoCo's derivatives make of it: A of its own finite differences."""
+    found = []
+    for compiled in (True, False):
+        model, data = several()
+        with MagnetForces(model, ring.map, MAGNETS, CURRENTS, compiled=compiled) as magnets:
+            mujoco.mj_step(model, data, 20)
+            n = 2 * model.nv
+            slope = np.zeros((n, n))
+            mujoco.mjd_transitionFD(model, data, 1e-6, True, slope, None, None, None)
+            mujoco.mj_forward(model, data)
+            # Another currents' force at once, and the same for another data.
+            magnets.currents *= 0.5
+            other = mujoco.MjData(model)
+            mujoco.mj_forward(model, other)
+        found.append((data.qfrc_passive.copy(), data.qpos.copy(), slope, other.qfrc_passive.copy()))
+    for ours, python in zip(*found, strict=True):
+        np.testing.assert_allclose(ours, python, rtol=0, atol=1e-9 * np.abs(python).max())
+    model, data = several()
+    free = np.zeros_like(slope)
+    mujoco.mj_step(model, data, 20)
+    mujoco.mjd_transitionFD(model, data, 1e-6, True, free, None, None, None)
+    assert np.abs(slope - free).max() > 1e-6
+
+
+def pair_energy(data, model):
+    """Of dipoles on each other, J."""
+    at = {name: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in MAGNETS}
+    places = {name: data.xpos[k] for name, k in at.items()}
+    moments = {name: data.xmat[k].reshape(3, 3) @ MAGNETS[name] for name, k in at.items()}
+    total = 0.0
+    for one, other in (("a", "b"), ("a", "c"), ("b", "c")):
+        r = places[other] - places[one]
+        size = np.linalg.norm(r)
+        m, k = moments[one], moments[other]
+        total += 1e-7 * (m @ k / size**3 - 3 * (m @ r) * (k @ r) / size**5)
+    return total
+
+
+def test_magnets_on_each_other(ring):
+    """Generalised forces are what the energy of the dipoles loses, by differences."""
+    model, data = several()
+    none = np.zeros(6)
+    mujoco.mj_forward(model, data)
+    with MagnetForces(model, ring.map, MAGNETS, none, mutual=True):
+        mujoco.mj_forward(model, data)
+    expected = np.zeros(model.nv)
+    for k in range(model.nv):
+        energies = []
+        for sign in (1, -1):
+            moved = mujoco.MjData(model)
+            moved.qpos[:] = data.qpos
+            mujoco.mj_integratePos(model, moved.qpos, sign * np.eye(model.nv)[k], 1e-6)
+            mujoco.mj_forward(model, moved)
+            energies.append(pair_energy(moved, model))
+        expected[k] = -(energies[0] - energies[1]) / 2e-6
+    np.testing.assert_allclose(data.qfrc_passive, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    with pytest.raises(InputError):
+        MagnetForces(model, ring.map, MAGNETS, none, mutual=True, compiled=False)
+
+
+def test_energy_of_several_magnets_is_kept(ring):
+    model, data = several("RK4")
+
+    def energy():
+        mujoco.mj_forward(model, data)
+        total = data.energy.sum() + pair_energy(data, model)
+        for name, moment in MAGNETS.items():
+            k = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+            total -= data.xmat[k].reshape(3, 3) @ moment @ ring.map.field(data.xpos[k], CURRENTS)
+        return total
+
+    with MagnetForces(model, ring.map, MAGNETS, CURRENTS, mutual=True) as magnets:
+        start, kinetic = energy(), []
+        for _ in range(40):
+            mujoco.mj_step(model, data)
+            kinetic.append(data.energy[1])
+        magnets.check()
+        assert abs(energy() - start) < 1e-5 * max(kinetic)
+    assert np.ptp(kinetic) > 0.1 * max(kinetic)
+
+
+def test_poses_are_those_of_our_simulator(ring):
+    """0.1 s at currents that nearly carry it, tilted and turning, against an adaptive integrator."""
+    currents = np.full(6, 0.98 * lift_current(ring))
+    inertia = np.array([6e-7, 7e-7, 3e-7])
+    body = RigidBody(
+        MASS, inertia, FiniteMagnet(np.zeros((1, 3)), np.array([[0, 0, MOMENT]])), gravity=GRAVITY
+    )
+    begin = state_of([0.003, 0.002, HEIGHT], (0.01, 0.0, 0.02), (1.0, 0.1, -0.05, 0.2), (3.0, -2.0, 20.0))
+    text = f"""<mujoco><option timestep="1e-4" gravity="0 0 -{GRAVITY}" integrator="RK4"/><worldbody><body name="float">
+        <freejoint/><inertial pos="0 0 0" mass="{MASS}" diaginertia="6e-7 7e-7 3e-7"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = [*begin[:3], *begin[6:10]], [*begin[3:6], *begin[10:]]
+    with MagnetForces(model, ring.map, {"float": [0, 0, MOMENT]}, currents):
+        mujoco.mj_step(model, data, 1000)
+    found = move_adaptively(ring.map.at(currents), body, begin, [0.0, 0.1])[-1]
+    assert np.abs(data.qpos[:3] - found[:3]).max() < 1e-9
+    assert min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1)) < 1e-6
+    assert np.abs(data.qvel[3:] - found[10:]).max() < 1e-3
+    assert np.abs(found[:3] - begin[:3]).max() > 1e-3
+
+
+def test_a_step_with_the_map_costs_little_more_than_one_without(ring):
+    """In turns, in one run: one free magnet and nothing else, which is the cheapest step there is."""
+    text = """<mujoco><option timestep="1e-6"/><worldbody><body name="float" pos="0 0 -0.09"><freejoint/>
+        <geom size="0.005" mass="0.01"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    magnets = MagnetForces(model, ring.map, {"float": [0, 0, MOMENT]}, CURRENTS)
+
+    def seconds():
+        data = mujoco.MjData(model)
+        begin = time.perf_counter()
+        mujoco.mj_step(model, data, 3000)
+        return (time.perf_counter() - begin) / 3000
+
+    ratios, without = [], []
+    for _ in range(30):
+        without.append(seconds())
+        with magnets:
+            ratios.append(seconds() / without[-1])
+    print(f"a step {1e6 * min(without):.2f} us, with the map times {np.median(ratios):.2f}")
+    assert np.median(ratios) < 1.3
+
+
+def test_another_model_feels_nothing_and_contexts_nest(ring):
+    (model, data), (other, beside) = scene(), scene()
+    magnets = MagnetForces(model, ring.map, {"float": [0, 0, MOMENT]}, CURRENTS)
+    with magnets:
+        mujoco.mj_forward(other, beside)
+        assert not beside.qfrc_passive.any()
+        with MagnetForces(other, ring.map, {"float": [0, 0, 2 * MOMENT]}, CURRENTS):
+            mujoco.mj_forward(other, beside)
+        mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(beside.qfrc_passive, 2 * data.qfrc_passive, rtol=1e-12)
+    assert data.qfrc_passive.any()
+    mujoco.mj_forward(model, data)
+    assert not data.qfrc_passive.any()
+
+
+def test_the_lines_of_the_documentation(ring, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_map("linear.h5", ring.data)
+    Path("levitator.xml").write_text(
+        SCENE.format(x=0.002, y=-0.001, z=-0.092, tilt=5.0, damping=2e-4, step=1e-3)
+    )
+    section = (Path(__file__).parents[2] / "docs" / "other_programs.md").read_text().split("## MuJoCo")[1]
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", section, re.DOTALL)[1], names)
+    assert abs(names["data"].qpos[2] + 0.09) < 1e-4
