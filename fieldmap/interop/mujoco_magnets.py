@@ -161,11 +161,13 @@ class _Compiled:
         self, mujoco: ModuleType, model: Any, library: ctypes.CDLL, block: Array, magnets: MagnetForces
     ) -> None:
         self._mujoco, self._model = mujoco, model
-        rows, dipoles = [], []
+        rows: list[list[int]] = []
+        dipoles: list[list[float]] = []
         for body, magnet in magnets._bodies:
-            point = not isinstance(magnet, FiniteMagnet)
-            points = np.zeros((1, 3)) if point else magnet.points
-            moments = np.reshape(magnet, (1, 3)) if point else magnet.moments
+            if isinstance(magnet, FiniteMagnet):
+                points, moments = magnet.points, magnet.moments
+            else:
+                points, moments = np.zeros((1, 3)), magnet.reshape(1, 3)
             rows.append([body, len(dipoles), len(dipoles) + len(points)])
             dipoles += np.hstack([points, moments]).tolist()
         # Kept here because the task holds nothing but addresses.
@@ -217,10 +219,10 @@ def _callback() -> Any:
     kernel, active = at.add_forces, _active.ctypes.data
 
     @cfunc(types.void(types.intp, types.intp))
-    def passive(model, data):
+    def passive(model: int, data: int) -> None:
         kernel(active, model, data)
 
-    return passive, _CALLBACK(passive.address)
+    return passive, _CALLBACK(int(passive.address or 0))
 
 
 def _kernel_block(field: FieldMap) -> Array | None:

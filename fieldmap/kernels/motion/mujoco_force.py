@@ -26,8 +26,7 @@ DIPOLES, DIPOLE_COUNT, BODIES, BODY_COUNT, MUTUAL, STATUS, AT_FAULT, PLACE, ORIG
 _WORD, _REAL = ir.IntType(64), ir.DoubleType()
 
 
-@intrinsic
-def _reals(_: Any, address: Any) -> Any:
+def _to_reals(_: Any, address: Any) -> Any:
     """A pointer to float64 at an address."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -36,8 +35,7 @@ def _reals(_: Any, address: Any) -> Any:
     return types.CPointer(types.float64)(types.intp), generate
 
 
-@intrinsic
-def _words(_: Any, address: Any) -> Any:
+def _to_words(_: Any, address: Any) -> Any:
     """A pointer to int64 at an address."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -46,8 +44,7 @@ def _words(_: Any, address: Any) -> Any:
     return types.CPointer(types.int64)(types.intp), generate
 
 
-@intrinsic
-def _apply(
+def _applied(
     _: Any, function: Any, model: Any, data: Any, load: Any, place: Any, body: Any, target: Any
 ) -> Any:
     """mj_applyFT(model, data, force, torque, point, body, target), load: six numbers on the stack, all as addresses."""
@@ -68,6 +65,11 @@ def _apply(
         return context.get_dummy_value()
 
     return types.void(types.intp, types.intp, types.intp, reals, types.intp, types.intp, types.intp), generate
+
+
+_reals: Any = intrinsic(_to_reals)
+_words: Any = intrinsic(_to_words)
+_apply: Any = intrinsic(_applied)
 
 
 @njit(cache=True, error_model="numpy")
