@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 # Which of these options each format takes; a table on the nodes is the same for every kind.
 FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
+    "c32": ("--kind", "--currents", "--outside"),
     "csv": ("--currents", "--spacing-mm"),
     "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body"),
     "mag-manip": ("--currents", "--spacing-mm"),
@@ -49,8 +50,8 @@ def export(
         typer.Option(
             "--to",
             metavar="NAME",
-            help="c: one flat file and its header. csv: a table. vti: VTK image data. mag-manip: YAML. "
-            "fmu: a unit of FMI, compiled here.",
+            help="c: one flat file and its header. c32: constants in single precision and their header. csv: a table. "
+            "fmu: a unit of FMI, compiled here. mag-manip: YAML. vti: VTK image data.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")],
@@ -59,7 +60,7 @@ def export(
         typer.Option(
             "--kind",
             metavar="NAME",
-            help="For c and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
+            help="For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
         ),
     ] = "harmonic",
     currents: Annotated[
@@ -84,7 +85,7 @@ def export(
         typer.Option(
             "--outside",
             metavar="RULE",
-            help="For c and fmu: what a point outside the map gives: nan or clamp.",
+            help="For c, c32 and fmu: what a point outside the map gives: nan or clamp.",
         ),
     ] = "nan",
     fmi: Annotated[
@@ -213,16 +214,17 @@ def _of_map(
     how: tuple[str, str],
 ) -> tuple[Path, ...]:
     from fieldmap.cli.arguments import parse_currents
-    from fieldmap.interop import write_c_files
+    from fieldmap.interop import write_c32_files, write_c_files
     from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
     refuse_iron_of_map(iron)
     opened: FieldMap = open_map(existing_map(source), *how)
     amperes = parse_currents(currents, opened.coil_names) if currents else None
-    if to == "c":
-        require_currents(not opened.proportional, currents, f"{source} --to c")
-        return write_c_files(opened if amperes is None else opened.at(amperes), output)
+    if to in ("c", "c32"):
+        require_currents(not opened.proportional, currents, f"{source} --to {to}")
+        write = write_c_files if to == "c" else write_c32_files
+        return write(opened if amperes is None else opened.at(amperes), output)
     return (_writer(to)(opened, output, amperes, spacing),)
 
 

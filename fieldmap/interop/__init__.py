@@ -3,7 +3,7 @@
 Depends on: errors, extras, store, lookup, dynamics. Never on the packages that make maps.
 """
 
-from fieldmap.interop.c_map import c_header, write_c_files, write_c_map
+from fieldmap.interop.c_map import c_header, write_c32_files, write_c_files, write_c_map
 from fieldmap.interop.csv_map import write_csv
 from fieldmap.interop.fmu import write_fmu
 from fieldmap.interop.jax_field import JaxEvaluator, JaxField, jax_field
@@ -27,6 +27,7 @@ __all__ = [
     "read_mag_manip",
     "read_measurements",
     "sample_for_mag_manip",
+    "write_c32_files",
     "write_c_files",
     "write_c_map",
     "write_csv",

@@ -28,6 +28,7 @@ from fieldmap.lookup import FieldMap, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 
 VERSION = 1
+_MOST_CONSTANTS = 1_000_000
 
 
 def c_header() -> Path:
@@ -59,6 +60,77 @@ def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) ->
     header = written.with_name(c_header().name)
     write_whole(header, c_header().read_bytes())
     return written, header
+
+
+def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
+    """Write a map as a C header of constants in single precision, and fieldmap32.h, which evaluates it, beside it.
+
+    For microcontrollers: no file, no memory taken, no library. The constant has the name of the file. As `write_c_map`
+    otherwise; raises InputError as well for a map of more than a million numbers.
+
+    >>> write_c32_files(open_map("linear.h5", kind="global"), "lift.h")                     # doctest: +SKIP
+    """
+    _, block = field.compiled()
+    where = "write_c32_files, field"
+    check_harmonic(block, where)
+    plain, target = plain_block(block), Path(path)
+    count = len(plain) - map_block.HEADER
+    if count > _MOST_CONSTANTS:
+        must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
+        remedy = 'open it with kind="global", or write_c_map for a file'
+        raise InputError(Problem(where, must_hold, f"{count}", remedy))
+    names = field.coil_names if isinstance(field, FieldMap) else ("fixed currents",)
+    header = c_header().with_name("fieldmap32.h")
+    write_whole(target, _constants(plain, names, target.stem).encode())
+    beside = target.with_name(header.name)
+    write_whole(beside, header.read_bytes())
+    return target, beside
+
+
+def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str) -> str:
+    """The text of a map as C constants."""
+
+    def some(position: int) -> str:
+        return "{" + ", ".join(_single(x) for x in block[position : position + 3]) + "}"
+
+    numbers = [_single(x) for x in block[map_block.HEADER :]]
+    rows = ",\n".join("    " + ", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8))
+    name, degree = c_identifier(stem), int(block[map_block.DEGREE])
+    cells = ", ".join(str(int(n)) for n in block[map_block.CELLS : map_block.CELLS + 3])
+    coils = "".join(f" *   {k}: {_in_comment(coil)}\n" for k, coil in enumerate(names))
+    return f"""/* A map for fieldmap32.h, written by fieldmap. Coils, in the order of currents:
+{coils} */
+#ifndef FM32_MAX_DEGREE
+#define FM32_MAX_DEGREE {degree}
+#endif
+#include "fieldmap32.h"
+
+static const float {name}_coefficients[{len(numbers)}] = {{
+{rows}
+}};
+
+static const fm32_map {name} = {{
+    {len(names)}, {degree}, {int(block[map_block.RULE] == map_block.CLAMP)}, {{{cells}}},
+    {some(map_block.LOWER)}, {some(map_block.INVERSE)}, {some(map_block.LOCAL)},
+    {_single(block[map_block.PER_LENGTH])}, {name}_coefficients
+}};
+"""
+
+
+def _single(value: float) -> str:
+    """A constant of type float that reads back to the same bits."""
+    text = np.format_float_scientific(np.float32(value), unique=True, trim="0")
+    return f"{text}f"
+
+
+def _in_comment(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text).replace("*/", "* /")
+
+
+def c_identifier(text: str) -> str:
+    """The text without what C does not take in a name."""
+    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
+    return plain if plain[:1].isalpha() else f"map_{plain}"
 
 
 def check_harmonic(block: NDArray[np.float64], where: str) -> None:

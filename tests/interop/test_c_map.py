@@ -206,7 +206,7 @@ def test_a_hermite_form_is_refused_and_nothing_is_left(data, tmp_path):
 
 def test_the_example_of_the_documentation(tmp_path):
     page = Path(__file__).parents[2] / "docs" / "c.md"
-    (example,) = re.findall(r"^```c\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
+    example = re.findall(r"^```c\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)[0]
     (tmp_path / "lift.c").write_text(example)
     command = ["gcc", *STRICT, "-I", c_header().parent, tmp_path / "lift.c", "-o", tmp_path / "lift"]
     subprocess.run(command, check=True, capture_output=True)
