@@ -1,7 +1,6 @@
 """Read a device file and the material files that it names, check all of it, and make the frozen Device in SI units."""
 
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,6 +12,7 @@ from fieldmap.device.materials import Curves, MaterialKeys, SaturatingMaterial, 
 from fieldmap.device.measured import DEFAULT
 from fieldmap.device.model import Device, StepFile, hashes_of_solids
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
+from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import DeviceFileError, Problem
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
@@ -109,7 +109,7 @@ def read_device(path_or_name: PathLike | Device) -> Device:
     if isinstance(path_or_name, Device):
         return path_or_name
     if isinstance(path_or_name, str) and "\n" in path_or_name:
-        return device_of(parsed(Path(TEXT), path_or_name, DeviceFileError))
+        return device_of(DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError)))
     if not isinstance(path_or_name, str | os.PathLike):
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
         remedy = f'write for instance read_device("{DEFAULT}")'
@@ -152,7 +152,7 @@ def recorded_device(text: str, solids: bool = False) -> Device:
 
     solids: with the shapes of its iron, for pictures; bodies from other files, and all materials, are left out.
     """
-    document = Document(Path("device recorded in the map"), text, tomllib.loads(text))
+    document = DEVICE.prepared(parsed(Path("device recorded in the map"), text, DeviceFileError))
     contents = DEVICE.contents(document)
     bodies = (body.to_model(Path()) for body in contents.body) if solids else ()
     return Device.unchecked(
@@ -206,6 +206,13 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         sections=tuple(section.to_model() for section in contents.section),
         provenance=FrozenDict(dict(contents.provenance)),
         source=None if document.path == Path(TEXT) else document.path,
-        text=document.text,
+        text=complete_text(document),
         included=FrozenDict(included),
     )
+
+
+def complete_text(document: Document) -> str:
+    """The text of a device file; written out where it includes others, so that it stands alone."""
+    if document.raw is None or "include" not in document.raw.data:
+        return document.text
+    return f"# {document.path.name}, with the files that it includes.\n" + toml_text(document.data)

@@ -2,7 +2,8 @@
 
 import re
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.explain import explain
 from fieldmap.inputs.findings import Finding, shown
-from fieldmap.inputs.key_paths import dotted
+from fieldmap.inputs.key_paths import Location, dotted
 from fieldmap.inputs.toml_lines import line_numbers, nearest_line
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -19,20 +20,40 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed TOML file; `data` and `text` as read."""
+    """A parsed TOML file; `data` and `text` as read.
+
+    Of a file whose short forms were written out (repetition, arithmetic, other files): raw, the document as read;
+    origins, by locations of the data, where it stands: a document as read and the location there; computed, the text
+    of each computed number.
+    """
 
     path: Path
     text: str
     data: dict[str, Any]
+    raw: "Document | None" = None
+    origins: Mapping[Location, tuple["Document", Location]] = field(default_factory=dict)
+    computed: Mapping[Location, str] = field(default_factory=dict)
 
     def problems(self, findings: list[Finding]) -> list[Problem]:
         """Tie findings to this file, in the order of its lines."""
-        if not findings:
-            return []
-        lines = line_numbers(self.text)
-        placed = [(nearest_line(lines, finding.location) or 0, finding) for finding in findings]
-        placed.sort(key=lambda pair: pair[0])
-        return [self._problem(line, finding) for line, finding in placed]
+        lines: dict[Path, dict[Location, int]] = {}
+        placed = []
+        for finding in findings:
+            document, location = self.origin(finding.location)
+            if document.path not in lines:
+                lines[document.path] = line_numbers(document.text)
+            line = nearest_line(lines[document.path], location) or 0
+            placed.append((document.path != self.path, str(document.path), line, finding))
+        placed.sort(key=lambda place: place[:3])
+        return [self._problem(path, line, finding) for _, path, line, finding in placed]
+
+    def origin(self, location: Location) -> tuple["Document", Location]:
+        """The document in which a location of the data was written, and where."""
+        for length in range(len(location), 0, -1):
+            if location[:length] in self.origins:
+                document, start = self.origins[location[:length]]
+                return document, (*start, *location[length:])
+        return self, location
 
     def problem(self, key: str, must_hold: str, received: str, remedy: str) -> Problem:
         """One problem at a dotted key of the file; of the whole file if the key is ""."""
@@ -40,11 +61,13 @@ class Document:
         place = f"{self.path}:{line}" if line else str(self.path)
         return Problem(f"{place}: {key}" if key else place, must_hold, received, remedy)
 
-    def _problem(self, line: int, finding: Finding) -> Problem:
-        place = f"{self.path}:{line}" if line else str(self.path)
+    def _problem(self, file: str, line: int, finding: Finding) -> Problem:
+        place = f"{file}:{line}" if line else file
         path = dotted(self.data, finding.location)
         where = f"{place}: {path}" if path else place
-        return Problem(where, finding.must_hold, finding.received, finding.remedy)
+        text = self.computed.get(finding.location)
+        received = finding.received if text is None else f'{finding.received}, from "{text}"'
+        return Problem(where, finding.must_hold, received, finding.remedy)
 
 
 def parse(path: Path, error: type[InputError]) -> Document:
@@ -68,6 +91,9 @@ def parsed(path: Path, text: str, error: type[InputError]) -> Document:
     text = text.replace("\r\n", "\n")
     try:
         return Document(path, text, tomllib.loads(text))
+    except RecursionError:
+        received = "arrays or tables hundreds of levels deep"
+        raise error(Problem(str(path), "must be valid TOML", received, "write them flat")) from None
     except tomllib.TOMLDecodeError as wrong:
         raise error(_syntax_problem(path, text, str(wrong))) from wrong
 

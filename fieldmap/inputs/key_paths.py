@@ -1,6 +1,7 @@
 """Key paths of a file: from a position in the data to the dotted path that a person reads, and back."""
 
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from typing import Any
 
 Step = str | int
@@ -49,8 +50,11 @@ def _alone(data: Any, array: Location, name: str) -> bool:
 def matches(data: Any, pattern: str) -> list[Location]:
     """All locations that a dotted path names.
 
-    A step is a key, the name of an array's entry, an entry's number from 1 (if no entry has that name), or *
-    for any.
+    A step is a key, the name of an array's entry, an entry's number from 1 (if no entry has that name), * for any, a
+    text with * and ?, such as "core *", for all keys or names like it, or several of these with | between them.
+
+    >>> matches({"body": [{"name": "core 1", "a": 1}, {"name": "core 2", "b": 2}]}, "body.core *.a|b")
+    [('body', 0, 'a'), ('body', 1, 'b')]
     """
     found: list[tuple[Location, Any]] = [((), data)]
     for step in pattern.split("."):
@@ -63,6 +67,8 @@ def matches(data: Any, pattern: str) -> list[Location]:
 
 
 def _keys(here: Any, step: str) -> list[Step]:
+    if step != "*" and any(character in step for character in "*?|"):
+        return [key for key in _keys(here, "*") if _is_like(here, key, step)]
     if isinstance(here, dict):
         return list(here) if step == "*" else [step] if step in here else []
     if not isinstance(here, list):
@@ -73,6 +79,13 @@ def _keys(here: Any, step: str) -> list[Step]:
     if named or not step.isdigit():
         return list(named)
     return [int(step) - 1] if 1 <= int(step) <= len(here) else []
+
+
+def _is_like(here: Any, key: Step, step: str) -> bool:
+    name = key if isinstance(key, str) else value_at(here, (key, "name"))
+    known = [str(key + 1)] if isinstance(key, int) else []
+    known += [name] if isinstance(name, str) else []
+    return any(fnmatchcase(one, pattern) for one in known for pattern in step.split("|"))
 
 
 def tables(data: Any, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:

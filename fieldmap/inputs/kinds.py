@@ -1,6 +1,6 @@
 """Kinds of files that people write. Each package registers its own; here they are found, read and told apart."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -30,6 +30,7 @@ class FileKind(Generic[Contents]):
     mark: a key with the value that only this kind gives it; it goes before keys. taken_by: what reads such a file, for
     people who gave it to something else. refers_to: kinds of file that a file of this kind names, each with a remedy
     for people who gave that file instead; {file} stands for its name. json_schema: file of the shipped JSON Schema.
+    expand: writes out the short forms of a file; raises `error`.
     """
 
     name: str
@@ -42,6 +43,7 @@ class FileKind(Generic[Contents]):
     taken_by: str = ""
     refers_to: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     json_schema: str | None = None
+    expand: Callable[[Document], Document] | None = None
 
     def find(self, path_or_name: PathLike) -> Path:
         """The file at a path, or the shipped one of that name; raises `error` if there is neither."""
@@ -59,9 +61,12 @@ class FileKind(Generic[Contents]):
 
     def load(self, path: Path) -> Document:
         """The file, parsed; raises `error` if it cannot be read, or is clearly of another kind."""
-        document = parse(path, self.error)
+        return self.prepared(parse(path, self.error))
+
+    def prepared(self, document: Document) -> Document:
+        """A parsed document with its short forms written out; raises `error` as `load`."""
         self.refuse_other_kinds(document)
-        return document
+        return document if self.expand is None else self.expand(document)
 
     def contents(self, document: Document) -> Contents:
         """The document as an instance of its schema; raises `error` with one Problem for every error of the file."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from fieldmap.currents import divide_currents
 from fieldmap.device.cross_checks import all_paths
+from fieldmap.device.expansion import expand
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.device.schema import DEVICE
@@ -34,14 +35,24 @@ def axes_of(contents: StudyFile) -> tuple[Axis, ...]:
 
 
 def changed(document: Document, settings: Settings) -> Document:
-    """The document with some keys set; a whole number stays one where both are."""
+    """The document with some keys set; a whole number stays one where both are. What follows from parameters is
+    computed anew, before other keys are set."""
+    parameters = {pattern.partition(".")[2]: value for pattern, value in settings if _is_parameter(pattern)}
+    if parameters and document.raw is not None:
+        document = expand(document.raw, parameters)
     data = copy.deepcopy(document.data)
     for pattern, value in settings:
+        if _is_parameter(pattern):
+            continue
         for location in matches(data, pattern):
             table, before = value_at(data, location[:-1]), value_at(data, location)
             whole = isinstance(before, int) and isinstance(value, float) and value.is_integer()
             table[location[-1]] = int(value) if whole else value
     return replace(document, data=data)
+
+
+def _is_parameter(pattern: str) -> bool:
+    return pattern.startswith("parameters.")
 
 
 def key_findings(contents: StudyFile, document: Document) -> list[Finding]:

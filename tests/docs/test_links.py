@@ -81,7 +81,12 @@ def test_every_public_function_is_in_the_reference():
     page = (ROOT / "docs" / "api" / "public.md").read_text()
     packages = {name for name in fieldmap.__all__ if isinstance(getattr(fieldmap, name), ModuleType)}
     assert [name for name in packages if not (ROOT / "docs" / "api" / f"{name}.md").is_file()] == []
-    functions = [name for name in fieldmap.__all__ if not name.startswith("_") and name not in packages]
+    machine = (ROOT / "docs" / "api" / "device.md").read_text()
+    for name in fieldmap._PARTS:
+        module = getattr(fieldmap, name).__module__
+        assert re.search(rf"^::: {module}(\.{name})?$", machine, re.MULTILINE), name
+    others = {*packages, *fieldmap._PARTS}
+    functions = [name for name in fieldmap.__all__ if not name.startswith("_") and name not in others]
     assert [
         name for name in functions if not re.search(rf"^::: fieldmap\.\w+\.{name}$", page, re.MULTILINE)
     ] == []

@@ -93,8 +93,9 @@ def test_currents_by_name_by_number_and_in_order(field):
     assert np.array_equal(field.field(AIR, {"beside": -1.0, "around": 2.0}), values)
     assert np.array_equal(field.at(1.5).currents, [1.5, 1.5])
     with pytest.raises(InputError) as caught:
-        field.at({"around": 1.0})
-    assert "beside" in caught.value.problems[0].received
+        field.at({"around": 1.0, "behind": 1.0})
+    assert "behind" in caught.value.problems[0].received
+    assert np.array_equal(field.at({"around": 1.0}).currents, [1.0, 0.0])
 
 
 def test_a_field_with_currents_is_that_of_the_state(field):

@@ -1,0 +1,464 @@
+"""The short forms of device files, written out: other files, parameters and arithmetic, defaults, repetition, mirrors.
+
+What comes out is the data of a file without short forms. `Document.origins` says where each part of it was written, so
+that what is wrong in the fifth copy of a table is told at the line of that table.
+"""
+
+import copy
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fieldmap.device.placement import AXES, MOST_COPIES, mirrored_keys, moved_keys, turned_keys
+from fieldmap.device.polygons import reflected_polygon
+from fieldmap.errors import DeviceFileError, InputError, Problem
+from fieldmap.inputs.document import Document, parse
+from fieldmap.inputs.expressions import ExpressionError, Value, evaluate, is_expression
+from fieldmap.inputs.findings import Finding, one_of, shown
+from fieldmap.inputs.key_paths import Location
+from fieldmap.shipped import shipped_file
+
+TABLES = ("body", "coil")
+"""Arrays of tables that are repeated, mirrored and have defaults."""
+_NAMED = (*TABLES, "section")
+_OWN = ("include", "parameters", "defaults")
+_REPEAT = ("count", "about", "step_deg", "centre_mm", "step_mm")
+_MIRROR = ("plane", "at_mm", "name")
+DEEPEST = 8
+MOST_FILES = 32
+MOST_TABLES = 5000
+MOST_STEPS = 50
+Table = dict[str, Any]
+Names = Mapping[str, Value]
+
+
+def expand(document: Document, parameters: Mapping[str, Value] | None = None) -> Document:
+    """A device document with its short forms written out; one without any is returned as it is.
+
+    parameters: values in the place of those of the file. Raises DeviceFileError with one Problem for every error.
+    """
+    if not _has_short_forms(document.data):
+        return document
+    problems: list[Problem] = []
+    layers = _layers(document, problems, ())
+    if problems:
+        raise DeviceFileError(*problems)
+    work = _Expansion(document)
+    try:
+        work.parameters(layers, parameters or {})
+        for layer in layers:
+            work.layer(layer)
+    except RecursionError:
+        work.refuse((), "arrays and tables must not nest this deep", "hundreds of levels", "write them flat")
+    if work.findings:
+        raise DeviceFileError(*work.result().problems(work.findings))
+    return work.result()
+
+
+def _has_short_forms(data: Any) -> bool:
+    if isinstance(data, Mapping):
+        keys = {*_OWN, "repeat", "mirror"}
+        return bool(keys & set(data)) or any(map(_has_short_forms, data.values()))
+    return is_expression(data) or (isinstance(data, list) and any(map(_has_short_forms, data)))
+
+
+def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]) -> list[Document]:
+    """The files that a document includes, each before the one that includes it, and the document itself."""
+    given = document.data.get("include", [])
+    names = [given] if isinstance(given, str) else given
+    layers: list[Document] = []
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        wrong = Finding(("include",), "must be a file name or a list of them", shown(given), 'write "a.toml"')
+        problems += document.problems([wrong])
+        names = []
+    here = (*above, document.path.resolve())
+    for name in names:
+        beside = document.path.parent / name
+        path = beside if beside.is_file() else shipped_file("geometry", name)
+        fault = None
+        if path is None:
+            fault = "must be an existing file, beside this one or among the shipped ones", "correct the path"
+        elif path.resolve() in here:
+            fault = "a file must not include itself, directly or by way of others", "remove it"
+        elif len(here) > DEEPEST:
+            fault = f"files include each other at most {DEEPEST} deep", "include fewer"
+        elif len(layers) > MOST_FILES:
+            fault = f"a device is made of at most {MOST_FILES} files", "include fewer"
+        if fault is not None or path is None:
+            must_hold, remedy = fault or ("", "")
+            problems += document.problems([Finding(("include",), must_hold, shown(name), remedy)])
+            continue
+        try:
+            layers += _layers(parse(path, DeviceFileError), problems, here)
+        except InputError as error:
+            problems += error.problems
+    return [*layers, document]
+
+
+@dataclass
+class _Expansion:
+    """The data that come out, where they come from, and what is wrong."""
+
+    document: Document
+    data: Table = field(default_factory=dict)
+    origins: dict[Location, tuple[Document, Location]] = field(default_factory=dict)
+    computed: dict[Location, str] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    names: dict[str, Value] = field(default_factory=dict)
+
+    def result(self) -> Document:
+        return replace(
+            self.document, data=self.data, raw=self.document, origins=self.origins, computed=self.computed
+        )
+
+    def refuse(self, location: Location, must_hold: str, received: str, remedy: str) -> None:
+        self.findings.append(Finding(location, must_hold, received, remedy))
+
+    # ---- parameters ----
+
+    def parameters(self, layers: Sequence[Document], given: Mapping[str, Value]) -> None:
+        """Values of all parameters; those of a file go before those of files that it includes."""
+        raw: Table = {}
+        for layer in layers:
+            table = layer.data.get("parameters", {})
+            self.origins[("parameters",)] = (layer, ("parameters",))
+            if not isinstance(table, dict):
+                self.refuse(("parameters",), "must be a table", shown(table), "write [parameters]")
+                continue
+            for name, value in table.items():
+                self.origins[("parameters", name)] = (layer, ("parameters", name))
+                if not name.isidentifier() or name.startswith("_"):
+                    must_hold = "a parameter's name has letters, digits and _, and begins with a letter"
+                    self.refuse(("parameters", name), must_hold, shown(name), "rename it")
+                    continue
+                raw[name] = value
+        raw |= {name: value for name, value in given.items() if name in raw}
+        for name in raw:
+            self._parameter(name, raw, ())
+        if raw:
+            self.data["parameters"] = {name: self.names[name] for name in raw if name in self.names}
+
+    def _parameter(self, name: str, raw: Table, above: tuple[str, ...]) -> None:
+        place: Location = ("parameters", name)
+        if name in self.names:
+            return
+        if name in above or len(above) > MOST_STEPS:
+            chain = " -> ".join((*above, name))
+            must_hold = f"parameters must not go round in a circle, nor take more than {MOST_STEPS} steps"
+            self.refuse(place, must_hold, chain[:80], "write a number")
+            self.names[name] = 1.0
+            return
+        value = raw[name]
+        for text in value if isinstance(value, list) else [value]:
+            for other in _words(text) if is_expression(text) else ():
+                if other in raw:
+                    self._parameter(other, raw, (*above, name))
+        known: Names = {key: one for key, one in self.names.items() if key != name}
+        computed = self.values(value, known, place)
+        entries = computed if isinstance(computed, list) else [computed]
+        if not all(_is_number(one) or isinstance(one, str) for one in entries):
+            remedy = 'write for instance gap = 2.5, or gap = "= 2*radius"'
+            self.refuse(place, "must be a number, a text, or a list of these", shown(value), remedy)
+            computed = 1.0
+        self.names.setdefault(name, computed)
+
+    # ---- values ----
+
+    def values(self, value: Any, names: Names, location: Location, pattern: bool = False) -> Any:
+        """A value with everything computed in it. pattern: whether {...} in texts is filled in."""
+        if isinstance(value, dict):
+            return {key: self.values(one, names, (*location, key), pattern) for key, one in value.items()}
+        if isinstance(value, list):
+            return [self.values(one, names, (*location, k), pattern) for k, one in enumerate(value)]
+        if is_expression(value):
+            found = self._evaluate(value, names, location)
+            if found is not None:
+                self.computed[location] = value
+            return 1.0 if found is None else found
+        if pattern and isinstance(value, str) and "{" in value:
+            return self._filled(value, names, location)
+        return value
+
+    def _evaluate(self, text: str, names: Names, location: Location) -> Value | None:
+        try:
+            return evaluate(text, names)
+        except ExpressionError as wrong:
+            self.refuse(location, wrong.must_hold, wrong.received, wrong.remedy)
+            return None
+
+    def _filled(self, text: str, names: Names, location: Location) -> str:
+        filled, rest = "", text
+        while "{" in rest:
+            before, _, rest = rest.partition("{")
+            inside, closed, rest = rest.partition("}")
+            if not closed:
+                self.refuse(location, "every { needs its }", shown(text), 'write for instance "core {k}"')
+                return text
+            value = self._evaluate(inside, names, location)
+            filled += before + (f"{value:g}" if _is_number(value) else str(value))
+        return filled + rest
+
+    # ---- one file ----
+
+    def layer(self, layer: Document) -> None:
+        """Add what a file says to what was included before it."""
+        for key, value in layer.data.items():
+            if key in TABLES and isinstance(value, list):
+                for k, table in enumerate(value):
+                    self._tables(layer, key, k, table)
+            elif key not in _OWN:
+                self._other(layer, key, value)
+        self._check_defaults(layer)
+
+    def _check_defaults(self, layer: Document) -> None:
+        defaults = layer.data.get("defaults", {})
+        tables = defaults if isinstance(defaults, dict) else {"": defaults}
+        for name, table in tables.items():
+            place: Location = ("defaults", name) if name else ("defaults",)
+            self.origins[place] = (layer, place)
+            if name not in TABLES or not isinstance(table, dict):
+                must_hold = f"defaults are tables of {one_of(list(TABLES))}"
+                remedy = "write [defaults.body] or [defaults.coil] with keys below"
+                self.refuse(place, must_hold, shown(table), remedy)
+
+    def _other(self, layer: Document, key: str, value: Any) -> None:
+        """A key that is not repeated. Tables of names are joined, arrays grow, all else is replaced."""
+        if key in ("material", "provenance") and isinstance(value, dict):
+            into = self.data.setdefault(key, {})
+            self.origins.setdefault((key,), (layer, (key,)))
+            if isinstance(into, dict):
+                for name, one in value.items():
+                    self._forget((key, name))
+                    self.origins[(key, name)] = (layer, (key, name))
+                    into[name] = self.values(one, self.names, (key, name))
+                return
+        if isinstance(value, list) and isinstance(self.data.get(key), list):
+            for k, one in enumerate(value):
+                self._add(layer, key, (key, k), self.values(one, self.names, (key, len(self.data[key]))), {})
+            return
+        self._forget((key,))
+        self.origins[(key,)] = (layer, (key,))
+        self.data[key] = self.values(value, self.names, (key,))
+
+    def _forget(self, location: Location) -> None:
+        """What was known of a value that is replaced."""
+        for known in (self.computed, self.origins):
+            for other in [one for one in known if one[: len(location)] == location]:
+                del known[other]
+
+    def _tables(self, layer: Document, key: str, k: int, table: Any) -> None:
+        """A table of bodies or coils: with defaults, copies and mirror images."""
+        place: Location = (key, len(self.data.get(key, [])))
+        self.origins[place] = (layer, (key, k))
+        if not isinstance(table, dict):
+            self._add(layer, key, (key, k), table, {})
+            return
+        defaults = layer.data.get("defaults", {})
+        common = defaults.get(key, {}) if isinstance(defaults, dict) else {}
+        if not isinstance(common, dict):
+            common = {}
+        own = {name: value for name, value in table.items() if name not in ("repeat", "mirror")}
+        before = len(self.findings)
+        texts = dict(self.computed)
+        copies = list(self._copies(table.get("repeat"), {**common, **own}, place, "repeat" in table))
+        copies = self._images(table.get("mirror"), copies, place, "mirror" in table)
+        defaulted = {name: ("defaults", key, name) for name in common if name not in own}
+        if len(self.data.get(key, [])) + len(copies) > MOST_TABLES:
+            self.refuse(place, f"a device has at most {MOST_TABLES} tables of a kind", "more", "repeat less")
+        if len(self.findings) > before:  # told at the table as it was written, once for all copies
+            self.computed = texts
+            self.findings[before:] = dict.fromkeys(self.findings[before:])
+            copies = [(own, {})]
+        for copied, computed in copies:
+            here: Location = (key, len(self.data.get(key, [])))
+            for location, text in computed.items():
+                self.computed[(*here, *location)] = text
+            self._add(layer, key, (key, k), copied, defaulted)
+
+    def _add(
+        self,
+        layer: Document,
+        key: str,
+        raw: Location,
+        table: Any,
+        defaulted: Mapping[str, Location],
+    ) -> None:
+        """An entry of an array; one with the name of an entry of an included file changes that one's keys."""
+        entries = self.data.setdefault(key, [])
+        self.origins.setdefault((key,), (layer, (key,)))
+        name = table.get("name") if isinstance(table, dict) else None
+        for j, known in enumerate(entries):
+            included = self.origins[(key, j)][0] is not layer
+            if key in _NAMED and included and name is not None and known.get("name") == name:
+                for changed, value in table.items():
+                    if changed in defaulted:
+                        continue
+                    self._forget((key, j, changed))
+                    known[changed] = value
+                    self.origins[(key, j, changed)] = (layer, (*raw, changed))
+                return
+        place: Location = (key, len(entries))
+        entries.append(table)
+        self.origins[place] = (layer, raw)
+        for one, location in defaulted.items():
+            self.origins[(*place, one)] = (layer, location)
+
+    # ---- copies ----
+
+    def _copies(
+        self, repeat: Any, table: Table, place: Location, repeated: bool
+    ) -> Iterator[tuple[Table, dict[Location, str]]]:
+        """The copies of a table, with the texts of what was computed in them."""
+        here: Location = (*place, "repeat")
+        if not repeated:
+            yield self._copy(table, self.names, place, False)
+            return
+        settings = self._settings(repeat, here)
+        if settings is None:
+            return
+        count, move, local = settings
+        for k in range(count):
+            names = {**self.names, "k": float(k + 1), **{name: one[k] for name, one in local.items()}}
+            copied, computed = self._copy(table, names, place, True)
+            yield _placed(copied, partial(move, k)), computed
+
+    def _copy(
+        self, table: Table, names: Names, place: Location, pattern: bool
+    ) -> tuple[Table, dict[Location, str]]:
+        before, self.computed = self.computed, {}
+        copied = self.values(copy.deepcopy(table), names, place, pattern)
+        computed = {location[len(place) :]: text for location, text in self.computed.items()}
+        self.computed = before
+        return copied, computed
+
+    def _settings(
+        self, repeat: Any, here: Location
+    ) -> tuple[int, Callable[..., tuple[list[float], list[float]]], dict[str, list[Any]]] | None:
+        """Count, movement of the k-th copy, and values per copy; None where something is wrong."""
+        if not isinstance(repeat, dict):
+            remedy = 'write repeat = { count = 6, about = "z" }'
+            self.refuse(here, "must be a table", shown(repeat), remedy)
+            return None
+        before = len(self.findings)
+        given = self.values(repeat, self.names, here)
+        local = {name: value for name, value in given.items() if name not in _REPEAT}
+        for name, value in local.items():
+            if not isinstance(value, list) or not name.isidentifier() or name == "k":
+                must_hold = (
+                    f"values per copy are lists by names of their own; known keys are {one_of(list(_REPEAT))}"
+                )
+                self.refuse((*here, name), must_hold, shown(value), "write for instance x = [1, 2, 3]")
+        lengths = {len(value) for value in local.values() if isinstance(value, list)}
+        count = given.get("count", max(lengths) if lengths else None)
+        count = int(count) if isinstance(count, float) and count.is_integer() else count
+        if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_COPIES:
+            must_hold = f"count must be a whole number from 1 to {MOST_COPIES}"
+            self.refuse((*here, "count"), must_hold, shown(count), "write for instance count = 6")
+            return None
+        for name, value in local.items():
+            if isinstance(value, list) and len(value) != count:
+                must_hold = f"must have one value for each of the {count} copies"
+                self.refuse((*here, name), must_hold, f"{len(value)} values", "list one for each copy")
+        move = self._movement(given, count, here)
+        return None if len(self.findings) > before or move is None else (count, move, local)
+
+    def _movement(
+        self, given: Table, count: int, here: Location
+    ) -> Callable[..., tuple[list[float], list[float]]] | None:
+        axis, step = given.get("about"), given.get("step_mm")
+        angle, centre = given.get("step_deg", 360.0 / count), given.get("centre_mm", [0.0, 0.0, 0.0])
+        checks = (
+            ("about", axis is None or axis in AXES, '"x", "y" or "z"', axis),
+            ("step_mm", step is None or _is_vector(step), "[x, y, z] in mm", step),
+            ("step_deg", _is_number(angle), "an angle in degrees", angle),
+            ("centre_mm", _is_vector(centre), "[x, y, z] in mm", centre),
+        )
+        wrong = [check for check in checks if not check[1]]
+        for key, _, must_be, value in wrong:
+            self.refuse((*here, key), f"must be {must_be}", shown(value), f"correct {key}")
+        if wrong:
+            return None
+        if axis is None and ("step_deg" in given or "centre_mm" in given):
+            self.refuse(here, "step_deg and centre_mm belong to about", "no about", 'add about = "z"')
+            return None
+
+        def move(k: int, position: list[float], rotation: list[float]) -> tuple[list[float], list[float]]:
+            if axis is not None:
+                position, rotation = turned_keys(position, rotation, axis, k * angle, centre)
+            if step is not None:
+                position = moved_keys(position, [k * x for x in step])
+            return position, rotation
+
+        return move
+
+    def _images(
+        self, mirror: Any, copies: list[tuple[Table, dict[Location, str]]], place: Location, mirrored: bool
+    ) -> list[tuple[Table, dict[Location, str]]]:
+        """The copies, and after them their images in each mirror in turn."""
+        here: Location = (*place, "mirror")
+        for one in (mirror if isinstance(mirror, list) else [mirror]) if mirrored else []:
+            given = {"plane": one} if isinstance(one, str) else one
+            good = isinstance(given, dict) and set(given) <= set(_MIRROR) and given.get("plane") in AXES
+            if good:
+                given = self.values(given, self.names, here)
+                good = _is_number(given.get("at_mm", 0.0)) and isinstance(given.get("name", ""), str)
+            if not good or 2 * len(copies) > MOST_COPIES:
+                remedy = 'write mirror = "x", or mirror = { plane = "x", at_mm = 10, name = "{name} left" }'
+                self.refuse(here, 'must be the plane, "x", "y" or "z"', shown(one), remedy)
+                return copies
+            images = [(self._image(table, given, here), texts) for table, texts in copies]
+            copies = [*copies, *images]
+        return copies
+
+    def _image(self, table: Table, given: Table, here: Location) -> Table:
+        coil = here[0] == "coil"
+        pattern = given.get("name", "{name}_mirrored_" if coil else "{name} mirrored ")
+        pattern += "" if "name" in given else given["plane"]
+        image = copy.deepcopy(table)
+        if isinstance(table.get("name"), str):
+            image["name"] = self._filled(pattern, {**self.names, "name": table["name"]}, here)
+        plane, at = given["plane"], given.get("at_mm", 0.0)
+        axis = 1 if plane == "y" else 0
+        for part in (image, *_part_tables(image)):
+            for key in ("points_mm", "corners_mm"):
+                if part.get("shape") == "extruded_polygon" or part.get("kind") == "path":
+                    points = part.get(key)
+                    if isinstance(points, list) and all(_is_vector(point, 2) for point in points):
+                        part[key] = reflected_polygon(points, axis)
+            if part.get("shape") == "step_file":
+                remedy = "make the mirrored solid in the program that wrote the file"
+                self.refuse(here, "must be a shape that can be mirrored", "a STEP file", remedy)
+        return _placed(image, lambda position, rotation: mirrored_keys(position, rotation, plane, at)[:2])
+
+
+def _placed(
+    table: Table, change: Callable[[list[float], list[float]], tuple[list[float], list[float]]]
+) -> Table:
+    """A table with the places of it, or of its parts, changed; what is no place stays for the schema to refuse."""
+    for one in _part_tables(table) or [table]:
+        position, rotation = one.get("position_mm", [0.0] * 3), one.get("rotation_deg", [0.0] * 3)
+        if _is_vector(position) and _is_vector(rotation):
+            position, rotation = change(position, rotation)
+            one["position_mm"] = position
+            if any(rotation) or "rotation_deg" in one:
+                one["rotation_deg"] = rotation
+    return table
+
+
+def _part_tables(table: Table) -> list[Table]:
+    parts = table.get("part")
+    return [part for part in parts if isinstance(part, dict)] if isinstance(parts, list) else []
+
+
+def _words(text: str) -> list[str]:
+    return "".join(c if c.isalnum() or c == "_" else " " for c in text).split()
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _is_vector(value: Any, count: int = 3) -> bool:
+    return isinstance(value, list) and len(value) == count and all(map(_is_number, value))

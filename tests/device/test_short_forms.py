@@ -1,0 +1,206 @@
+"""Short forms of device files: repetition, mirrors, parameters, defaults, included files; where mistakes are told."""
+
+import time
+import tomllib
+
+import numpy as np
+import pytest
+
+from fieldmap.device import read_device, recorded_device
+from fieldmap.device.expansion import expand
+from fieldmap.device.schema import DEVICE
+from fieldmap.errors import DeviceFileError
+from fieldmap.shipped import shipped_file
+
+HEAD = 'format = 1\nname = "short"\ntitle = "Short forms"\n'
+SHORT = (
+    HEAD
+    + """
+[parameters]
+radius = 44.0
+bore = 11.0
+outer = "= bore + 10"
+heights = [30.0, 31.0, 32.0, 33.0]
+
+[defaults.coil]
+kind = "circular"
+inner_radius_mm = "= bore"
+outer_radius_mm = "= outer"
+turns = 840
+
+[[coil]]
+name = "c{k}"
+repeat = { count = 4, about = "z", h = "= heights", ohm = [1.0, 2.0, 3.0, 4.0] }
+height_mm = "= h"
+resistance_ohm = "= ohm"
+position_mm = ["= radius", 0.0, 26.0]
+rotation_deg = [0.0, 90.0, 0.0]
+
+[[coil]]
+name = "row{k}"
+repeat = { count = 2, step_mm = [0.0, 0.0, 50.0] }
+mirror = { plane = "z", name = "{name}_below" }
+height_mm = 20
+position_mm = [0.0, 0.0, 100.0]
+
+[material.steel]
+kind = "linear"
+mu_r = "= 40*100"
+
+[[body]]
+name = "post"
+material = "steel"
+shape = "box"
+size_mm = [10.0, 10.0, "= 2*bore"]
+position_mm = [200.0, 100.0, 0.0]
+mirror = ["x", "y"]
+mesh_size_mm = 5
+"""
+)
+
+
+def problems(text):
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(text)
+    return caught.value.problems
+
+
+def line_of(text, part):
+    return text[: text.index(part)].count("\n") + 1
+
+
+def test_everything_is_written_out():
+    device = read_device(SHORT)
+    assert device.coil_names == ("c1", "c2", "c3", "c4", "row1", "row2", "row1_below", "row2_below")
+    assert [coil.height for coil in device.coils[:4]] == [0.030, 0.031, 0.032, 0.033]
+    assert [coil.resistance for coil in device.coils[:4]] == [1.0, 2.0, 3.0, 4.0]
+    assert {coil.outer_radius for coil in device.coils} == {0.021}
+    at = np.array([coil.placement.position for coil in device.coils])
+    assert np.array_equal(at[:4, :2], 0.044 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]))
+    assert at[4:, 2].tolist() == [0.1, 0.15, -0.1, -0.15]
+    axes = np.array([coil.placement.rotation[:, 2] for coil in device.coils])
+    assert np.array_equal(axes[:4], [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    assert np.array_equal(axes[4:, 2], [1, 1, -1, -1])
+    names = [body.name for body in device.bodies]
+    assert names == ["post", "post mirrored x", "post mirrored y", "post mirrored x mirrored y"]
+    places = {tuple(body.parts[0].placement.position[:2]) for body in device.bodies}
+    assert places == {(0.2, 0.1), (-0.2, 0.1), (0.2, -0.1), (-0.2, -0.1)}
+    assert device.bodies[0].parts[0].shape.size[2] == 0.022
+    assert device.materials["steel"].mu_r == 4000.0
+
+
+def test_the_text_that_a_map_records_makes_it_again():
+    device = read_device(SHORT)
+    assert recorded_device(device.text).coil_names == device.coil_names
+    unit = read_device("drive_unit")
+    assert "include" not in tomllib.loads(unit.text)
+    again = recorded_device(unit.text, solids=True)
+    assert len(again.bodies) == len(unit.bodies)
+    assert again.payload == unit.payload
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line_at", "path", "received"),
+    [
+        ("turns = 840", "turns = -840", "turns = -840", "coil.c1.turns", "-840"),
+        ('"= h"', '"= h - 40"', "height_mm", "coil.c1.height_mm", "h - 40"),
+        ("ohm = [1.0, 2.0, 3.0, 4.0]", "ohm = [1.0, 2.0, -3.0, 4.0]", "resistance", "coil.c3.resistance_ohm", "-3"),
+        ('"c{k}"', '"c"', 'name = "c"', "coil.2.name", '"c"'),
+        ('"c{k}"', '"c{q}"', 'name = "c{q}"', "coil.c{q}.name", '"q"'),
+        ('"c{k}"', '"c{k"', 'name = "c{k"', "coil.c{k.name", "c{k"),
+        ('"= bore + 10"', '"= bore + outer"', "outer =", "parameters.outer", "outer -> outer"),
+        ('"= bore + 10"', '"= bohr + 10"', "outer =", "parameters.outer", '"bohr"'),
+        ("bore = 11.0", "bore = { a = 1 }", "bore =", "parameters.bore", "a table"),
+        ("bore = 11.0", '"bore mm" = 11.0', '"bore mm"', "parameters.bore mm", "bore mm"),
+        ("count = 4, about", "count = 0, about", "repeat", "coil.c{k}.repeat.count", "0"),
+        ("count = 4, about", "count = 5, about", "repeat", "coil.c{k}.repeat", "4 values"),
+        ("count = 4, about", "count = 1e9, about", "repeat", "coil.c{k}.repeat.count", "1000000000"),
+        ('about = "z"', 'about = "w"', "repeat", "coil.c{k}.repeat.about", '"w"'),
+        ('about = "z", h', 'abuot = "z", h', "repeat", "coil.c{k}.repeat.abuot", '"z"'),
+        ("step_mm = [0.0, 0.0, 50.0]", "step_mm = 50", "step_mm", "coil.row{k}.repeat.step_mm", "50"),
+        ('mirror = ["x", "y"]', "mirror = 3", "mirror = 3", "body.post.mirror", "3"),
+        ("[defaults.coil]", "[defaults.coils]", "[defaults.coils]", "defaults.coils", "a table"),
+        ('"= 40*100"', '"= 40/0"', "mu_r", "material.steel.mu_r", "division by zero"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_at_their_line_and_path(old, new, line_at, path, received):
+    assert SHORT.count(old) >= 1
+    text = SHORT.replace(old, new, 1)
+    found = [problem for problem in problems(text) if problem.where.rpartition(": ")[2].startswith(path)]
+    assert found, "\n".join(map(str, problems(text)))
+    assert f":{line_of(text, line_at)}: " in found[0].where
+    assert received in found[0].received
+    assert all((found[0].must_hold, found[0].remedy))
+
+
+def test_every_copy_with_a_mistake_is_told_once_for_its_expression():
+    found = problems(SHORT.replace('"= h"', '"= h*unknown"'))
+    assert len(found) == 1
+
+
+def test_an_included_file_keeps_its_lines_and_gives_way(tmp_path):
+    (tmp_path / "base.toml").write_text(SHORT)
+    main = HEAD + 'include = "base.toml"\n[parameters]\nbore = 12.0\n[[coil]]\nname = "c2"\nturns = 100\n'
+    (tmp_path / "main.toml").write_text(main)
+    device = read_device(tmp_path / "main.toml")
+    assert [coil.turns for coil in device.coils[:3]] == [840, 100, 840]
+    assert device.coils[0].inner_radius == 0.012
+    (tmp_path / "base.toml").write_text(SHORT.replace("turns = 840", "turns = -840"))
+    (tmp_path / "main.toml").write_text(main.replace("turns = 100", "turns = -100"))
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(tmp_path / "main.toml")
+    where = [problem.where for problem in caught.value.problems]
+    assert where[0] == f"{tmp_path / 'main.toml'}:{line_of(main, 'turns')}: coil.c2.turns"
+    assert f"{tmp_path / 'base.toml'}:{line_of(SHORT, 'turns')}: coil.c1.turns" in where
+    assert len(where) == 8
+
+
+@pytest.mark.parametrize("name", ["self.toml", "there is none.toml", 3])
+def test_files_that_cannot_be_included(name, tmp_path):
+    path = tmp_path / "self.toml"
+    given = f'"{name}"' if isinstance(name, str) else name
+    path.write_text(HEAD + f"include = {given}\n")
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(path)
+    assert caught.value.problems[0].where == f"{path}:4: include"
+
+
+def test_a_chain_of_files_ends(tmp_path):
+    for k in range(12):
+        (tmp_path / f"{k}.toml").write_text(HEAD + f'include = "{k + 1}.toml"\n')
+    with pytest.raises(DeviceFileError):
+        read_device(tmp_path / "0.toml")
+
+
+def test_parameters_given_from_outside():
+    document = DEVICE.load(shipped_file("geometry", "drive_unit"))
+    other = expand(document.raw, {"gap": 120.0})
+    bodies = {body["name"]: body for body in other.data["body"]}
+    assert bodies["lower plate"]["position_mm"] == [0.0, 0.0, -126.0]
+    before = DEVICE.load(shipped_file("geometry", "drive_unit_a3"))
+    wanted = next(body for body in before.data["body"] if body["name"] == "yoke")["part"]
+    assert [part["position_mm"] for part in bodies["yoke"]["part"]] == [p["position_mm"] for p in wanted]
+    assert [part["size_mm"] for part in bodies["yoke"]["part"]] == [p["size_mm"] for p in wanted]
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        "a = [" + "[" * 900 + "]" * 901,
+        "\n".join(f'p{k} = "= p{k + 1} + p{k + 1}"' for k in range(2000)) + "\np2000 = 1",
+        "\n".join(f'p{k} = "= p{(k + 1) % 40}"' for k in range(40)),
+        'p = "= 9**9**9**9"',
+        'p = "= ' + "(" * 190 + '"',
+    ],
+    ids=["nested", "long chain", "circle", "power", "brackets"],
+)
+def test_hostile_parameters_give_a_message_at_once(hostile):
+    begin = time.perf_counter()
+    assert problems(HEAD + "[parameters]\n" + hostile + '\n[[coil]]\nname = "= p"\n')
+    assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize("name", ["disk_six_cores", "drive_unit"])
+def test_shipped_devices_are_short(name):
+    limit = {"disk_six_cores": 80, "drive_unit": 150}[name]
+    assert len(shipped_file("geometry", name).read_text().splitlines()) < limit
