@@ -66,16 +66,24 @@ def ask(task):
     return {"outputs": np.array(rows)}
 
 
+def seen_point(state, arm):
+    """Where a point of the body is, frame of the map."""
+    w, u = state[6], state[7:10]
+    twice = 2.0 * np.cross(u, arm)
+    return state[:3] + arm + w * twice + np.cross(u, twice)
+
+
 def loop(task):
-    """A linear controller (docs/theory/dynamics.md (29)) around the body inside, its samples 0.. at `period`."""
+    """A linear controller within its limits (docs/theory/dynamics.md (29)) around the body inside, its samples at
+    `period`; what the coils get is matrix @ outputs + constant."""
     unit = Unit(str(task["path"]), dict(zip(STATE, task["state"], strict=True)))
     memory, period, rows = task["memory"], float(task["period"]), []
-    for n in range(int(task["periods"])):
+    for n, reference in enumerate(task["references"]):
         rows.append(unit.get(STATE))
-        signals = np.concatenate([task["reference"], rows[-1][:3], [1.0]])
+        signals = np.concatenate([reference, seen_point(rows[-1], task["seen_at"]), [1.0]])
         wanted = task["C"] @ memory + task["D"] @ signals
-        memory = task["A"] @ memory + task["B"] @ signals
-        unit.set(unit.currents, task["matrix"] @ wanted)
+        memory = task["A"] @ memory + task["B"] @ signals + task["E"] @ wanted
+        unit.set(unit.currents, task["matrix"] @ wanted + task["constant"])
         unit.step(period * n, period)
     return {"states": np.array(rows)}
 

@@ -1,12 +1,23 @@
 """`fieldmap export`: what it writes, and what it refuses."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.interop import c_header, read_measurements, write_c_map, write_csv, write_mag_manip
+from fieldmap.device import read_device
+from fieldmap.dynamics import body_of_payload
+from fieldmap.interop import (
+    c_header,
+    read_measurements,
+    write_c32_files,
+    write_c_map,
+    write_csv,
+    write_fmu,
+    write_mag_manip,
+)
 from fieldmap.interop.sampling import sample_grid
 from fieldmap.io import open_field
 from fieldmap.lookup import open_map
@@ -30,6 +41,35 @@ def test_fixed_currents_scale_the_coefficients(machine, tmp_path):
     unit, double = (np.frombuffer(path.read_bytes()[56 + 24 * 8 :]) for path in paths)
     assert unit.size == 17**2
     np.testing.assert_allclose(double, 2 * unit, rtol=1e-12)
+
+
+def test_constants_in_single_precision(machine, tmp_path, capsys):
+    target = tmp_path / "loop.h"
+    arguments = ["--to", "c32", "-o", str(target), "--kind", "global", "--outside", "clamp"]
+    assert main(["export", machine.map, *arguments]) == 0
+    assert capsys.readouterr().out.split() == [str(target), str(tmp_path / "fieldmap32.h")]
+    opened = open_map(machine.map, "global", "clamp")
+    (tmp_path / "again").mkdir()
+    again, _ = write_c32_files(opened, tmp_path / "again" / "loop.h")
+    assert target.read_bytes() == again.read_bytes()
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+def test_units_of_fmi(machine, tmp_path, capsys):
+    one, other = tmp_path / "loop.fmu", tmp_path / "body.fmu"
+    assert main(["export", machine.map, "--to", "fmu", "-o", str(one), "--moment", "0.5"]) == 0
+    arguments = ["--to", "fmu", "-o", str(other), "--fmi", "3", "--body", "drive_unit", "--json"]
+    capsys.readouterr()
+    assert main(["export", machine.map, *arguments]) == 0
+    assert json.loads(capsys.readouterr().out)["written"] == [str(other)]
+    m = open_map(machine.map, outside="nan")
+    (tmp_path / "again").mkdir()
+    for path, what in (
+        (one, {"magnet": [0, 0, 0.5]}),
+        (other, {"body": body_of_payload(read_device("drive_unit").payload), "version": 3}),
+    ):
+        again = write_fmu(m, tmp_path / "again" / path.name, **what)
+        assert again.read_bytes() == path.read_bytes()
 
 
 def test_for_mag_manip(machine, tmp_path):

@@ -17,23 +17,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fieldmap.control.blocks import state_block
-from fieldmap.dynamics import (
-    CoilDrive,
-    Machine,
-    MatrixAllocation,
-    RigidBody,
-    Schedule,
-    Sensors,
-    move_adaptively,
-    simulate_closed_loop,
-    state_of,
-    superposed,
-)
+import fieldmap
+from fieldmap.dynamics import RigidBody, move_adaptively, prepare, read_scenario, state_of
 from fieldmap.errors import FieldmapError, InputError
-from fieldmap.instruments import Amplifier
 from fieldmap.interop import write_fmu
 from fieldmap.lookup import FiniteMagnet, interpolate
+from fieldmap.store import write_map
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 ROOT = Path(__file__).parents[2]
@@ -118,49 +107,85 @@ def test_what_fmpy_reads_is_the_wrench_of_the_map(units, ring, fmpy, tmp_path, v
     compare(found["outputs"], expected(ring.map, where, currents, [0.1, -0.2, MOMENT]))
 
 
-def controller(ring, period):
-    """Lift by one current for all coils: proportional, differential, integral."""
-    base = MASS * BODY.gravity / (MOMENT * ring.map.gradient([0, 0, HEIGHT], np.ones(6))[2, 2])
-    # Memory: integral of the error, height before.
-    A, C = np.array([[1.0, 0.0], [0.0, 0.0]]), base * np.array([[60.0, 2.7 / period]])
-    B, D = np.zeros((2, 7)), np.zeros((1, 7))
-    B[0, 2], B[0, 5], B[1, 5] = period, -period, 1.0
-    D[0, 2], D[0, 5], D[0, 6] = 60.0 * base, -(60.0 + 2.7 / period) * base, base
-    return {"A": A, "B": B, "C": C, "D": D, "memory": np.array([0.0, HEIGHT - 0.001])}, base
+SCENARIO = """
+format = 1
+title = "Held for a second, from beside, leaning, with a step of the depth"
+map = "linear.h5"
+device = "drive_unit"
+duration_s = 1.0
+
+[body]
+radius_mm = 5.9
+height_mm = 25.0
+
+[coils]
+dynamics = false
+
+[sensors]
+zero_depth_mm = 0.0
+
+[control]
+period_ms = 1.0
+step_ms = {step_ms}
+allocation = "least_power"
+
+[control.coupled]
+kind = "lqg"
+
+[start]
+depth_mm = 75.0
+shift_mm = [0.01, -0.01, 0.1]
+lean_deg = 0.2
+
+[[reference]]
+kind = "step"
+axis = "depth"
+at_s = 0.5
+by_mm = 0.05
+
+[noise]
+off = true
+"""
 
 
-def simulated(ring, keys, base, state, period, periods, step):
-    machine = Machine(
-        superposed(ring.map),
-        BODY,
-        CoilDrive(Amplifier(1.0, -100.0, 100.0), 6),
-        Sensors(zero_depth=0.0),
-        MatrixAllocation(np.ones((6, 1)), np.zeros(6)),
-    )
-    block = state_block(keys["A"], keys["B"], keys["C"], keys["D"], memory=keys["memory"])
-    schedule = Schedule(np.tile([0.0, 0.0, HEIGHT], (periods, 1)), period, step)
-    run = simulate_closed_loop(machine, block, schedule, state, np.full(6, base), seed=None)
-    assert run.event is None
-    return run.rows[:, :13]
+def scenario(folder, step_ms):
+    path = folder / f"held {step_ms}.toml"
+    path.write_text(SCENARIO.format(step_ms=step_ms))
+    return path
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_body_inside_moves_as_in_the_simulator(units, ring, fmpy, tmp_path, version):
-    """One second held by a controller outside, tilted and off the axis at the start: the simulator's steps approach it
-    with the square of their length."""
-    period, periods = 1e-3, 1000
-    keys, base = controller(ring, period)
-    turn = Rotation.from_euler("xy", [6.0, -4.0], degrees=True).as_quat()[[3, 0, 1, 2]]
-    state = state_of([0.001, -0.0005, HEIGHT - 0.001], quaternion=turn, angular_velocity=[0.0, 0.0, 2.0])
-    task = {"reference": [0.0, 0.0, HEIGHT], "matrix": np.ones((6, 1)), "period": period, "periods": periods}
-    found = fmpy(tmp_path, kind="loop", path=str(units["body", version]), state=state, **task, **keys)[
-        "states"
-    ]
+def test_the_body_inside_moves_as_in_the_simulator(ring, fmpy, tmp_path, version):
+    """One second of `simulate` with the scenario's controller outside the unit: the simulator's steps approach it with
+    the square of their length."""
+    write_map(tmp_path / "linear.h5", ring.data)
+    prepared = prepare(read_scenario(scenario(tmp_path, 0.1)))
+    machine, schedule, block = prepared.machine, prepared.schedule, prepared.controller.arrays
+    path = write_fmu(ring.map, tmp_path / "body.fmu", body=machine.body, version=version)
+    gain, allocation = machine.drive.amplifier.gain, machine.allocation.numbers()
+    assert schedule.feedforward is None or not np.any(schedule.feedforward)
+    found = fmpy(
+        tmp_path,
+        kind="loop",
+        path=str(path),
+        state=prepared.state,
+        seen_at=machine.body.seen_at,
+        references=schedule.references,
+        period=schedule.period,
+        memory=prepared.controller.memory,
+        matrix=gain * allocation.matrix,
+        constant=gain * allocation.constant,
+        **{name: getattr(block, name)[0] for name in "ABCDE"},
+    )["states"]
     off = []
-    for step in (1e-4, 2.5e-5):
-        exact = simulated(ring, keys, base, state, period, periods, step)
-        off.append(np.abs(found - exact).max(axis=0))
-    assert np.abs(found[:, 2] - HEIGHT).max() > 5e-4
+    for step in (0.1, 0.025):
+        run = fieldmap.simulate(scenario(tmp_path, step))
+        assert run.event is None
+        assert len(run.rows) == len(found) == 1000
+        off.append(np.abs(found - run.rows[:, :13]).max(axis=0))
+    # Within the limits, which the controller outside does not have.
+    assert np.abs(run.rows[:, 13:25]).max() < 3.5
+    assert np.ptp(found[:, 2]) > 1e-4
     assert np.ptp(found[:, 10]) > 0.1
     print(
         "largest difference of places, m, and angular velocities, rad/s:", off[1][:3].max(), off[1][10:].max()
@@ -174,7 +199,8 @@ def test_the_body_inside_moves_as_in_the_simulator(units, ring, fmpy, tmp_path, 
 @pytest.mark.parametrize("version", [2, 3])
 def test_model_exchange_and_co_simulation(units, ring, fmpy, tmp_path, version):
     """FMPy's CVODE, the integrator inside, and our own adaptive one."""
-    currents = np.full(6, controller(ring, 1e-3)[1])
+    slope = ring.map.gradient([0, 0, HEIGHT], np.ones(6))[2, 2]
+    currents = np.full(6, MASS * BODY.gravity / (MOMENT * slope))
     state = state_of([0.002, 0.001, HEIGHT], angular_velocity=[0.5, -1.0, 3.0])
     found = fmpy(
         tmp_path,
@@ -312,7 +338,6 @@ def test_what_cannot_be_written(ring, tmp_path, monkeypatch):
 
 def test_the_lines_of_the_documentation(ring, fmpy, tmp_path):
     from fieldmap.cli import main
-    from fieldmap.store import write_map
 
     write_map(tmp_path / "linear.h5", ring.data)
     names = [
