@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import placed as placed
     from fieldmap.dynamics import simulate as simulate
     from fieldmap.io import open_field as open_field
+    from fieldmap.iron import design_figures as design_figures
     from fieldmap.iron import solve as solve
     from fieldmap.iron import solve_linear as solve_linear
     from fieldmap.iron import solve_to_tolerance as solve_to_tolerance
@@ -98,6 +99,7 @@ _PUBLIC = {
     "solve_linear": "fieldmap.iron",
     "solve_to_tolerance": "fieldmap.iron",
     "solve": "fieldmap.iron",
+    "design_figures": "fieldmap.iron",
     "generate": "fieldmap.maps",
     "open_map": "fieldmap.lookup",
     "open_field": "fieldmap.io",

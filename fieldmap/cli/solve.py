@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from fieldmap.cli.printing import Section
+    from fieldmap.iron.design import DesignFigures
     from fieldmap.iron.summary import ReferenceComparison, SolutionSummary
 
 
@@ -64,12 +65,27 @@ def solve(
         list[str] | None,
         typer.Option("--section", metavar="NAME", help="Only this section of the file; may be repeated."),
     ] = None,
+    design: Annotated[
+        bool,
+        typer.Option(
+            "--design",
+            help="Windings (power, current density, time constant), inductances, forces on all coils and iron.",
+        ),
+    ] = False,
+    thermal_resistance: Annotated[
+        float | None,
+        typer.Option(
+            "--thermal-resistance",
+            metavar="K/W",
+            help="Of each winding to its surroundings, for the rise of its temperature; with --design.",
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Solve a device: the solver's report, the field at points, and the file's known values beside ours.
 
     Iron is linear unless --nonlinear is given, which also prints the flux density in every body. Sections of the
-    device file are printed with their mean flux density.
+    device file are printed with their mean flux density. --design prints what a designer asks of the machine.
     """
     from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.printing import print_result
@@ -90,6 +106,12 @@ def solve(
     sections = named_sections(machine, section, "--section") if section else None
     with Progress("solving") as progress:
         solved = solve_device(machine, options, progress)
+        if design and amperes is not None:
+            from fieldmap.iron.design import design_figures
+
+            figures = design_figures(machine, amperes, solved, thermal_resistance)
+            print_result(figures, _design_page, json)
+            return
         summary = summarise_solution(machine, solved, amperes, points, groups, sections, mu_r)
     print_result(summary, _page, json)
 
@@ -110,6 +132,42 @@ def _page(summary: "SolutionSummary") -> "Iterator[Section]":
     yield _force_table(summary) if summary.forces else None
     yield field_table(summary.points, names, currents) if summary.points else None
     yield _reference_table(summary) if summary.references else None
+
+
+def _design_page(figures: "DesignFigures") -> "Iterator[Section]":
+    from fieldmap.cli.printing import assumption_lines, facts, heading, table, without_noise
+
+    yield heading(figures.device, f"{figures.power:.4g} W in all windings")
+    rows = (
+        (
+            one.coil,
+            f"{one.current:.4g}",
+            f"{one.resistance:.4g}" + ("" if one.resistance_is_stated else " (copper)"),
+            f"{one.power:.4g}",
+            f"{1e-6 * one.current_density:.3g}",
+            f"{1e3 * one.inductance:.4g}",
+            f"{1e3 * one.time_constant:.4g}",
+            "-" if one.temperature_rise is None else f"{one.temperature_rise:.4g}",
+        )
+        for one in figures.windings
+    )
+    yield table(("winding", "A", "ohm", "W", "A/mm2", "dL/di mH", "L/R ms", "rise K"), rows)
+    names = [one.coil for one in figures.windings]
+    matrix = (
+        (name, *(f"{1e3 * value:.4g}" for value in row))
+        for name, row in zip(names, figures.inductance, strict=True)
+    )
+    yield table(("mH", *names), matrix)
+    forces = (
+        (", ".join(group.names), *(f"{value + 0.0:.4g}" for value in without_noise(group.force)))
+        for group in (*figures.coil_forces, *figures.iron_forces)
+    )
+    yield table(("force on", "Fx N", "Fy N", "Fz N"), forces)
+    bodies = (
+        (body.body, f"{body.mean_magnitude:.3f}", f"{body.largest_magnitude:.3f}") for body in figures.bodies
+    )
+    yield table(("in the iron, T", "mean |B|", "largest |B|"), bodies) if figures.bodies else None
+    yield facts(assumption_lines(figures.assumptions))
 
 
 FORMS_IN_WORDS = {

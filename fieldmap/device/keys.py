@@ -255,7 +255,7 @@ def _payload(made: DeviceData, payload: object) -> dict[str, Any]:
     try:
         moment = model.Payload(mass=1.0, magnet=payload.magnet).moment
         agree = abs(payload.moment - moment) <= 1e-9 * abs(moment)
-    except (TypeError, ValueError, AttributeError):
+    except (TypeError, ValueError, AttributeError, OverflowError):
         return table  # told at the magnet
     if not agree:
         must_hold = f"must be that of the magnet, {moment:.6g}: volume times remanence over mu0"

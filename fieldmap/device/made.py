@@ -37,7 +37,7 @@ def _take_arrays(made: Any) -> None:
             continue
         try:
             array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             continue  # told when a device is made of it
         array.setflags(write=False)
         object.__setattr__(made, name, array)

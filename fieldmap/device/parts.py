@@ -227,7 +227,9 @@ class Payload(Made):
 
     def __post_init__(self) -> None:
         if self.moment == 0.0 and isinstance(self.magnet, Magnet):
-            with contextlib.suppress(TypeError):  # no numbers: told when a device is made of it
+            with contextlib.suppress(
+                TypeError, OverflowError
+            ):  # no numbers: told when a device is made of it
                 moment = self.magnet.volume * self.magnet.remanence / mu_0
                 object.__setattr__(self, "moment", moment)
 

@@ -3,6 +3,7 @@
 from fieldmap.deprecated import renamed
 from fieldmap.device.model import Section
 from fieldmap.iron.beyond_saturation import BodyBeyondSaturation, bodies_beyond_saturation
+from fieldmap.iron.design import DesignFigures, design_figures
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
@@ -15,6 +16,7 @@ from fieldmap.iron.solvers.to_tolerance import solve_to_tolerance
 
 __all__ = [
     "BodyBeyondSaturation",
+    "DesignFigures",
     "HysteresisSolver",
     "HystereticState",
     "IronMemory",
@@ -30,6 +32,7 @@ __all__ = [
     "SolverReport",
     "bodies_beyond_saturation",
     "check_geometry",
+    "design_figures",
     "generate_mesh",
     "geometry_notes",
     "solve",

@@ -58,7 +58,7 @@ def scaled(value, unit):
         return [scaled(one, unit) for one in value]
     if unit == 1.0 or isinstance(value, bool) or not isinstance(value, int | float):
         return value
-    return value * unit
+    return float(value) * unit if abs(value) < 1e300 else value
 
 
 def arguments(table, leave_out=()):

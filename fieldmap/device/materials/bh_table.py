@@ -51,7 +51,7 @@ class BHTable(SaturatingMaterial):
 
     def __post_init__(self) -> None:
         if self.initial_mu_r == 0.0:
-            with contextlib.suppress(TypeError, ValueError, IndexError, ZeroDivisionError):
+            with contextlib.suppress(TypeError, ValueError, LookupError, ArithmeticError):
                 object.__setattr__(self, "initial_mu_r", float(self.b[0] / (mu_0 * self.h[0])))
 
     @property

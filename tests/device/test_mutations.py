@@ -1,0 +1,100 @@
+"""Device files and their Python twins with something wrong in them: a message each, soon, and never another error."""
+
+import copy
+import os
+import random
+import time
+import tomllib
+
+import pytest
+
+from fieldmap.device import read_device
+from fieldmap.device.toml_text import toml_text
+from fieldmap.errors import InputError
+from tests.device.made_in_code import made_in_code
+from tests.device.test_short_forms import SHORT
+
+COUNT = int(os.environ.get("FIELDMAP_MUTATIONS", "120"))
+LONGEST_S = 5.0
+NUMBERS = [float("nan"), float("inf"), 1e308, -1e308, 5e-324, 0, -1, -0.0, 10**400, 2**70]
+OTHERS = [
+    "text",
+    "",
+    "= 1/0",
+    "= 9**9**9",
+    "{k}",
+    True,
+    [],
+    {},
+    [[1, 2], [3]],
+    [{"name": "x"}, 1],
+    {"a": {"b": 1}},
+]
+
+
+def places(data, location=()):
+    """Every place of the data: (table or array, key)."""
+    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in entries:
+        yield data, key
+        yield from places(value)
+
+
+def mutated(data, rng):
+    """The data with one to three mistakes."""
+    data = copy.deepcopy(data)
+    for _ in range(rng.choice([1, 1, 2, 3])):
+        table, key = rng.choice(list(places(data)))
+        value = table[key]
+        what = rng.choice(["drop", "double", "retype", "number", "negative", "key"])
+        if what == "drop":
+            del table[key]
+        elif what == "double" and isinstance(value, list):
+            value += copy.deepcopy(value)
+        elif what == "double" and isinstance(table, list):
+            table.append(copy.deepcopy(value))
+        elif what == "number":
+            table[key] = rng.choice(NUMBERS)
+        elif what == "negative" and isinstance(value, int | float):
+            table[key] = -value
+        elif what == "key" and isinstance(table, dict):
+            table[rng.choice(["colour", "radius_m", "name ", "x" * 5000, "ключ"])] = table.pop(key)
+        else:
+            table[key] = copy.deepcopy(rng.choice(OTHERS))
+    return data
+
+
+def told(make, seed):
+    """Whether it was refused; whatever else it raises fails the test."""
+    begin, problems = time.perf_counter(), None
+    try:
+        make()
+    except InputError as error:
+        problems = error.problems
+    assert time.perf_counter() - begin < LONGEST_S, seed
+    if problems is None:
+        return False
+    assert problems, seed
+    for problem in problems:
+        assert all((problem.where, problem.must_hold, problem.received, problem.remedy)), (seed, problem)
+        assert len(str(problem)) < 20_000, seed
+    return True
+
+
+@pytest.mark.parametrize("source", ["everything", "short"])
+def test_files(source, valid_text):
+    data = tomllib.loads(valid_text if source == "everything" else SHORT)
+    refused = 0
+    for seed in range(COUNT):
+        wrong = mutated(data, random.Random(seed))
+        refused += told(lambda wrong=wrong: read_device(toml_text(wrong) + "\n"), seed)
+    assert refused > 0.7 * COUNT
+
+
+def test_python_twins(valid_text):
+    data = tomllib.loads(valid_text)
+    refused = 0
+    for seed in range(COUNT):
+        wrong = mutated(data, random.Random(seed))
+        refused += told(lambda wrong=wrong: made_in_code(wrong), seed)
+    assert refused > 0.6 * COUNT
