@@ -52,17 +52,22 @@ class Record:
         return one_line(self)
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{escape(name)}</th>"
-            f"<td style='text-align:left'>{escape(text)}</td></tr>"
-            for name, text in _shown(self)
-        )
-        return f"<table><caption><b>{escape(type(self).__name__)}</b></caption>{rows}</table>"
+        return card(type(self).__name__, dict(_shown(self)))
 
     def to_dict(self) -> dict[str, Plain]:
         """The fields by their names, as plain Python, SI units."""
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
         return {name: _plain_or_text(getattr(self, name)) for name in names}
+
+
+def card(title: str, rows: Mapping[str, str], picture: str = "") -> str:
+    """An HTML table for notebooks: what a thing is, line by line, and a picture below."""
+    cells = "".join(
+        f"<tr><th style='text-align:left'>{escape(name)}</th>"
+        f"<td style='text-align:left'>{escape(text)}</td></tr>"
+        for name, text in rows.items()
+    )
+    return f"<table><caption><b>{escape(title)}</b></caption>{cells}</table>{picture}"
 
 
 def one_line(record: object) -> str:

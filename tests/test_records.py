@@ -3,6 +3,7 @@
 import copy
 import json
 import pickle
+import re
 from dataclasses import fields, is_dataclass
 from functools import cache
 
@@ -61,6 +62,23 @@ def test_text_of_devices_is_one_short_line(name):
     assert device.coil_names[0] in device._repr_html_()
 
 
+@pytest.mark.parametrize("name", ["eight_coils", "drive_unit"])
+def test_the_picture_of_a_device_fits_its_frame(name):
+    """Every corner lies in its view, and the views touch their margins: one scale for both."""
+    device = fm.read_device(name)
+    html = device._repr_html_()
+    outlines = re.findall(r"points='([^']*)'", html)
+    solids = sum(part.operation == "add" for body in device.bodies for part in body.parts)
+    assert len(outlines) == 2 * (solids + len(device.coils))
+    corners = [np.array([pair.split(",") for pair in one.split()], float) for one in outlines]
+    views = corners[: len(corners) // 2], corners[len(corners) // 2 :]
+    for number, view in enumerate(views):
+        every = np.concatenate(view) - [220.0 * number, 0.0]
+        assert every.min() >= 5.9
+        assert every.max() <= 214.1
+    assert max(np.ptp(np.concatenate(view), axis=0).max() for view in views) == pytest.approx(208.0, abs=0.3)
+
+
 @pytest.mark.parametrize("again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
 def test_a_solution_an_equilibrium_and_its_report(again):
     unit = fm.solve_linear(fm.read_device("loop_and_sphere"), refinement=0.5)
@@ -74,6 +92,8 @@ def test_a_solution_an_equilibrium_and_its_report(again):
     for one in (unit, unit.at(1.0), unit.report, unit.mesh, unit.state, e, e.report):
         assert len(repr(one)) <= LONGEST
         assert "\n" not in repr(one)
+    assert "unknowns" in unit._repr_html_()
+    assert "<table>" in unit.at(1.0)._repr_html_()
     for one in (unit.report, e, e.report):
         assert json.loads(json.dumps(one.to_dict()))
 

@@ -51,7 +51,7 @@ from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
 from fieldmap.inputs.key_paths import matches
-from fieldmap.records import FrozenDict
+from fieldmap.records import FrozenDict, card
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
 _SEQUENCES = ("coils", "bodies", "references", "sections")
@@ -141,6 +141,21 @@ class Device(Made):
         for name, value in (defaults | values).items():
             object.__setattr__(device, name, value)
         return device
+
+    def _repr_html_(self) -> str:
+        from fieldmap.device.drawing import small_picture
+
+        rows = {
+            "coils": f"{len(self.coils)}: {', '.join(self.coil_names)}",
+            "bodies": f"{len(self.bodies)}: {', '.join(body.name for body in self.bodies)}",
+            "materials": ", ".join(f"{name}: {one.description}" for name, one in self.materials.items()),
+        }
+        if self.payload is not None:
+            rows["payload"] = f"{1e3 * self.payload.mass:.4g} g, moment {self.payload.moment:.4g} A m2"
+        if self.bounds is not None:
+            corners = (" x ".join(f"{1e3 * x:g}" for x in corner) for corner in self.bounds)
+            rows["workspace"] = " to ".join(corners) + " mm"
+        return card(f"{self.name}: {self.title}", rows, small_picture(self.bodies, self.coils))
 
     @property
     def coil_names(self) -> tuple[str, ...]:

@@ -60,6 +60,17 @@ class SolverReport(Record):
         """Wall time of the whole solve."""
         return sum(self.seconds.values())
 
+    def card_rows(self) -> dict[str, str]:
+        """What it is, size and error, for a card in a notebook."""
+        return {
+            "iron": f"{self.magnetic_bodies} magnetic bodies, symmetry: {self.symmetry}",
+            "size": f"{self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.matrix_bytes / 1e6:.0f} MB",
+            "error": "not estimated" if self.error is None else str(self.error),
+            "residual": f"{self.residual:.1e} after {self.iterations} iterations",
+            "time": f"{self.total_seconds:.1f} s",
+            "assumes": "; ".join(self.assumptions),
+        }
+
     def __str__(self) -> str:
         steps = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
         peak = "" if self.largest_flux_density is None else f", iron up to {self.largest_flux_density:.2f} T"

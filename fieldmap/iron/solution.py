@@ -25,7 +25,7 @@ from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
-from fieldmap.records import shortened
+from fieldmap.records import card, shortened
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array, Index
@@ -60,6 +60,10 @@ class SolvedState(BaseFieldAtCurrents):
 
     def __repr__(self) -> str:
         return shortened(f"<{type(self).__name__} at {self.currents.tolist()} A: {self.report}>")
+
+    def _repr_html_(self) -> str:
+        amperes = ", ".join(f"{i:g}" for i in self.currents)
+        return card(f"{type(self).__name__} at {amperes} A", self.report.card_rows())
 
     def field(self, points: ArrayLike) -> Array:
         """Flux density (n, 3) or (3,); inside the iron the mean of the element. Raises InputError for bad points."""
@@ -190,6 +194,9 @@ class LinearSolution(BaseField):
 
     def __repr__(self) -> str:
         return shortened(f"<LinearSolution of {len(self.coils)} coils: {self.report}>")
+
+    def _repr_html_(self) -> str:
+        return card(f"LinearSolution of {len(self.coils)} coils", self.report.card_rows())
 
     @property
     def proportional(self) -> bool:

@@ -36,6 +36,7 @@ from fieldmap.lookup.evaluation import (
     single_row,
 )
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
+from fieldmap.records import card
 from fieldmap.store import FieldError, MapData, MapInfo, read_map
 from fieldmap.typing import Array
 
@@ -458,6 +459,21 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
         self._start()
+
+    def _repr_html_(self) -> str:
+        bound = self.error_bound
+        corners = (" x ".join(f"{1e3 * x:g}" for x in corner) for corner in self.bounds)
+        rows = {
+            "of": self.info.provenance.title or self.info.provenance.device_name,
+            "coils": ", ".join(self.coil_names),
+            "iron": "linear: any currents" if self.proportional else "saturating: the currents of its domain",
+            "box": " to ".join(corners) + " mm",
+            "size": f"{self.info.grid.size} nodes, {self.nbytes / 1e6:.1f} MB of coefficients",
+            "error": "not certified"
+            if bound is None
+            else f"at most {bound.flux_density:.2g} T and {bound.gradient:.2g} T/m against the solver",
+        }
+        return card(f"FieldMap, {self.kind}", rows)
 
     def __repr__(self) -> str:
         corners = ", ".join(

@@ -126,7 +126,9 @@ def test_schema_accepts_a_shipped_device(capsys):
     printed = capsys.readouterr().out
     assert printed == shipped_file("geometry", "device.schema.json").read_text()
     schema = json.loads(printed)
-    device = tomllib.loads(shipped_file("geometry", "drive_unit").read_text())
+    short = tomllib.loads(shipped_file("geometry", "drive_unit").read_text())
+    jsonschema.validate(short, schema)
+    device = tomllib.loads(shipped_file("geometry", "drive_unit_a3").read_text())
     jsonschema.validate(device, schema)
     device["coil"][0]["turns"] = "many"
     with pytest.raises(jsonschema.ValidationError):

@@ -57,6 +57,19 @@ def problems(devices, text, name="wrong.toml"):
     return path, caught.value.problems
 
 
+def test_a_parameter_is_varied_and_what_follows_from_it(devices):
+    text = 'format = 1\ntitle = "Gaps"\ndevice = "drive_unit"\n'
+    text += '[[vary]]\nname = "gap"\nkey = "parameters.gap"\nvalues = [120.0, 283.0]\n'
+    text += '[[vary]]\nname = "plate"\nkey = "body.lower plate.radius_mm"\nvalues = [66.0, 80.0]\n'
+    study = read_study(devices.study("gaps.toml", text + "[[currents]]\nname = 'all'\namperes_A = 1.0\n"))
+    plates = [
+        next(body for body in variant.document.data["body"] if body["name"] == "lower plate")
+        for variant in study.variants
+    ]
+    assert [plate["position_mm"][2] for plate in plates] == [-126.0, -126.0, -289.0, -289.0]
+    assert [plate["radius_mm"] for plate in plates] == [66.0, 80.0, 66.0, 80.0]
+
+
 def test_every_mistake_is_named_with_its_line(devices):
     path, found = problems(devices, MISTAKES)
     assert len(found) == len(FOUND)

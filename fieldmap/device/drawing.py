@@ -1,0 +1,96 @@
+"""A small picture of a machine, seen from above and from the side, as SVG: for notebooks, without any program for
+pictures."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from fieldmap.device.coils import Coil
+from fieldmap.device.parts import Body, Box, ExtrudedPolygon, Part, RevolvedProfile, Ring, Sphere
+from fieldmap.typing import Array
+
+_ROUND = 24
+_SIZE = 220.0
+_MARGIN = 6.0
+_IRON, _COPPER = "#9aa5b1", "#d08b5b"
+
+
+def small_picture(bodies: tuple[Body, ...], coils: tuple[Coil, ...]) -> str:
+    """Outlines of bodies and windings in the x-y plane and in the x-z plane, to one scale; "" for nothing to draw.
+
+    Outlines are convex: bores and notches are not seen. Bodies from STEP files are left out.
+    """
+    things = [(_IRON, points) for body in bodies for points in map(part_points, body.parts) if len(points)]
+    things += [(_COPPER, coil_points(coil)) for coil in coils]
+    if not things:
+        return ""
+    every = np.concatenate([points for _, points in things])
+    lower, upper = every.min(axis=0), every.max(axis=0)
+    scale = (_SIZE - 2 * _MARGIN) / max(float((upper - lower).max()), 1e-9)
+    views = []
+    for number, (across, up) in enumerate(((0, 1), (0, 2))):
+        shapes = []
+        for colour, points in things:
+            flat = (points[:, [across, up]] - lower[[across, up]]) * [scale, scale]
+            flat[:, 1] = (upper[up] - lower[up]) * scale - flat[:, 1]
+            outline = _hull(flat) + [_MARGIN + number * _SIZE, _MARGIN]
+            corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in outline)
+            shapes.append(
+                f"<polygon points='{corners}' fill='{colour}' fill-opacity='0.5' stroke='{colour}'/>"
+            )
+        views.append("".join(shapes))
+    size = f"width='{2 * _SIZE:.0f}' height='{_SIZE:.0f}'"
+    return f"<svg xmlns='http://www.w3.org/2000/svg' {size}>{''.join(views)}</svg>"
+
+
+def part_points(part: Part) -> Array:
+    """Points (n, 3), m, whose convex hull is that of a part; none of a STEP file or of what is cut."""
+    shape = part.shape
+    if part.operation != "add":
+        return np.zeros((0, 3))
+    if isinstance(shape, Box):
+        half = np.array(shape.size[:2]) / 2
+        local = [
+            [x, y, z] for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (0, shape.size[2])
+        ]
+    elif isinstance(shape, ExtrudedPolygon):
+        local = [[x, y, z] for x, y in shape.points for z in (0.0, shape.height)]
+    else:
+        local = [
+            [r * math.cos(angle), r * math.sin(angle), z]
+            for r, z in _profile(shape)
+            for angle in np.linspace(0.0, 2 * math.pi, _ROUND, endpoint=False)
+        ]
+    points = np.array(local, dtype=float).reshape(-1, 3)
+    return points @ np.asarray(part.placement.rotation).T + part.placement.position
+
+
+def _profile(shape: object) -> Iterator[tuple[float, float]]:
+    """Corners (r, z) of a body of revolution."""
+    if isinstance(shape, RevolvedProfile):
+        yield from ((float(r), float(z)) for r, z in shape.points)
+    elif isinstance(shape, Sphere):
+        angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 1)
+        yield from ((shape.radius * math.cos(a), shape.radius * math.sin(a)) for a in angles)
+    elif hasattr(shape, "height"):
+        radius = shape.outer_radius if isinstance(shape, Ring) else shape.radius  # type: ignore[attr-defined]
+        yield from ((radius, z) for z in (0.0, shape.height))
+
+
+def coil_points(coil: Coil) -> Array:
+    """Points (n, 3), m, of the outer edges of a winding."""
+    path = coil.winding()
+    edge = np.concatenate([points for points, _ in path.outline(path.turning * path.thickness / 2, _ROUND)])
+    local = np.concatenate(
+        [np.column_stack([edge, np.full(len(edge), z)]) for z in (-path.height / 2, path.height / 2)]
+    )
+    return local @ np.asarray(coil.placement.rotation).T + coil.placement.position
+
+
+def _hull(points: Array) -> Array:
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        return points
