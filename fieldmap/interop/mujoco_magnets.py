@@ -168,7 +168,8 @@ class _Compiled:
                 points, moments = magnet.points, magnet.moments
             else:
                 points, moments = np.zeros((1, 3)), magnet.reshape(1, 3)
-            rows.append([body, len(dipoles), len(dipoles) + len(points)])
+            free = _free_joint(mujoco, model, body)
+            rows.append([body, len(dipoles), len(dipoles) + len(points), free])
             dipoles += np.hstack([points, moments]).tolist()
         # Kept here because the task holds nothing but addresses.
         self._block = np.ascontiguousarray(block)
@@ -210,6 +211,14 @@ class _Compiled:
         if self._task[at.STATUS] == INSIDE:
             return None
         return outside_error(self._place[None].copy(), 1, field.lower, field.upper)
+
+
+def _free_joint(mujoco: ModuleType, model: Any, body: int) -> int:
+    """First degree of freedom of a body that hangs on a free joint alone, else -1."""
+    joint = int(model.body_jntadr[body])
+    alone = int(model.body_jntnum[body]) == 1 and int(model.body_parentid[body]) == 0
+    free = alone and int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_FREE)
+    return int(model.jnt_dofadr[joint]) if free else -1
 
 
 @cache

@@ -22,7 +22,8 @@ from fieldmap.kernels.map.map_block import INSIDE
 # magnet, and address of three numbers for that point; address of the map's origin in the world (3).
 MODEL, APPLY, XPOS, XMAT, PASSIVE, BLOCK, BLOCK_SIZE, CURRENTS, COILS = range(9)
 DIPOLES, DIPOLE_COUNT, BODIES, BODY_COUNT, MUTUAL, STATUS, AT_FAULT, PLACE, ORIGIN, SIZE = range(9, 19)
-# Of BODIES (b, 3): number of the body in MuJoCo, its first dipole, the one after its last.
+# Of BODIES (b, 4): number of the body in MuJoCo, its first dipole, the one after its last; its first degree of freedom
+# where a free joint is all that it hangs on, else -1.
 _WORD, _REAL = ir.IntType(64), ir.DoubleType()
 
 
@@ -171,7 +172,7 @@ def add_forces(active, model, data):
     xpos = carray(_words(data + task[XPOS]), (1,))[0]
     xmat = carray(_words(data + task[XMAT]), (1,))[0]
     passive = carray(_words(data + task[PASSIVE]), (1,))[0]
-    bodies = carray(_words(task[BODIES]), (task[BODY_COUNT], 3))
+    bodies = carray(_words(task[BODIES]), (task[BODY_COUNT], 4))
     most = 0
     for n in range(task[BODY_COUNT]):
         most = max(most, bodies[n, 0] + 1)
@@ -189,5 +190,12 @@ def add_forces(active, model, data):
             task[AT_FAULT] = n
             task[STATUS] = status
             return
-        body = bodies[n, 0]
-        _apply(task[APPLY], model, data, load, xpos + 24 * body, body, passive)
+        body, first = bodies[n, 0], bodies[n, 3]
+        if first < 0:
+            _apply(task[APPLY], model, data, load, xpos + 24 * body, body, passive)
+            continue
+        # What mj_applyFT would do: force in the world, torque in the body.
+        turn, out = turns[body], carray(_reals(passive + 8 * first), (6,))
+        for k in range(3):
+            out[k] += load[k]
+            out[3 + k] += turn[k] * load[3] + turn[3 + k] * load[4] + turn[6 + k] * load[5]
