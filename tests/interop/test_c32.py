@@ -20,6 +20,12 @@ STRICT += ["-Wdouble-promotion", "-Wfloat-conversion"]
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 
 
+@pytest.fixture(scope="module")
+def whole(ring):
+    """The ring's map as one polynomial."""
+    return interpolate(ring.data, "global")
+
+
 def cut(data, nodes=(5, 5, 5)):
     """A corner of a map, so that its constants are few."""
     i, j, k = nodes
@@ -129,10 +135,10 @@ def test_too_many_numbers_and_a_hermite_form_are_refused(ring, tmp_path, monkeyp
     assert not list(tmp_path.iterdir())
 
 
-def test_the_loop_at_a_kilohertz(ring, tmp_path):
+def test_the_loop_at_a_kilohertz(whole, tmp_path):
     """docs/examples/levitate_1khz.c, strictly compiled: it holds the magnet."""
     shutil.copy(ROOT / "docs" / "examples" / "levitate_1khz.c", tmp_path)
-    write_c32_files(interpolate(ring.data, "global"), tmp_path / "lift.h")
+    write_c32_files(whole, tmp_path / "lift.h")
     strict = [flag for flag in STRICT if flag != "-Wdouble-promotion"]
     subprocess.run(
         ["gcc", "-std=c99", *strict, "-O2", "levitate_1khz.c", "-o", "levitate"],
@@ -149,11 +155,10 @@ def test_the_loop_at_a_kilohertz(ring, tmp_path):
         assert float(found[2]) < 0.05
 
 
-def test_the_lines_of_the_documentation(ring, tmp_path):
+def test_the_lines_of_the_documentation(whole, tmp_path):
     page = (ROOT / "docs" / "c.md").read_text().split("## For microcontrollers")[1]
     (example,) = re.findall(r"^```c\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
-    m = interpolate(ring.data, "global")
-    write_c32_files(m, tmp_path / "lift.h")
+    write_c32_files(whole, tmp_path / "lift.h")
     rest = """
 #include <stdio.h>
 int main(void) { const float p[3] = {0.0f, 0.0f, -0.1f}; float f; printf("%d ", (int)lift_per_ampere(p, &f));
@@ -164,5 +169,5 @@ printf("%.9g\\n", (double)f); return 0; }
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     status, force = subprocess.run([tmp_path / "a"], capture_output=True, text=True).stdout.split()
     assert status == "0"
-    exact = m.wrench([0, 0, -0.1], [0, 0, 0.8], np.ones(6))[2]
+    exact = whole.wrench([0, 0, -0.1], [0, 0, 0.8], np.ones(6))[2]
     assert abs(float(force) / exact - 1) < 1e-5
