@@ -154,8 +154,9 @@ def turned_keys(
 ) -> tuple[list[float], list[float]]:
     """position_mm and rotation_deg of a thing that is turned about an axis through a centre.
 
-    >>> turned_keys([44.0, 0.0, 6.0], [0.0, 90.0, 0.0], "z", 60.0)
-    ([22.0, 38.10511776651531, 6.0], [0.0, 90.0, 60.0])
+    >>> position, rotation = turned_keys([44.0, 0.0, 6.0], [0.0, 90.0, 0.0], "z", 60.0)
+    >>> [round(x, 9) for x in position], rotation
+    ([22.0, 38.105117767, 6.0], [0.0, 90.0, 60.0])
     """
     k = AXES.index(axis)
     first, second = (k + 1) % 3, (k + 2) % 3

@@ -11,6 +11,7 @@ from fieldmap.device.expansion import expand
 from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError
 from fieldmap.shipped import shipped_file
+from tests.test_records import same
 
 HEAD = 'format = 1\nname = "short"\ntitle = "Short forms"\n'
 SHORT = (
@@ -198,6 +199,23 @@ def test_hostile_parameters_give_a_message_at_once(hostile):
     begin = time.perf_counter()
     assert problems(HEAD + "[parameters]\n" + hostile + '\n[[coil]]\nname = "= p"\n')
     assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize(
+    ("short", "whole", "only"),
+    [
+        ("disk_six_cores", "disk_six_cores_plate", "upper plate"),
+        ("drive_unit", "drive_unit_no_centre_core", "centre core"),
+    ],
+)
+def test_short_devices_are_those_that_are_written_out(short, whole, only):
+    """Bodies, coils and the rest are the same to the last bit, but for the one body in which they differ."""
+    short, whole = read_device(short), read_device(whole)
+    assert "repeat" not in whole.text
+    for one in (short, whole):
+        object.__setattr__(one, "bodies", tuple(body for body in one.bodies if body.name != only))
+    for part in ("bodies", "coils", "payload", "driver", "workspace"):
+        assert same(getattr(short, part), getattr(whole, part)), part
 
 
 @pytest.mark.parametrize("name", ["disk_six_cores", "drive_unit"])
