@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.arguments import check_positive
+from fieldmap.device import read_device
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import Device
 from fieldmap.field import Currents, coil_currents
@@ -13,7 +14,7 @@ from fieldmap.iron.solution import LinearSolution, SolvedState
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver
 from fieldmap.iron.summary import BodyFlux, GroupForce, body_fluxes
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 COPPER = 1.724e-8
 """Resistivity of annealed copper at 20 C, ohm m (IEC 60028)."""
@@ -83,7 +84,7 @@ def copper_resistance(coil: Coil, fill: float = FILL) -> float:
 
 
 def design_figures(
-    device: Device,
+    device: Device | PathLike,
     currents: Currents,
     field: LinearSolution | NonlinearSolver | None = None,
     thermal_resistance: float | None = None,
@@ -102,6 +103,7 @@ def design_figures(
     >>> figures.windings[0].coil, figures.inductance.shape
     ('loop', (1, 1))
     """
+    device = read_device(device)
     check_positive("design_figures", fill=fill)
     if thermal_resistance is not None:
         check_positive("design_figures", thermal_resistance=thermal_resistance)

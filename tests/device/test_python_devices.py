@@ -188,4 +188,8 @@ def test_what_is_no_map_file_and_what_is_a_field():
     assert fm.open_field(coils) is coils
     air = fm.Device("air", "", [fm.CircularCoil("a", 0.02, 0.03, 0.01, 100)])
     assert fm.open_field(air).field([0.0, 0.0, 0.0], 1.0)[2] > 0
+    for wrong in (3, coils):
+        with pytest.raises(InputError):
+            fm.solve_linear(wrong)
+    assert fm.design_figures("loop_and_sphere", 1.0).windings[0].coil == "loop"
     assert isinstance(Path(fm.read_device("disk_six_cores").source), Path)

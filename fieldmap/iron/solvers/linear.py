@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
@@ -18,7 +19,7 @@ from fieldmap.iron.quantities.linkage import linkage_and_coenergy
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.sources import unit_flux_densities
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
     "potential": PotentialForm,
@@ -31,7 +32,7 @@ _RESIDUAL_PER_TOLERANCE = 1e-4
 
 
 def solve_linear(
-    device: Device,
+    device: Device | PathLike,
     mu_r: float | None = None,
     tolerance: float = 1e-3,
     progress: Progress | None = None,
@@ -41,7 +42,8 @@ def solve_linear(
 ) -> LinearSolution:
     """Solve a device with iron of constant permeability, once per coil (and once for its magnets' remanence).
 
-    mu_r: relative permeability of all soft iron; None: the device file's own, for a B-H table its initial slope.
+    device: the machine, its file, or the name of a shipped one. mu_r: relative permeability of all soft iron; None:
+    the device's own, for a B-H table its initial slope.
     tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
     the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
     form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
@@ -55,6 +57,7 @@ def solve_linear(
     >>> unit.report.magnetic_bodies, unit.report.residual < 1e-7
     (1, True)
     """
+    device = read_device(device)
     check_arguments(tolerance, refinement, form)
     stages = Stages(progress)
     stages.next("checking the geometry", 0.0)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
+from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, Bounds, Currents, coil_currents
@@ -29,7 +30,7 @@ from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
 from fieldmap.iron.solvers.reduced import GalerkinModel, project
 from fieldmap.sources import unit_flux_densities
 from fieldmap.sources.inductance import bare_inductance
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
@@ -55,12 +56,13 @@ class NonlinearSolver(BaseField):
 
     def __init__(
         self,
-        device: Device,
+        device: Device | PathLike,
         refinement: float = 1.0,
         progress: Progress | None = None,
         symmetry: str = "auto",
         tolerance: float = 1e-3,
     ) -> None:
+        device = read_device(device)
         self.device, self.tolerance = device, tolerance
         self._states: dict[bytes, NonlinearSolution] = {}
         self._last: NonlinearSolution | None = None
@@ -299,7 +301,7 @@ class NonlinearSolver(BaseField):
 
 
 def solve(
-    device: Device,
+    device: Device | PathLike,
     currents: Currents,
     tolerance: float = 1e-3,
     progress: Progress | None = None,
@@ -322,6 +324,7 @@ def solve(
     >>> print(f"{1e3 * state.field([0.0, 0.0, -0.014])[2]:.2f} mT")
     1.01 mT
     """
+    device = read_device(device)
     if estimate:
         workspace_surface(device)
     solver = NonlinearSolver(device, refinement, progress, symmetry)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron.elements.potential_form import ConvexForm
@@ -26,7 +27,7 @@ from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into
 from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.solvers.linear import check_arguments, chosen_form, coils_alone, form_on, solved_in_form
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 # Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
 START = 0.7
@@ -34,7 +35,7 @@ _MOST_LEVELS = 8
 
 
 def solve_to_tolerance(
-    device: Device,
+    device: Device | PathLike,
     tolerance: float = 1e-3,
     mu_r: float | None = None,
     progress: Progress | None = None,
@@ -49,6 +50,7 @@ def solve_to_tolerance(
     the faces and estimates of all meshes. Raises NotConverged with the estimates so far when the next mesh would not
     fit into memory, otherwise as `solve_linear`.
     """
+    device = read_device(device)
     check_arguments(tolerance, 1.0, "auto")
     check_geometry(device)
     points = workspace_surface(device)
