@@ -313,6 +313,22 @@ def test_the_source_is_strict_and_a_unit_the_same_each_time(units, ring, tmp_pat
     assert "python" not in (folder / "sources" / "fmu.c").read_text().lower()
 
 
+@pytest.mark.parametrize("name", ["field", "body"])
+@pytest.mark.parametrize("version", [2, 3])
+def test_no_argument_makes_it_touch_memory_that_is_not_its_own(units, tmp_path, name, version):
+    folder = tmp_path / "a unit%"
+    with zipfile.ZipFile(units[name, version]) as archive:
+        archive.extractall(folder)
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
+    source = Path(__file__).parent / "c" / "drive_fmu.c"
+    command = ["gcc", "-std=c99", "-I", folder / "sources", source, "-o", tmp_path / "drive", "-lm"]
+    if subprocess.run([*command, *checks], capture_output=True).returncode:
+        # No address sanitizer here: without it, then.
+        subprocess.run(command, check=True, capture_output=True)
+    done = subprocess.run([tmp_path / "drive", folder / "resources"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_fixed_currents_have_no_inputs_for_them(ring, tmp_path):
     path = write_fmu(ring.map.at(np.ones(6)), tmp_path / "1 fixed.fmu", magnet=[0, 0, MOMENT])
     root, binary, references = unpacked(path, tmp_path / "unit")
