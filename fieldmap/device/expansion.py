@@ -5,6 +5,7 @@ that what is wrong in the fifth copy of a table is told at the line of that tabl
 """
 
 import copy
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -74,6 +75,9 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
         problems += document.problems([wrong])
         names = []
     here = (*above, document.path.resolve())
+    folder = here[0].parent
+    if above:
+        document = replace(document, data=_with_files_from(document.data, document.path.parent, folder))
     for name in names:
         beside = document.path.parent / name
         path = beside if beside.is_file() else shipped_file("geometry", name)
@@ -95,6 +99,19 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
         except InputError as error:
             problems += error.problems
     return [*layers, document]
+
+
+def _with_files_from(data: Any, folder: Path, main: Path) -> Any:
+    """Data of an included file; the files that lie beside it are named from the folder of the main one."""
+    if isinstance(data, list):
+        return [_with_files_from(one, folder, main) for one in data]
+    if not isinstance(data, dict):
+        return data
+    named = {key: _with_files_from(one, folder, main) for key, one in data.items()}
+    file = named.get("file")
+    if isinstance(file, str) and (folder / file).is_file() and not (main / file).is_file():
+        named["file"] = os.path.relpath(folder / file, main)
+    return named
 
 
 @dataclass

@@ -329,7 +329,7 @@ def checked_data(device: Any) -> DeviceData:
         findings += [
             one
             for one in cross_findings(made.data, Path(), missing)
-            if not (made.unwritten and one.location in ((), ("reference",)))
+            if not (made.unwritten and one.location[:1] in ((), ("reference",)))
             and not (read and not device.materials and one.location[-1:] == ("material",))
         ]
     if findings:

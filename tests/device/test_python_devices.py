@@ -1,6 +1,7 @@
 """Machines made in Python: the text of their files, patterns, shipped materials, and maps without a recipe file."""
 
 import tomllib
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,34 @@ def test_copies_in_a_row_and_names():
     for names in (["a"], "same"):
         with pytest.raises(InputError):
             coil.along([0, 0, 1], 3, names=names)
+
+
+@dataclass(frozen=True, repr=False)
+class HexagonalCoil(fm.Coil):
+    """A coil without keys of a file."""
+
+    kind = "hexagonal"
+
+    name: str
+    radius: float
+    turns: float = 10.0
+    height: float = 0.01
+    polarity: int = 1
+    placement: fm.Placement = field(default_factory=fm.Placement)
+    resistance: float | None = None
+    inductance: float | None = None
+
+    def winding(self):
+        return fm.CircularCoil("", 0.9 * self.radius, self.radius, self.height, 1.0).winding()
+
+
+def test_coils_of_a_class_of_ones_own_need_no_keys():
+    device = fm.Device("own", "", [HexagonalCoil("a", 0.02).moved([0, 0, 0.1]), HexagonalCoil("b", 0.03)])
+    assert CoilSet(device.coils).field([0.0, 0.0, 0.1], 1.0)[2] > 0
+    assert device.text == ""
+    with pytest.raises(InputError) as caught:
+        device.to_toml()
+    assert "a, b" in caught.value.problems[0].received
 
 
 def test_replaced_values_are_checked_and_their_sources_go():

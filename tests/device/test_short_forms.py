@@ -156,6 +156,22 @@ def test_an_included_file_keeps_its_lines_and_gives_way(tmp_path):
     assert len(where) == 8
 
 
+def test_files_beside_an_included_file_are_found(tmp_path):
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    curve = 'format = 1\nname = "curve"\ntitle = "Two points"\nH_A_per_m = [100, 1000]\nB_T = [1.0, 1.6]\n'
+    (folder / "curve.toml").write_text(curve)
+    steel = '[material.steel]\nkind = "bh_table"\nfile = "curve.toml"\n'
+    steel += 'below = "straight line to the origin"\nabove = "slope mu0"\n'
+    (folder / "steel.toml").write_text(steel)
+    coil = '[[coil]]\nname = "a"\nkind = "circular"\ninner_radius_mm = 1\nouter_radius_mm = 2\n'
+    coil += "height_mm = 3\nturns = 4\n"
+    (tmp_path / "main.toml").write_text(HEAD + 'include = "parts/steel.toml"\n' + coil)
+    device = read_device(tmp_path / "main.toml")
+    assert device.materials["steel"].b.tolist() == [1.0, 1.6]
+    assert list(device.included) == ["parts/curve.toml"]
+
+
 @pytest.mark.parametrize("name", ["self.toml", "there is none.toml", 3])
 def test_files_that_cannot_be_included(name, tmp_path):
     path = tmp_path / "self.toml"

@@ -263,6 +263,7 @@ def test_threads_with_different_currents_do_not_mix(coarse, dipoles):
 
 def test_says_what_it_is(coarse, dipoles):
     assert all(part in repr(coarse) for part in ("harmonic", "3 coils", "-15 to 20", "294"))
+    assert "294 nodes" in coarse._repr_html_()
     assert coarse.error_bound is None
     assert interpolate(dipoles.map((6, 5, 6)), "hermite").interpolation_error is None
 
