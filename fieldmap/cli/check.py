@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from fieldmap.cli.options import DeviceOrMapArgument, Json
 
@@ -17,6 +19,10 @@ if TYPE_CHECKING:
 
 def check(
     source: DeviceOrMapArgument,
+    toml: Annotated[
+        bool,
+        typer.Option("--toml", help="Print the device as a file in which every copy is written out."),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Read a device file, check its geometry, and list its bodies, coils and assumptions.
@@ -34,7 +40,11 @@ def check(
     else:
         from fieldmap.iron.contents import device_contents
 
-        print_result(device_contents(named_device(source)), _device_page, json)
+        contents = device_contents(named_device(source))
+        if toml:
+            print(contents.device.to_toml(), end="")
+        else:
+            print_result(contents, _device_page, json)
 
 
 def _device_page(contents: "DeviceContents") -> Iterator["Section"]:

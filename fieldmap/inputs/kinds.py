@@ -30,7 +30,7 @@ class FileKind(Generic[Contents]):
     mark: a key with the value that only this kind gives it; it goes before keys. taken_by: what reads such a file, for
     people who gave it to something else. refers_to: kinds of file that a file of this kind names, each with a remedy
     for people who gave that file instead; {file} stands for its name. json_schema: file of the shipped JSON Schema.
-    expand: writes out the short forms of a file; raises `error`.
+    expand: writes out the short forms of a file; raises `error`. short_forms: top-level keys that are gone then.
     """
 
     name: str
@@ -44,6 +44,7 @@ class FileKind(Generic[Contents]):
     refers_to: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     json_schema: str | None = None
     expand: Callable[[Document], Document] | None = None
+    short_forms: frozenset[str] = frozenset()
 
     def find(self, path_or_name: PathLike) -> Path:
         """The file at a path, or the shipped one of that name; raises `error` if there is neither."""
@@ -78,7 +79,8 @@ class FileKind(Generic[Contents]):
     def refuse_other_kinds(self, document: Document) -> None:
         """Raise `error` if the document is clearly of another kind; one of no kind passes."""
         data = document.data
-        if self.keys & data.keys() and data.keys() <= self.schema.model_fields.keys():
+        known = self.schema.model_fields.keys() | self.short_forms
+        if self.keys & data.keys() and data.keys() <= known:
             return
         found = kind_of(data)
         if found is None or found is self:

@@ -135,6 +135,20 @@ def test_schema_accepts_a_shipped_device(capsys):
         jsonschema.validate(device, schema)
 
 
+def test_check_prints_the_machine_that_short_forms_make(capsys, tmp_path):
+    from fieldmap.device import read_device
+
+    assert main(["check", "disk_six_cores", "--toml"]) == 0
+    path = tmp_path / "whole.toml"
+    path.write_text(capsys.readouterr().out)
+    data, whole = tomllib.loads(path.read_text()), read_device(path)
+    assert not {"include", "parameters", "defaults"} & set(data)
+    assert [coil["resistance_ohm"] for coil in data["coil"]] == [4.27, 4.23, 4.25, 4.25, 4.29, 4.25]
+    assert [body.name for body in whole.bodies] == [
+        body.name for body in read_device("disk_six_cores").bodies
+    ]
+
+
 def test_linear_iron_that_would_saturate_is_named(capsys):
     """At 80 A the core of mu_r = 4000 carries some 4 T."""
     words = ["probe", "single_electromagnet", "--at-mm", "0,0,-40", "--currents"]

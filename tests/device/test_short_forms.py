@@ -1,5 +1,7 @@
 """Short forms of device files: repetition, mirrors, parameters, defaults, included files; where mistakes are told."""
 
+import subprocess
+import sys
 import time
 import tomllib
 
@@ -170,6 +172,15 @@ def test_files_beside_an_included_file_are_found(tmp_path):
     device = read_device(tmp_path / "main.toml")
     assert device.materials["steel"].b.tolist() == [1.0, 1.6]
     assert list(device.included) == ["parts/curve.toml"]
+
+
+def test_a_short_device_is_read_without_the_packages_of_other_files():
+    program = (
+        "import sys, fieldmap; fieldmap.read_device('drive_unit'); "
+        "print(sorted(n for n in sys.modules if n.startswith(('fieldmap.iron', 'fieldmap.maps', 'fieldmap.dynamics'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize("name", ["self.toml", "there is none.toml", 3])

@@ -139,10 +139,11 @@ DEVICE = register(
         DeviceFile,
         DeviceFileError,
         "geometry",
-        keys=frozenset({"coil", "body", "material", "payload", "driver", "workspace"}),
+        keys=frozenset({"coil", "body", "material", "payload", "driver", "workspace", "include"}),
         taken_by="`fieldmap check` takes it",
         json_schema="device.schema.json",
         expand=expand,
+        short_forms=frozenset({"include", "defaults"}),
     )
 )
 MATERIAL = register(
