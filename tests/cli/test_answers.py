@@ -136,6 +136,8 @@ def test_schema_accepts_a_shipped_device(capsys):
 
 
 def test_check_prints_the_machine_that_short_forms_make(capsys, tmp_path):
+    import tomllib
+
     from fieldmap.device import read_device
 
     assert main(["check", "disk_six_cores", "--toml"]) == 0
