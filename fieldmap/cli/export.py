@@ -29,7 +29,7 @@ FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
     "c32": ("--kind", "--currents", "--outside"),
     "csv": ("--currents", "--spacing-mm"),
-    "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body"),
+    "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body", "--sources"),
     "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
@@ -106,6 +106,9 @@ def export(
             autocompletion=devices,
         ),
     ] = None,
+    sources: Annotated[
+        bool, typer.Option("--sources", help="For fmu: C sources alone, for an importer that compiles them.")
+    ] = False,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -123,6 +126,7 @@ def export(
         "--fmi": fmi is not None,
         "--moment": moment is not None,
         "--body": body is not None,
+        "--sources": sources,
     }
     _check(to, [option for option, there in given.items() if there])
     iron = checked_iron(mu_r, nonlinear, refinement, "auto")
@@ -132,7 +136,7 @@ def export(
         sampled = _sampled(source, iron, currents, spacing)
         written: tuple[Path, ...] = (sampled.write(output),)
     elif to == "fmu" and is_map_file(source):
-        written = (_unit(source, iron, output, currents, (kind, outside), (fmi, moment, body)),)
+        written = (_unit(source, iron, output, currents, (kind, outside), (fmi, moment, body, sources)),)
     elif is_map_file(source):
         written = _of_map(source, iron, to, output, currents, spacing, (kind, outside))
     else:
@@ -178,7 +182,7 @@ def _unit(
     output: Path,
     currents: list[str] | None,
     how: tuple[str, str],
-    what: tuple[int | None, float | None, str | None],
+    what: tuple[int | None, float | None, str | None, bool],
 ) -> Path:
     from fieldmap.cli.arguments import parse_currents
     from fieldmap.device import read_device
@@ -189,7 +193,7 @@ def _unit(
     from fieldmap.lookup import open_map
 
     refuse_iron_of_map(iron)
-    (fmi, moment, device), opened = what, open_map(existing_map(source), *how)
+    (fmi, moment, device, sources), opened = what, open_map(existing_map(source), *how)
     require_currents(not opened.proportional, currents, f"{source} --to fmu")
     body = None
     if device is not None:
@@ -201,7 +205,7 @@ def _unit(
         body = body_of_payload(payload)
     field = opened.at(parse_currents(currents, opened.coil_names)) if currents else opened
     magnet = (0.0, 0.0, 1.0 if moment is None else moment)
-    return write_fmu(field, output, magnet, body, version=2 if fmi is None else fmi)
+    return write_fmu(field, output, magnet, body, version=2 if fmi is None else fmi, binary=not sources)
 
 
 def _of_map(

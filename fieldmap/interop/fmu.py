@@ -101,6 +101,7 @@ def write_fmu(
     body: "RigidBody | None" = None,
     *,
     version: int = 2,
+    binary: bool = True,
 ) -> Path:
     """Write a map as an FMU for co-simulation and model exchange, compiled for this machine.
 
@@ -108,7 +109,8 @@ def write_fmu(
     at its place, force and torque on it. magnet: a moment (3,), A m^2, or dipoles, in the frame of the pose. body: a
     rigid body with its own magnet in the place of that; its motion is then inside, inputs are the currents and a force
     and torque that disturb it. version: 2 or 3, of FMI. Only inertia, weight and the field act on the body: no drag, no
-    walls.
+    walls. binary: compiled for this machine; without, the unit holds its sources alone, for an importer that compiles
+    them, such as `python -m fmpy compile`.
 
     Raises InputError for a saturating map without fixed currents and for a Hermite form, FieldmapError where no C
     compiler is found (CC, cc, gcc or clang).
@@ -130,12 +132,13 @@ def write_fmu(
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
         (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token))
-        library = _compiled(work, identifier)
         files = {
             "modelDescription.xml": _description(version, identifier, token, variables).encode(),
-            f"binaries/{_folder(version)}/{library.name}": library.read_bytes(),
             "resources/map.fmap": flat.read_bytes(),
         }
+        if binary:
+            library = _compiled(work, identifier)
+            files[f"binaries/{_folder(version)}/{library.name}"] = library.read_bytes()
         for name in ("fmu.c", "fieldmap.h", "fmu_model.h"):
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
@@ -264,7 +267,7 @@ def _compiled(folder: Path, identifier: str) -> Path:
     named = os.environ.get("CC")
     compiler = shutil.which(named) if named else next(filter(None, map(shutil.which, _COMPILERS)), None)
     if compiler is None:
-        remedy = "install gcc or clang, or name one in CC; or write the FMU on another machine of this kind"
+        remedy = "install gcc or clang, name one in CC, or write the sources alone (binary=False, --sources)"
         received = f"no {named} (CC)" if named else f"none of {', '.join(_COMPILERS)}"
         raise FieldmapError(Problem("write_fmu", "needs a C compiler", received, remedy))
     library = folder / f"{identifier}{_suffix()}"

@@ -58,7 +58,7 @@ def test_constants_in_single_precision(machine, tmp_path, capsys):
 def test_units_of_fmi(machine, tmp_path, capsys):
     one, other = tmp_path / "loop.fmu", tmp_path / "body.fmu"
     assert main(["export", machine.map, "--to", "fmu", "-o", str(one), "--moment", "0.5"]) == 0
-    arguments = ["--to", "fmu", "-o", str(other), "--fmi", "3", "--body", "drive_unit", "--json"]
+    arguments = ["--to", "fmu", "-o", str(other), "--fmi", "3", "--body", "drive_unit", "--sources", "--json"]
     capsys.readouterr()
     assert main(["export", machine.map, *arguments]) == 0
     assert json.loads(capsys.readouterr().out)["written"] == [str(other)]
@@ -66,7 +66,7 @@ def test_units_of_fmi(machine, tmp_path, capsys):
     (tmp_path / "again").mkdir()
     for path, what in (
         (one, {"magnet": [0, 0, 0.5]}),
-        (other, {"body": body_of_payload(read_device("drive_unit").payload), "version": 3}),
+        (other, {"body": body_of_payload(read_device("drive_unit").payload), "version": 3, "binary": False}),
     ):
         again = write_fmu(m, tmp_path / "again" / path.name, **what)
         assert again.read_bytes() == path.read_bytes()

@@ -82,6 +82,22 @@ def fmpy():
     return run
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_compiles_sources_alone(ring, fmpy, tmp_path, version, monkeypatch):
+    """For a machine without a compiler the unit has no binary; elsewhere FMPy makes one, with cmake."""
+    if shutil.which("cmake") is None:
+        pytest.skip("no cmake on this machine")
+    with monkeypatch.context() as patch:
+        patch.setenv("CC", "no-compiler-of-this-name")
+        path = write_fmu(ring.map, tmp_path / "lift.fmu", [0.1, -0.2, MOMENT], version=version, binary=False)
+    with zipfile.ZipFile(path) as archive:
+        assert not any(name.startswith("binaries") for name in archive.namelist())
+    fmpy.program.run(str(fmpy.python), "-m", "fmpy", "compile", str(path))
+    where, currents = poses(ring.map, 50)
+    found = fmpy(tmp_path, kind="ask", path=str(path), poses=where, currents=currents)
+    compare(found["outputs"], expected(ring.map, where, currents, [0.1, -0.2, MOMENT]))
+
+
 def poses(m, n, seed=3):
     rng = np.random.default_rng(seed)
     points = m.lower + rng.random((n, 3)) * (m.upper - m.lower)
