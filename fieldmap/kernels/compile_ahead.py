@@ -32,7 +32,7 @@ growing_cholesky append d2 i d1 d
 growing_cholesky solve_lower d2 i d1
 growing_cholesky solve_upper d2 i d1
 growing_cholesky remove d2 i i
-iron.sample_gradients point_residuals d1 d2 d1 i1 i1 d1 d2 d1
+iron.sample_gradients point_moments d1 d2 d1 i1 i1 d1 d2 d1
 map.map_block contract d1 i d1 d1
 map.lookup evaluate d1 d2 d2 d3
 map.solid_harmonics regular_table i d2

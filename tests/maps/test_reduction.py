@@ -85,7 +85,9 @@ def test_output_fields_reproduce_the_states_up_to_the_next_singular_value():
 
 
 def of_points(part):
-    return Contributions(part.shape[1], lambda combine: part @ combine)
+    return Contributions(
+        lambda: (part.sum(axis=0), np.linalg.norm(part, axis=1)), lambda points: part[points]
+    )
 
 
 def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
@@ -95,7 +97,7 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
     powers = np.array([x**k for k in range(10)]).T * volume[:, None]
     parts = [of_points(powers[:, :6]), of_points(powers[:, 4:])]
     points, factors = empirical_cubature(parts, 10, 1e-9)
-    assert len(points) <= 11
+    assert len(points) <= 10
     assert (factors > 0).all()
     for k in range(10):
         exact = (1 - (-1) ** (k + 1)) / (k + 1)
@@ -113,11 +115,22 @@ def test_fewer_points_serve_a_coarser_tolerance_and_what_they_leave_is_the_state
         points, factors = empirical_cubature([of_points(part) for part in parts], 200, tolerance)
         left = [part.sum(axis=0) - factors @ part[points] for part in parts]
         error = np.sqrt(np.mean([(off**2).sum() for off in left]))
-        # A sketch tells lengths to some ten per cent.
-        assert error <= 1.3 * tolerance
+        assert error <= 1.01 * tolerance
         assert factors.sum() == pytest.approx(4000, rel=0.01)
         numbers.append(len(points))
     assert numbers[0] + 4 < numbers[1] < numbers[2] - 4
+
+
+def test_what_is_left_is_that_of_all_residuals_however_few_the_points():
+    """Residuals that have nothing in common, many more of them than points: no fit to fewer conditions tells it."""
+    random = np.random.default_rng(8)
+    parts = [1.0 + 0.02 * random.standard_normal((2000, 60)) for _ in range(20)]
+    for tolerance in (20.0, 10.0):
+        points, factors = empirical_cubature([of_points(part) for part in parts], 600, tolerance)
+        left = [part.sum(axis=0) - factors @ part[points] for part in parts]
+        error = np.sqrt(np.mean([(off**2).sum() for off in left]))
+        assert len(points) < 600
+        assert 0.8 * tolerance < error <= tolerance
 
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
@@ -196,7 +209,7 @@ def test_sparse_least_squares_are_those_of_lawson_and_hanson():
     wanted = matrix.sum(axis=1)
     theirs, left = nnls(matrix, wanted)
     assert left < 1e-10
-    for tolerance in (1e-10, 1e-2):
+    for tolerance in (1e-7, 1e-2):
         ours = sparse_nonnegative(matrix, wanted, tolerance)
         assert (ours >= 0).all()
         assert (ours > 0).sum() <= (theirs > 0).sum() == 60

@@ -13,13 +13,19 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.cli.info import print_summary
-from fieldmap.currents import CoilGroups, LiftAndDirections, divide_currents
+from fieldmap.currents import (
+    CoilGroups,
+    CurrentDomain,
+    IndependentCurrents,
+    LiftAndDirections,
+    divide_currents,
+)
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, RecipeError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers import reduced
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.training.modes import SolvedModes, proper_modes
-from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
+from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted, sequence, training_signals
 from fieldmap.parallel import Common, Workers
 from fieldmap.store import Checkpoint, checkpoint_path, read_map
 
@@ -186,7 +192,7 @@ def test_modes_hold_the_states_and_their_tangents(solver):
 
 
 def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
-    """Lengths in the coordinates of `energy_contributions` are those that all the points give."""
+    """Lengths in the coordinates of `error_coordinates` are those that all the points give."""
     known = Snapshots(solver, lambda currents: False)
     currents = np.array([1.6, 1.4])
     potential = potential_at(solver, currents)
@@ -194,14 +200,21 @@ def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
     known.add(currents, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
     modes = SolvedModes(solver, known, 20)
     amplitude = modes.amplitude(currents)
-    exact = modes.model.energy_contributions(currents, amplitude)
+    fields = np.zeros((modes.model.modes, 1))
+
+    def contributions(model):
+        combine = model.error_coordinates(currents, amplitude, fields, 1.0)
+        return model.contributions(model.moments(currents, amplitude), combine)
+
+    exact = contributions(modes.model)
     few = len(modes.model.weights) // 3
     monkeypatch.setattr(reduced, "_FEW", few)
-    rough = replace(modes.model).energy_contributions(currents, amplitude)
+    rough = contributions(replace(modes.model))
     assert not np.array_equal(rough, exact)
     assert np.linalg.norm(rough) == pytest.approx(np.linalg.norm(exact), rel=0.15)
-    # No direction is favoured: the products of the columns are the same up to what a sample leaves.
-    assert np.abs(rough.T @ rough - exact.T @ exact).max() < 0.3 * np.linalg.norm(exact) ** 2 / exact.shape[1]
+    # No direction is favoured: the products of the points are the same up to what a sample leaves.
+    products = exact @ exact.T
+    assert np.linalg.norm(rough @ rough.T - products) < 0.2 * np.linalg.norm(products)
 
 
 def test_the_total_of_the_file_is_the_field_at_the_reference_currents(data, folder):
@@ -291,6 +304,7 @@ def test_contributions_are_counted_by_the_error_that_they_cause(solver):
     states = np.array([solver.solve(currents).state.potential[:, 0] for currents in known]).T
     basis = states @ proper_modes(states, solver.energy_operator(known[0], states[:, 0])(states), 4)
     model = solver.project(basis)
+    fields = np.random.default_rng(2).standard_normal((4, 3))
     for currents in known:
         amplitude = model.solve(currents, np.zeros(4))[0]
         # Weights of the points off by a ten-thousandth, each its own.
@@ -298,9 +312,21 @@ def test_contributions_are_counted_by_the_error_that_they_cause(solver):
         others = replace(model, weights=model.weights * (1 + share))
         off = others.solve(currents, amplitude)[0] - amplitude
         tangent = basis.T @ solver.energy_operator(currents, basis @ amplitude)(basis)
+        moments = model.moments(currents, amplitude)
+        # Of its energy alone, of three numbers linear in the modes alone, and of both.
         caused = np.sqrt(off @ tangent @ off / (amplitude @ tangent @ amplitude))
-        predicted = np.linalg.norm(share @ model.energy_contributions(currents, amplitude))
-        assert predicted == pytest.approx(caused, rel=0.02)
+        of_fields = np.linalg.norm(off @ fields) / np.linalg.norm(amplitude @ fields)
+        for parts, energy, expected in (
+            (0.0 * fields, 1.0, caused),
+            (fields, 1e-9, of_fields),
+            (fields, 0.5, np.hypot(of_fields, 0.5 * caused)),
+        ):
+            combine = model.error_coordinates(currents, amplitude, parts, energy)
+            predicted = np.linalg.norm(share @ model.contributions(moments, combine))
+            assert predicted == pytest.approx(expected, rel=0.02)
+        np.testing.assert_allclose(
+            model.residual(moments), model.contributions(moments, np.eye(4)).sum(axis=0), rtol=1e-9
+        )
 
 
 def test_a_model_that_follows_the_currents_gives_the_same(data):
@@ -438,3 +464,18 @@ def test_what_newtons_method_leaves_is_far_below_what_the_model_is_off(data):
             (data.gradient, data.current_error.gradient),
         ):
             assert np.abs(np.tensordot(left, values[2:], 1)).max() < 0.01 * own
+
+
+def test_some_states_to_train_on_are_their_own_images(solver):
+    box = CurrentDomain(IndependentCurrents(2), np.array([0.5, 0.5]), np.array([2.0, 2.0]))
+    plain, signals = sequence(box, 0, 16), training_signals(box, 16, solver.images)
+    changed = (signals != plain).any(axis=1)
+    assert np.flatnonzero(changed).tolist() == [3, 7, 11, 15]
+    mirrors = [image for image in solver.images if box.holds(image.currents(np.array([1.0, 1.5])))]
+    assert mirrors
+    for currents in signals[changed]:
+        assert box.holds(currents)
+        assert any(image.currents(currents) == pytest.approx(currents, rel=1e-12) for image in mirrors)
+    # Without an image in the domain nothing changes.
+    one_sided = CurrentDomain(IndependentCurrents(2), np.array([0.5, 2.1]), np.array([2.0, 3.0]))
+    np.testing.assert_array_equal(training_signals(one_sided, 16, solver.images), sequence(one_sided, 0, 16))

@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.iron.sample_gradients import point_residuals, sample_gradients
+from fieldmap.kernels.iron.sample_gradients import point_moments, sample_gradients
 from fieldmap.kernels.map.reduced_iron import newton, tangent_factor
 from fieldmap.typing import Array
 
@@ -77,26 +77,37 @@ class GalerkinModel:
     def _single(self) -> NDArray[np.float32]:
         return self.gradients.astype(np.float32)
 
-    def energy_contributions(self, currents: Array, amplitude: Array, combine: Array | None = None) -> Array:
-        """What every point adds to the residual of a state, (p, r), in coordinates in which the square of a residual
-        is the energy of the error that it causes there, as a share of the state's own; times `combine` (r, k), which
-        costs nothing more."""
+    def error_coordinates(self, currents: Array, amplitude: Array, fields: Array, energy: float) -> Array:
+        """C (r, r), so that |R^T C|^2 is the squared size of the error that a residual R (r,) causes in a state: that
+        of its fields, as a share of its own, plus `energy`^2 times that of its energy, as a share of its own.
+
+        fields (r, m): of the modes, at m numbers of interest. To first order: the error is K^-1 R, with the tangent K
+        of the state.
+        """
         few = self._few
         laws = (few.weights, few.law, *few.tables.arrays)
         source = few.source @ currents
         factor = tangent_factor(source, few.gradients, few._single, *laws, few.air, amplitude)
-        # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
-        scale = np.linalg.norm(factor.T @ amplitude) or 1.0
-        energy = inverse.T / scale
-        return np.asarray(
-            self.contributions(currents, amplitude) @ (energy if combine is None else energy @ combine)
-        )
+        # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
+        caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
+        stored = inverse.T * (energy / (np.linalg.norm(factor.T @ amplitude) or 1.0))
+        # The same lengths in as few coordinates as there are modes.
+        return np.asarray(np.linalg.qr(np.concatenate([caused, stored], axis=1).T, mode="r").T)
 
-    def contributions(self, currents: Array, amplitude: Array) -> Array:
-        """What every point adds to the residual, (p, r)."""
+    def moments(self, currents: Array, amplitude: Array) -> Array:
+        """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
         laws = (self.weights, self.law, *self.tables.arrays)
-        return point_residuals(self.source @ currents, self.gradients, *laws, amplitude)
+        return point_moments(self.source @ currents, self.gradients, *laws, amplitude)
+
+    def residual(self, moments: Array) -> Array:
+        """What moments (p, 3) add to the residual (r,)."""
+        return np.asarray(moments.ravel() @ self.gradients)
+
+    def contributions(self, moments: Array, combine: Array) -> Array:
+        """What every point's moments (p, 3) add to combinations (r, k) of the residual, (p, k)."""
+        of_points = (self.gradients @ combine).reshape(*moments.shape, -1)
+        return np.einsum("pi,pik->pk", moments, of_points)
 
     def sampled(self, points: NDArray[np.int64], weights: Array) -> "GalerkinModel":
         """The same model on some of its points with other weights (hyper-reduction)."""

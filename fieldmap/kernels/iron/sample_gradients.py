@@ -1,5 +1,5 @@
 """Gradients of nodal functions at the four points of second-order tetrahedra, all points and functions at once, and
-what the magnetisation at the points adds to residuals on these functions."""
+the magnetisation there."""
 
 import math
 
@@ -30,23 +30,22 @@ def sample_gradients(values, nodes, gradients):
 
 
 @njit(cache=True, parallel=True, nogil=True, fastmath=True)
-def point_residuals(source, gradients, weights, law, offset, knots, coefficients, amplitude):
-    """w (b/h - 1) h . G_j of every point (p, r) at h = source - G a: source (3 p,), G = gradients (3 p, r), w = weights
-    (p,), law (p,) and tables of `fieldmap.kernels.iron.magnetisation_law`, a = amplitude (r,)."""
+def point_moments(source, gradients, weights, law, offset, knots, coefficients, amplitude):
+    """w (b/h - 1) h of every point (p, 3), T m^3: mu0 times the magnetic moment that it stands for, at
+    h = source - G a: source (3 p,), G = gradients (3 p, r), w = weights (p,), law (p,) and tables of
+    `fieldmap.kernels.iron.magnetisation_law`, a = amplitude (r,)."""
     points, modes = weights.size, amplitude.size
-    out = np.empty((points, modes))
+    out = np.empty((points, 3))
     for p in prange(points):
-        hx, hy, hz = source[3 * p], source[3 * p + 1], source[3 * p + 2]
         gx, gy, gz = gradients[3 * p], gradients[3 * p + 1], gradients[3 * p + 2]
         x = y = z = 0.0
         for j in range(modes):
             x += gx[j] * amplitude[j]
             y += gy[j] * amplitude[j]
             z += gz[j] * amplitude[j]
-        hx, hy, hz = hx - x, hy - y, hz - z
-        h = math.sqrt(hx * hx + hy * hy + hz * hz) + 1e-14
+        x, y, z = source[3 * p] - x, source[3 * p + 1] - y, source[3 * p + 2] - z
+        h = math.sqrt(x * x + y * y + z * z) + 1e-14
         b, _ = flux_density(h, law[p], offset, knots, coefficients)
         m = weights[p] * (b / h - 1.0)
-        for j in range(modes):
-            out[p, j] = m * (hx * gx[j] + hy * gy[j] + hz * gz[j])
+        out[p, 0], out[p, 1], out[p, 2] = m * x, m * y, m * z
     return out

@@ -1,44 +1,51 @@
 """Least squares with non-negative unknowns, of which few are to differ from zero.
 
 The active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), several unknowns entering
-at a time; the passive set is solved by the normal equations, whose Cholesky factor follows its changes.
+at a time, on the normal equations: the products of the columns are formed once, and the Cholesky factor of those of the
+passive set follows its changes.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.growing_cholesky import append, remove, solve_lower, solve_upper
+from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.typing import Array
 
 # Unknowns that enter at a time: those of the steepest gradient, and not less steep than this share of it.
 _AT_ONCE, _STEEP = 12, 0.5
 _ROUNDING = 1e-13
+# What the normal equations cannot tell from zero, of what is wanted.
+_LEAST = 1e-7
+# Columns whose products with others are formed at a time.
+_COLUMNS = 512
 
 
-def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float) -> Array:
+def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float, most: int | None = None) -> Array:
     """x (n,) >= 0 with |matrix x - wanted| <= tolerance |wanted|, or the least there is; matrix (m, n), wanted (m,).
 
-    At most m of the unknowns differ from zero.
+    At most `most` of the unknowns differ from zero, m if left out. A tolerance below 1e-7 is one of 1e-7.
     """
-    rows, count = matrix.shape
-    passive = _Passive(matrix, wanted)
+    most = len(matrix) if most is None else min(most, len(matrix))
     size = float(np.linalg.norm(wanted))
-    rest, last, at_once = wanted.copy(), np.inf, _AT_ONCE
+    allowed = (max(tolerance, _LEAST) * size) ** 2
+    passive = _Passive(_products(matrix), wanted @ matrix, most)
+    last, at_once = np.inf, _AT_ONCE
     barred: list[int] = []
-    for _ in range(20 * rows):
-        norm = float(np.linalg.norm(rest))
-        if norm <= tolerance * size or len(passive.numbers) >= rows:
+    for _ in range(20 * len(matrix)):
+        slope = passive.slope()
+        rest = size**2 - passive.values @ (passive.right + slope[passive.numbers])
+        if rest <= allowed or len(passive.numbers) >= most:
             break
         # Where several at a time have not gained anything, one does.
-        at_once = _AT_ONCE if norm < (1.0 - 1e-12) * last else 1
-        last = norm
-        slope = rest @ matrix
+        at_once = _AT_ONCE if rest < (1.0 - 1e-12) * last else 1
+        last = rest
         slope[passive.numbers] = -np.inf
         slope[barred] = -np.inf
         steepest = float(slope.max())
         if not steepest > _ROUNDING * size:
             break
-        entering = np.argsort(-slope, kind="stable")[: min(at_once, rows - len(passive.numbers))]
+        entering = np.argsort(-slope, kind="stable")[: min(at_once, most - len(passive.numbers))]
         entering = entering[slope[entering] >= _STEEP * steepest]
         if not passive.enter(entering):
             # They depend on those that are there, until these change.
@@ -46,42 +53,61 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float) -> Array:
             continue
         barred = []
         passive.solve()
-        rest = passive.rest()
-    x = np.zeros(count)
+    x = np.zeros(matrix.shape[1])
     x[passive.numbers] = passive.values
     return x
 
 
-class _Passive:
-    """The unknowns that may differ from zero, their values and columns, and the factored normal equations."""
+def _products(matrix: Array) -> Array:
+    """matrix^T matrix (n, n), in blocks that do not depend on the number of threads."""
+    count = matrix.shape[1]
+    edges = [slice(first, min(first + _COLUMNS, count)) for first in range(0, count, _COLUMNS)]
+    blocks = [(one, other) for k, one in enumerate(edges) for other in edges[k:]]
+    out = np.empty((count, count))
 
-    def __init__(self, matrix: Array, wanted: Array) -> None:
-        self._matrix, self._wanted = matrix, wanted
-        self.numbers, self.values = np.zeros(0, np.int64), np.zeros(0)
-        most = len(matrix) + _AT_ONCE
-        self._factor, self._right = np.zeros((most, most)), np.zeros(0)
-        # Their columns, each in a place that it keeps.
-        self._held, self._places = np.zeros((len(matrix), most), order="F"), np.zeros(0, np.int64)
+    def fill(block: tuple[slice, slice]) -> None:
+        one, other = block
+        product = matrix[:, one].T @ matrix[:, other]
+        out[one, other] = product
+        out[other, one] = product.T
+
+    for outcome in in_threads(fill, blocks, threads_of_kernels()):
+        outcome.result()
+    return out
+
+
+class _Passive:
+    """The unknowns that may differ from zero, their values, and the factored normal equations.
+
+    products (n, n) of all columns, with_wanted (n,): theirs with what is wanted; most: unknowns at a time.
+    """
+
+    def __init__(self, products: Array, with_wanted: Array, most: int) -> None:
+        self._products, self._with_wanted = products, with_wanted
+        self.numbers, self.values, self.right = np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        most += _AT_ONCE
+        self._factor = np.zeros((most, most))
+        # Their products with all, each in a place that it keeps.
+        self._held, self._places = np.zeros((most, len(products))), np.zeros(0, np.int64)
         self._free = list(range(most))
 
-    def rest(self) -> Array:
-        """What is wanted (m,), less what the values give."""
-        spread = np.zeros(self._held.shape[1])
+    def slope(self) -> Array:
+        """Products (n,) of all columns with what the values leave."""
+        spread = np.zeros(len(self._held))
         spread[self._places] = self.values
-        return self._wanted - self._held @ spread
+        return self._with_wanted - spread @ self._held
 
     def enter(self, numbers: NDArray[np.int64]) -> bool:
         """With the value zero, but for those that depend on the ones that are there; whether any could."""
         before = len(self.numbers)
         for number in numbers:
-            new, count = self._matrix[:, number], len(self.numbers)
-            across = (self._held.T @ new)[self._places]
-            if not append(self._factor, count, across, (1.0 + _ROUNDING) * (new @ new)):
+            row, count = self._products[number], len(self.numbers)
+            if not append(self._factor, count, row[self.numbers], (1.0 + _ROUNDING) * row[number]):
                 continue
             place = self._free.pop()
-            self._held[:, place] = new
+            self._held[place] = row
             self._places = np.append(self._places, place)
-            self._right = np.append(self._right, new @ self._wanted)
+            self.right = np.append(self.right, self._with_wanted[number])
             self.numbers = np.append(self.numbers, number)
             self.values = np.append(self.values, 0.0)
         return len(self.numbers) > before
@@ -89,7 +115,7 @@ class _Passive:
     def solve(self) -> None:
         """The least squares; unknowns that would become negative leave."""
         while len(self.numbers):
-            trial = self._right.copy()
+            trial = self.right.copy()
             solve_lower(self._factor, len(trial), trial)
             solve_upper(self._factor, len(trial), trial)
             negative = trial <= 0.0
@@ -113,4 +139,4 @@ class _Passive:
         self._free.append(int(self._places[place]))
         self._places = np.delete(self._places, place)
         self.numbers, self.values = np.delete(self.numbers, place), np.delete(self.values, place)
-        self._right = np.delete(self._right, place)
+        self.right = np.delete(self.right, place)

@@ -40,7 +40,7 @@ class Trial:
     def shares(self, currents: Array, charge: Array, change: Array) -> Array:
         """Largest flux density and gradient (s, 2) that changes (s, faces) of the iron's charges (s, faces) make at
         currents (s, c), as shares of the largest of the same state."""
-        changed, whole = self._fields(change), self._fields(charge)
+        changed, whole = self.fields(change), self.fields(charge)
         rows = np.empty((len(currents), 2))
         for k, values in enumerate(currents):
             for j in range(2):
@@ -51,8 +51,8 @@ class Trial:
     def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:
         """Of charges weights (s, k) @ charge (k, faces) that a model gives for the solved states, one at least."""
         currents, potentials = tried.currents, tried.potentials
-        ours = self._fields(charge)
-        theirs = self._fields(self._solver.charge_density(potentials))
+        ours = self.fields(charge)
+        theirs = self.fields(self._solver.charge_density(potentials))
         # Columns: difference and largest of flux density, then of the gradient.
         rows = np.empty((len(currents), 4))
         for k, values in enumerate(currents):
@@ -66,7 +66,8 @@ class Trial:
             len(currents), tried.solved, worst[0], worst[2], shares[0], shares[1], worst[1], worst[3]
         )
 
-    def _fields(self, charge: Array) -> tuple[Array, Array]:
+    def fields(self, charge: Array) -> tuple[Array, Array]:
+        """Flux densities (s, n, 3) and gradients (s, n, 3, 3) at the places, of charges (s, faces)."""
         return self._solver.surface.field_and_gradient(self._points, charge)
 
 

@@ -20,6 +20,8 @@ from fieldmap.typing import Array
 MOST_CORNERS = 256
 # Share of a signal's range that a tangent stands for.
 REACH = 0.125
+# Of the states to train on, one in so many is its own image.
+_ON_MIRROR = 4
 _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
 
 
@@ -31,6 +33,23 @@ def sequence(domain: CurrentDomain, first: int, count: int) -> Array:
     shares = qmc.Sobol(d, seed=_SEED).random_base2(power)
     spread = np.concatenate([np.full((1, d), 0.5), 0.5 - 0.5 * np.cos(np.pi * shares)])
     return domain.parametrisation.within(domain.lower, domain.upper, spread[first : first + count])
+
+
+def training_signals(domain: CurrentDomain, count: int, images: Sequence[StateImage]) -> Array:
+    """Signals (count, d) of the states to train on: `sequence`, but every fourth has the currents half way between its
+    own and those of an image. There the iron's symmetric parts are magnetised alike, and the field may turn sharply
+    when the currents leave that plane; a sequence that fills the box meets no such place but its middle."""
+    signals = sequence(domain, 0, count)
+    for k in range(_ON_MIRROR - 1, count, _ON_MIRROR):
+        own = domain.parametrisation.currents(signals[k])
+        others = [image.currents(own) for image in images]
+        others = [other for other in others if domain.holds(other) and not is_among(own, other[None]).any()]
+        # The reversed currents are an image too: half way there is no state.
+        between = [0.5 * (own + other) for other in others]
+        between = [values for values in between if np.linalg.norm(values) > 0.5 * np.linalg.norm(own)]
+        if between:
+            signals[k] = domain.parametrisation.nearest(between[k // _ON_MIRROR % len(between)]).values
+    return signals
 
 
 def held_out(domain: CurrentDomain, count: int) -> Array:

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged, Problem
@@ -29,6 +29,7 @@ from fieldmap.maps.training.states import (
     one_of,
     reaches,
     sequence,
+    training_signals,
 )
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
@@ -39,9 +40,14 @@ _FIRST, _AT_ONCE = 3, 4
 _SOLVED_BETTER = 10.0
 # What the modes may leave of a state and the sample points change it by, its energy's root as a share, and what the
 # fields of the map may leave of a state's field, over the accuracy.
-_MODES, _CUBATURE, _FIELDS = 0.2, 0.3, 0.05
+_MODES, _CUBATURE, _FIELDS = 0.2, 0.4, 0.05
+# How much the energy of the error counts that sample points cause, beside its field in the workspace. Without it points
+# are chosen that keep the fields of the states that are known, and no others.
+_ENERGY = 0.3
+# Random projections that tell how much a point adds.
+_PROJECTIONS = 8
 # The same of the sample points where they say which corners fall short: a state more costs more than some points.
-_CUBATURE_OF_CORNERS = 0.05
+_CUBATURE_OF_CORNERS = 0.1
 # So many corners, images apart, are all solved. Of more, those that look worst and some at random, then those that may
 # be worse than these; if any of them falls short, as many as there may be, and once the model knows what it lacked,
 # again those of the others that look worst.
@@ -109,7 +115,7 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     """States to train on, of a sequence that fills the domain; no more once the model has predicted the last of them as
     accurately as planned. They were not among those that it knew, so that they say how good it is."""
     plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
-    signals = sequence(domain, 0, plan.states)
+    signals = training_signals(domain, plan.states, solving.solver.images)
     currents = domain.parametrisation.currents(signals)
     directions = [reaches(domain, values) for values in signals]
     needed = states_needed([], [], plan)
@@ -254,11 +260,15 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """The iron on modes of solved states, with the law at all points (`modes`) and at sample points (`sampled`)."""
+    """The iron on modes of solved states, with the law at all points (`modes`) and at sample points (`sampled`);
+    charge (r, faces): density of the modes on the solver's surface faces, T; fields (r, m): the modes' flux densities
+    and gradients in the workspace, both of the same size."""
 
     solver: NonlinearSolver
     modes: SolvedModes
     sampled: GalerkinModel
+    charge: Array
+    fields: Array
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (s, r) at currents (s, c), by the sample points."""
@@ -270,11 +280,6 @@ class Reduction:
     def potential(self, currents: Array) -> Array:
         """Nodal potential (n,) at currents (c,)."""
         return np.asarray(self.modes.basis @ self.amplitudes(currents[None])[0])
-
-    @cached_property
-    def charge(self) -> Array:
-        """Density of the modes on the solver's surface faces (r, faces), T."""
-        return self.solver.charge_density(self.modes.basis)
 
     def shortfall(self, trial: Trial, currents: Array) -> Array:
         """How far the model looks to be off at currents (s, c), as `_share`: by the correction that its residual, with
@@ -291,11 +296,13 @@ class Reduction:
 
 def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
     """Choose the sample points. share: of the accuracy, what they may change a state by."""
-    full, currents, amplitudes, plan = modes.model, modes.currents, modes.amplitudes, solving.plan
-    states = [
-        Contributions(full.modes, partial(full.energy_contributions, values, amplitude))
-        for values, amplitude in zip(currents, amplitudes, strict=True)
-    ]
+    plan, solver = solving.plan, solving.solver
+    charge = solver.charge_density(modes.basis)
+    fields = _same_size(*solving.trial.fields(charge))
+    # The same lengths in as few numbers as there are modes.
+    lengths = np.linalg.qr(fields.T, mode="r").T
+    pairs = zip(modes.currents, modes.amplitudes, strict=True)
+    states = [_contributions(modes.model, values, amplitude, lengths) for values, amplitude in pairs]
 
     def tell(done: int) -> None:
         message = f"sample points, from state {done + 1} of {len(states)}"
@@ -305,7 +312,30 @@ def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
 
     tell(0)
     chosen, factors = empirical_cubature(states, plan.points, share * plan.accuracy, tell=tell)
-    return Reduction(solving.solver, modes, full.sampled(chosen, factors * full.weights[chosen]))
+    sampled = modes.model.sampled(chosen, factors * modes.model.weights[chosen])
+    return Reduction(solver, modes, sampled, charge, fields)
+
+
+def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fields: Array) -> Contributions:
+    """Of the points to a state's residual, counted by the error that they cause in its fields (r, m) and energy."""
+    # Lengths are told by some random projections (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
+    # (2012) 3475).
+    mixing = np.random.default_rng(0).standard_normal((model.modes, _PROJECTIONS))
+
+    def coordinates() -> Array:
+        return model.error_coordinates(currents, amplitude, fields, _ENERGY)
+
+    def summed() -> tuple[Array, Array]:
+        moments, combine = model.moments(currents, amplitude), coordinates()
+        mixed = combine @ mixing
+        lengths = np.linalg.norm(model.contributions(moments, mixed), axis=1)
+        return model.residual(moments) @ combine, lengths
+
+    def of(points: NDArray[np.int64]) -> Array:
+        some = model.sampled(points, model.weights[points])
+        return some.contributions(some.moments(currents, amplitude), coordinates())
+
+    return Contributions(summed, of)
 
 
 @dataclass(frozen=True)
@@ -459,8 +489,9 @@ def train(
     require_states(states)
     require_some(tried, states)
     forecast.at("modes", "fields of the modes")
-    probes = _probes(*solver.surface.field_and_gradient(points, reduction.charge))
-    combination, output = output_fields(modes.amplitudes, probes, plan.fields, _FIELDS * plan.accuracy)
+    combination, output = output_fields(
+        modes.amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy
+    )
     model = _model(reduced, output, modes.currents, modes.amplitudes, domain, reference)
     forecast.at("modes", "error on states not trained on", 0.6)
     charge = combination @ reduction.charge
@@ -474,7 +505,7 @@ def train(
     return Trained(model, charge, snapshots, corners, rounds, errors, largest)
 
 
-def _probes(flux: Array, gradient: Array) -> Array:
+def _same_size(flux: Array, gradient: Array) -> Array:
     """Fields (k, n, 3) and gradients (k, n, 3, 3) of the modes as one row each, both of the same size."""
     length = np.abs(flux).max() / np.abs(gradient).max()
     return np.concatenate([flux.reshape(len(flux), -1), length * gradient.reshape(len(flux), -1)], axis=1)
