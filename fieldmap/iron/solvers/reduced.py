@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import qr, solve_triangular
 
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
@@ -93,7 +93,7 @@ class GalerkinModel:
         caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
         stored = inverse.T * (energy / (np.linalg.norm(factor.T @ amplitude) or 1.0))
         # The same lengths in as few coordinates as there are modes.
-        return np.asarray(np.linalg.qr(np.concatenate([caused, stored], axis=1).T, mode="r").T)
+        return same_lengths(np.concatenate([caused, stored], axis=1))
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
@@ -121,6 +121,11 @@ class GalerkinModel:
             self.air,
             self.constant,
         )
+
+
+def same_lengths(rows: Array) -> Array:
+    """Array (r, at most r) that gives x @ rows the same length for every x (r,): rows (r, m) in fewer numbers."""
+    return np.ascontiguousarray(qr(rows.T, mode="r", check_finite=False)[0][: len(rows)].T)
 
 
 def project(

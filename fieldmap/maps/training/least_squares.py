@@ -34,7 +34,7 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float, most: int
     barred: list[int] = []
     for _ in range(20 * len(matrix)):
         slope = passive.slope()
-        rest = size**2 - passive.values @ (passive.right + slope[passive.numbers])
+        rest = size**2 - float(passive.values @ (passive.right + slope[passive.numbers]))
         if rest <= allowed or len(passive.numbers) >= most:
             break
         # Where several at a time have not gained anything, one does.

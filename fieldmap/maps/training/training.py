@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.cubature import Contributions, empirical_cubature
@@ -299,8 +299,7 @@ def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
     plan, solver = solving.plan, solving.solver
     charge = solver.charge_density(modes.basis)
     fields = _same_size(*solving.trial.fields(charge))
-    # The same lengths in as few numbers as there are modes.
-    lengths = np.linalg.qr(fields.T, mode="r").T
+    lengths = same_lengths(fields)
     pairs = zip(modes.currents, modes.amplitudes, strict=True)
     states = [_contributions(modes.model, values, amplitude, lengths) for values, amplitude in pairs]
 
