@@ -46,8 +46,9 @@ _MODES, _CUBATURE, _FIELDS = 0.2, 0.4, 0.05
 _ENERGY = 0.3
 # Random projections that tell how much a point adds.
 _PROJECTIONS = 8
-# The same of the sample points where they say which corners fall short: a state more costs more than some points.
-_CUBATURE_OF_CORNERS = 0.1
+# The same of the sample points where they say which corners fall short: a state more costs more than some points, and
+# the residual tells which corners are worst only where it is the modes that are off there.
+_CUBATURE_OF_CORNERS = 0.015
 # So many corners, images apart, are all solved. Of more, those that look worst and some at random, then those that may
 # be worse than these; if any of them falls short, as many as there may be, and once the model knows what it lacked,
 # again those of the others that look worst.
