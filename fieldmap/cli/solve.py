@@ -90,6 +90,7 @@ def solve(
     from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.printing import print_result
     from fieldmap.cli.progress import Progress
+    from fieldmap.errors import InputError, Problem
     from fieldmap.io import named_device, solve_device
     from fieldmap.iron.materials import require_soft_bodies
     from fieldmap.iron.summary import checked_groups, named_sections, summarise_solution
@@ -101,12 +102,18 @@ def solve(
         require_soft_bodies(machine)
     points = parse_points(at or [], at_mm or [])
     amperes = parse_currents(currents or ["1"], machine.coil_names) if machine.coils else None
+    if thermal_resistance is not None and not design:
+        must = "must come with --design"
+        raise InputError(Problem("--thermal-resistance", must, "without", "add --design, or leave it out"))
+    if design and amperes is None:
+        raise InputError(Problem("--design", "must be a device with coils", device, "leave it out"))
     groups = [[name.strip() for name in text.split(",") if name.strip()] for text in force or []]
     checked_groups(machine, groups, "--force")
     sections = named_sections(machine, section, "--section") if section else None
     with Progress("solving") as progress:
         solved = solve_device(machine, options, progress)
-        if design and amperes is not None:
+        if design:
+            assert amperes is not None
             from fieldmap.iron.design import design_figures
 
             figures = design_figures(machine, amperes, solved, thermal_resistance)

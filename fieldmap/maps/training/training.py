@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -322,6 +323,7 @@ def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fiel
     # (2012) 3475).
     mixing = np.random.default_rng(0).standard_normal((model.modes, _PROJECTIONS))
 
+    @cache
     def coordinates() -> Array:
         return model.error_coordinates(currents, amplitude, fields, _ENERGY)
 
