@@ -125,7 +125,8 @@ class ConvexForm(Generic[E]):
         for _ in range(_MAX_NEWTON_STEPS):
             right = inner - air
             if factor is not None:
-                # Close to the solution the tangent of the step before is as good a norm.
+                # The tangent of the step before tells the norm to a factor of three close to the solution (drive unit),
+                # and the residual is asked to be a thousandth of what the state may be off.
                 norm = _energy_norm(right, factor.solve(right))
                 if norm < tolerance * scale:
                     residuals.append(norm / scale)
