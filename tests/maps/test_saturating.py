@@ -473,8 +473,10 @@ def test_some_states_to_train_on_are_their_own_images(solver):
     assert np.flatnonzero(changed).tolist() == [3, 7, 11, 15]
     mirrors = [image for image in solver.images if box.holds(image.currents(np.array([1.0, 1.5])))]
     assert mirrors
-    for currents in signals[changed]:
+    for currents, before in zip(signals[changed], plain[changed], strict=True):
         assert box.holds(currents)
+        # Half way: the mirror exchanges the two coils.
+        assert currents == pytest.approx(before.mean(), rel=1e-12)
         assert any(image.currents(currents) == pytest.approx(currents, rel=1e-12) for image in mirrors)
     # Without an image in the domain nothing changes.
     one_sided = CurrentDomain(IndependentCurrents(2), np.array([0.5, 2.1]), np.array([2.0, 3.0]))
