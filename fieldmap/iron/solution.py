@@ -210,8 +210,9 @@ class LinearSolution(BaseField):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """What each column of `unit_fields` is the field of."""
-        return tuple(f"1 A in coil '{name}'" for name in self.coil_names)
+        """What each column of `source_fields` is the field of."""
+        coils = tuple(f"1 A in coil '{name}'" for name in self.coil_names)
+        return (*coils, "the permanent magnets") if self.has_remanence else coils
 
     def at(self, currents: Currents) -> "LinearState":
         """The state at these currents. Raises InputError for currents that do not fit the coils."""
@@ -226,10 +227,14 @@ class LinearSolution(BaseField):
         Without the field of permanent magnets. Raises InputError for points that are not (n, 3) or not finite, and
         for points inside the iron, where the gradient is not defined by the solver.
         """
+        b, g = self.source_fields(points)
+        return b[: len(self.coils)], g[: len(self.coils)]
+
+    def source_fields(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Fields (s, n, 3) and gradients (s, n, 3, 3) of `sources`: `unit_fields`, then those of permanent magnets."""
         x, _ = checked_points(points)
         refuse_inside(self.mesh, x)
-        b, g = self._fields_and_gradients(x)
-        return b[: len(self.coils)], g[: len(self.coils)]
+        return self._fields_and_gradients(x)
 
     def remanent_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Field (n, 3) and gradient (n, 3, 3) of the permanent magnets with all currents off, outside the iron."""

@@ -83,7 +83,7 @@ class InUniformField:
     state: IronState
     sources: tuple[str, ...] = ("the applied field",)
 
-    def unit_fields(self, points):
+    def source_fields(self, points):
         b, g = self.state.faces.field_and_gradient(points, self.state.density)
         return b + [0.0, 0.0, 1.0], g
 
@@ -127,7 +127,7 @@ def test_estimate_is_honest_for_sphere_and_shell(parts, lower, upper, exact):
     fine, coarse = (InUniformField.solved(PotentialForm, parts, size, 1000.0) for size in (0.012, 0.017))
     other = InUniformField.solved(FluxForm, parts, 0.012, 1000.0)
     estimate = estimate_error(points, fine, coarse, other)
-    error = np.linalg.norm(fine.unit_fields(points)[0][0] - exact(points), axis=1).max()
+    error = np.linalg.norm(fine.source_fields(points)[0][0] - exact(points), axis=1).max()
     error /= np.linalg.norm(exact(points), axis=1).max()
     assert error < 3 * estimate.flux_density
     assert estimate.flux_density < 20 * error

@@ -97,7 +97,7 @@ def test_shares_of_faces_are_the_energy_that_constant_charges_leave_out(slope):
     points, triangles, charge = plate(slope)
     surface = ChargedFaces.from_nodes(points, triangles)
     values = charge(surface.centres)[None]
-    shares = face_indicators(surface, triangles, values, values, np.ones(1))
+    shares = face_indicators(surface, triangles, values, values, np.ones(1), np.zeros((1, *values.shape)))
     every = shares.across + shares.rest
     assert shares.total == pytest.approx(every.sum())
     nodes, cells, parent = points, triangles, np.arange(len(triangles))

@@ -27,6 +27,7 @@ from fieldmap.typing import Array
 # The mean of two complementary solutions is off by half their distance.
 _GAP_SHARE = 0.5
 _POINTS_PER_EDGE = 5
+ENOUGH_GROWTH = 0.3
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Bracket:
 
 @dataclass(frozen=True)
 class ErrorEstimate:
-    """Relative to the largest |B| and |grad B| in the workspace, for the worst coil.
+    """Relative to the largest |B| and |grad B| in the workspace, for the worst source: a coil, or the magnets.
 
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
     (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
@@ -87,7 +88,7 @@ class Solution(Protocol):
         """What each source is, in words."""
         ...
 
-    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+    def source_fields(self, points: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3)."""
         ...
 
@@ -118,24 +119,27 @@ def estimate_error(
     coarser: Solution | None,
     complement: Solution | None,
     shares: float | None = None,
+    growth: float = 1.0,
 ) -> ErrorEstimate:
     """Estimate at points (n, 3) from the same problem on a coarser mesh and in the other form; not without both.
 
-    shares: sum of the shares of all faces in the error of B, where known. The bracket is that of the point in the
+    shares: sum of the shares of all faces in the error of B, where known. growth: how many more faces this mesh has
+    than the coarser one, relative to it; meshes that hardly differ agree whatever their error, so that a change over
+    less than `ENOUGH_GROWTH` is taken for that part of the change over it. The bracket is that of the point in the
     middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     places = np.vstack([points, middle])
-    fields = solution.unit_fields(places)
+    fields = solution.source_fields(places)
     change = gap = bracket = None
     estimate = np.zeros(2)
     if coarser is not None:
-        change = _difference(fields, coarser.unit_fields(places))
-        estimate = np.array(change)
+        change = _difference(fields, coarser.source_fields(places))
+        estimate = np.array(change) * max(1.0, ENOUGH_GROWTH / max(growth, 1e-3))
         if shares is not None:
             estimate[0] = min(estimate[0], shares)
     if complement is not None:
-        others = complement.unit_fields(places)
+        others = complement.source_fields(places)
         gap = _difference(fields, others)
         estimate = np.maximum(estimate, _GAP_SHARE * np.array(gap))
         bracket = _bracket(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
@@ -154,7 +158,7 @@ def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -
 
 
 def _difference(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[float, float]:
-    """Largest difference of B (c, n, 3) and gradient (c, n, 3, 3), each coil relative to its own largest value."""
+    """Largest difference of B (c, n, 3) and gradient (c, n, 3, 3), each source relative to its own largest value."""
     values = []
     for a, b, axes in ((one[0], other[0], (-1,)), (one[1], other[1], (-2, -1))):
         size = np.linalg.norm(a, axis=axes).max(axis=1)
@@ -176,7 +180,7 @@ class _StateFields:
         """There is one: all currents together."""
         return ("these currents",)
 
-    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+    def source_fields(self, points: Array) -> tuple[Array, Array]:
         """Field (1, n, 3) and gradient (1, n, 3, 3) at points (n, 3)."""
         b, g = self.iron.faces.field_and_gradient(points, self.iron.density)
         for coil, current in zip(self.coils, self.currents, strict=True):

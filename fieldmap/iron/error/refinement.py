@@ -93,10 +93,14 @@ class FaceShares:
 
 
 def face_indicators(
-    surface: ChargedFaces, triangles: Index, charge: Array, dual_charge: Array, size: Array
+    surface: ChargedFaces, triangles: Index, charge: Array, dual_charge: Array, size: Array, fixed: Array
 ) -> FaceShares:
     """Shares of the surface faces, relative to the largest fields size (c,) of the sources, for the worst of them and
-    of the dipoles. charge (c, s), dual_charge (k, s): densities, T; triangles (s, 3): the nodes of the faces."""
+    of the dipoles. charge (c, s), dual_charge (k, s): densities, T; triangles (s, 3): the nodes of the faces.
+
+    fixed (c, k, s): remanence of each source times flux density of each dipole below the face, T^2. What flat faces cut
+    off a magnet lacks in proportion, although it bears no charges in the field of a dipole at mu_r = 1.
+    """
     neighbours = smooth_neighbours(triangles, surface.normals)
     slopes = _slopes(surface, neighbours)
     deviation, axes = _principal_axes(surface.corners)
@@ -107,16 +111,22 @@ def face_indicators(
         return np.einsum("csd,sda->csa", _gradients(slopes, neighbours, values), axes)
 
     # A charge on a face that should be curved errs as one with the slope charge / radius does, but more.
-    bend = _BEND * ((slopes_of(surface.normals.T) ** 2).sum(axis=0) * weight).sum(axis=1)
+    curvature = (slopes_of(surface.normals.T) ** 2).sum(axis=0)
+    bend = _BEND * (curvature * weight).sum(axis=1)
+    # Between a triangle with corners on a surface and that surface: 1.5 x variance x curvature along each axis.
+    cut_off = 1.5 * surface.areas * (np.sqrt(curvature) * deviation**2).sum(axis=1)
     edge = np.zeros(int(triangles.max()) + 1, bool)
     edge[triangles[:, _SIDES][neighbours < 0]] = True
     at_edge = np.asarray(edge[triangles].any(axis=1), bool)
     tip = np.where(at_edge, _TIP * surface.areas * heights(surface.corners), 0.0)
     dual_slopes, across, rest = slopes_of(dual_charge), np.zeros(len(weight)), np.zeros(len(weight))
     total = 0.0
-    for values in charge / size[:, None]:
+    for values, work in zip(charge / size[:, None], np.abs(fixed) / size[:, None, None], strict=True):
         shares, level = np.abs(slopes_of(values[None]) * dual_slopes) * weight, np.abs(values * dual_charge)
-        short, other = np.maximum(shares[:, :, 0], level * tip), shares[:, :, 1] + level * bend
+        short, other = (
+            np.maximum(shares[:, :, 0], level * tip),
+            shares[:, :, 1] + level * bend + work * cut_off,
+        )
         total = max(total, float((short + other).sum(axis=1).max()))
         across, rest = np.maximum(across, short.max(axis=0)), np.maximum(rest, other.max(axis=0))
     return FaceShares(across, rest, at_edge, total)

@@ -66,6 +66,7 @@ def solve_linear(
     if not device.bodies:
         stages.done()
         return coils_alone(device, stages.seconds)
+    require_source(device, properties)
     form = chosen_form(form, properties)
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
@@ -149,6 +150,19 @@ def check_arguments(tolerance: float, refinement: float, form: str) -> None:
         )
     if problems:
         raise InputError(*problems)
+
+
+def require_source(device: Device, properties: BodyProperties) -> None:
+    """Raise InputError for iron that nothing magnetises: no coils, no permanent magnets."""
+    if not device.coils and not properties.remanence.any():
+        raise InputError(
+            Problem(
+                f"device '{device.name}'",
+                "must have a source of field: a coil, or a body that is a permanent magnet",
+                "soft iron alone",
+                "add a coil or a magnet",
+            )
+        )
 
 
 def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:

@@ -26,7 +26,14 @@ from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into_memory
 from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.iron.solvers.linear import check_arguments, chosen_form, coils_alone, form_on, solved_in_form
+from fieldmap.iron.solvers.linear import (
+    check_arguments,
+    chosen_form,
+    coils_alone,
+    form_on,
+    require_source,
+    solved_in_form,
+)
 from fieldmap.typing import Array, PathLike
 
 # Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
@@ -43,12 +50,12 @@ def solve_to_tolerance(
 ) -> LinearSolution:
     """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
 
-    tolerance: of the flux density, relative to its largest value in the workspace for each coil;
-    gradient_tolerance: of the gradient, 3 x tolerance if None. Elements get smaller where the field in the workspace
-    depends on it (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the last,
-    and adds up what charges constant on each face leave out (`fieldmap.iron.error.estimate`); `report.refinement` tells
-    the faces and estimates of all meshes. Raises NotConverged with the estimates so far when the next mesh would not
-    fit into memory, otherwise as `solve_linear`.
+    tolerance: of the flux density, relative to its largest value in the workspace, for each coil and for the permanent
+    magnets; gradient_tolerance: of the gradient, 3 x tolerance if None. Elements get smaller where the field in the
+    workspace depends on it (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the
+    last, and adds up what flat faces of constant charge leave out (`fieldmap.iron.error.estimate`);
+    `report.refinement` tells the faces and estimates of all meshes. Raises NotConverged with the estimates so far when
+    the next mesh would not fit into memory, otherwise as `solve_linear`.
     """
     device = read_device(device)
     check_arguments(tolerance, 1.0, "auto")
@@ -57,6 +64,7 @@ def solve_to_tolerance(
     properties = body_properties(device, mu_r)
     if not device.bodies:
         return coils_alone(device, {})
+    require_source(device, properties)
     limit = 3 * tolerance if gradient_tolerance is None else gradient_tolerance
     stages, history, sizes = Stages(progress), [], None
     coarser: LinearSolution | None = None
@@ -69,7 +77,8 @@ def solve_to_tolerance(
         level = Level.solved(device, iron, properties, points, tolerance, stages)
         if coarser is not None:
             shares = level.face_shares.total
-            error = estimate_error(points, level.solution, coarser, level.complement, shares)
+            growth = len(iron.surface.areas) / coarser.report.surface_faces - 1
+            error = estimate_error(points, level.solution, coarser, level.complement, shares, growth)
             history.append((len(iron.surface.areas), error))
             if error.flux_density <= tolerance and error.gradient <= limit:
                 stages.done(str(error))
@@ -124,7 +133,7 @@ class Level:
         tolerance: float,
         stages: Stages,
     ) -> "Level":
-        """Solve all coils in both forms, or in the flux form alone where there are flux barriers."""
+        """Solve for all sources in both forms, or in the flux form alone where there are flux barriers."""
         names = ("potential", "flux") if chosen_form("auto", properties) == "potential" else ("flux",)
         forms = tuple(form_on(iron, name) for name in names)
         solutions = tuple(solved_in_form(device, form, properties, tolerance, stages) for form in forms)
@@ -146,7 +155,19 @@ class Level:
         iron, state = self.forms[0].iron, self._states[0]
         triangles = iron.topology.nodes[iron.topology.surface]
         charge = state.density[: len(self._size)]
-        return face_indicators(iron.surface, triangles, charge, self._dual.density, self._size)
+        return face_indicators(iron.surface, triangles, charge, self._dual.density, self._size, self._fixed)
+
+    @property
+    def _fixed(self) -> Array:
+        """Remanence times the dipoles' flux density (c, k, s), T^2, below each face; 0 for coils."""
+        iron = self.forms[0].iron
+        below = iron.topology.owner[iron.topology.surface, 0]
+        remanence = self.properties.remanence[iron.mesh.body[below]]
+        work = np.einsum("sd,ksd->ks", remanence, self._dual.flux_density[:, below])
+        fixed = np.zeros((len(self._size), *work.shape))
+        if self.solution.has_remanence:
+            fixed[-1] = work
+        return fixed
 
     def next_sizes(self, tolerance: float) -> LocalSizes:
         """Element sizes for the next mesh."""
@@ -168,8 +189,8 @@ class Level:
 
     @cached_property
     def _size(self) -> Array:
-        """Largest flux density (c,) of every coil."""
-        fields = self.solution.unit_fields(self.points)[0]
+        """Largest flux density (c,) of every source: of each coil, and of the permanent magnets."""
+        fields = self.solution.source_fields(self.points)[0]
         return np.maximum(np.linalg.norm(fields, axis=2).max(axis=1), 1e-300)
 
     @property
