@@ -88,7 +88,7 @@ def _floats(texts: list[str], option: str) -> list[float]:
     return values
 
 
-def parse_setting(text: str, option: str) -> tuple[str, object]:
+def parse_setting(text: str, option: str, example: str = "control.z.Kc=0.2") -> tuple[str, object]:
     """Key and value of KEY=VALUE, the value as TOML reads it; text needs no quotes. Raises InputError otherwise.
 
     >>> parse_setting("control.z.Kc=0.2", "--set")
@@ -96,7 +96,7 @@ def parse_setting(text: str, option: str) -> tuple[str, object]:
     """
     key, sign, value = text.partition("=")
     if not (sign and key.strip() and value.strip()):
-        raise InputError(Problem(option, "must be KEY=VALUE", text, "write for example control.z.Kc=0.2"))
+        raise InputError(Problem(option, "must be KEY=VALUE", text, f"write for example {example}"))
     return key.strip(), _toml_value(value.strip())
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import DeviceOrMapArgument, Json
+from fieldmap.cli.options import Changes, DeviceOrMapArgument, Json, changes_of_device, refuse_iron_of_map
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -23,6 +23,7 @@ def check(
         bool,
         typer.Option("--toml", help="Print the device as a file in which every copy is written out."),
     ] = False,
+    changes: Changes = None,
     json: Json = False,
 ) -> None:
     """Read a device file, check its geometry, and list its bodies, coils and assumptions.
@@ -31,16 +32,18 @@ def check(
     field.
     """
     from fieldmap.cli.printing import print_result
-    from fieldmap.io import existing_map, is_map_file, named_device
+    from fieldmap.io import IronOptions, existing_map, is_map_file, named_device
 
+    settings = changes_of_device(changes)
     if is_map_file(source):
         from fieldmap.store import check_map
 
+        refuse_iron_of_map(IronOptions(), settings)
         print_result(check_map(existing_map(source)), partial(_map_page, source), json, map=source)
     else:
         from fieldmap.iron.contents import device_contents
 
-        contents = device_contents(named_device(source))
+        contents = device_contents(named_device(source, settings))
         if toml:
             print(contents.device.to_toml(), end="")
         else:

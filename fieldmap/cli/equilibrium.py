@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fieldmap.cli.options import (
+    Changes,
     DeviceOrMapArgument,
     Form,
     Json,
@@ -13,6 +14,7 @@ from fieldmap.cli.options import (
     Nonlinear,
     PayloadOf,
     Refinement,
+    changes_of_device,
     checked_iron,
     find_named,
 )
@@ -62,6 +64,7 @@ def equilibrium(
         typer.Option("--moment", metavar="NAME", help="fixed: stays vertical; aligned: follows the field."),
     ] = "fixed",
     payload_of: PayloadOf = None,
+    changes: Changes = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -77,10 +80,10 @@ def equilibrium(
     from fieldmap.levitation.balance import check_payload
 
     _exactly_one(currents, height_mm, sensor_mm)
-    options = checked_iron(mu_r, nonlinear, refinement, form)
+    options, settings = checked_iron(mu_r, nonlinear, refinement, form), changes_of_device(changes)
     begin = None if start is None else parse_points([start], [])[0]
     with Progress("solving") as progress:
-        found = find_named(source, options, progress)
+        found = find_named(source, options, progress, settings)
         amperes = parse_currents(currents, found.coil_names) if currents else None
         payload = check_payload(
             found.payload if payload_of is None else named_device(payload_of).payload, "equilibrium"

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fieldmap.cli.options import (
+    Changes,
     Json,
     MuR,
     Nonlinear,
     Refinement,
+    changes_of_device,
     checked_iron,
     devices,
     refuse_iron_of_map,
@@ -19,6 +21,7 @@ from fieldmap.cli.options import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Any
 
     from fieldmap.interop import VectorFields
     from fieldmap.io import IronOptions
@@ -109,6 +112,7 @@ def export(
     sources: Annotated[
         bool, typer.Option("--sources", help="For fmu: C sources alone, for an importer that compiles them.")
     ] = False,
+    changes: Changes = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -129,18 +133,20 @@ def export(
         "--sources": sources,
     }
     _check(to, [option for option, there in given.items() if there])
-    iron = checked_iron(mu_r, nonlinear, refinement, "auto")
+    iron, settings = checked_iron(mu_r, nonlinear, refinement, "auto"), changes_of_device(changes)
+    if is_map_file(source):
+        refuse_iron_of_map(iron, settings)
     spacing = None if spacing_mm is None else 1e-3 * spacing_mm
     sampled = None
     if to == "mag-manip" and is_map_file(source):
-        sampled = _sampled(source, iron, currents, spacing)
+        sampled = _sampled(source, currents, spacing)
         written: tuple[Path, ...] = (sampled.write(output),)
     elif to == "fmu" and is_map_file(source):
-        written = (_unit(source, iron, output, currents, (kind, outside), (fmi, moment, body, sources)),)
+        written = (_unit(source, output, currents, (kind, outside), (fmi, moment, body, sources)),)
     elif is_map_file(source):
-        written = _of_map(source, iron, to, output, currents, spacing, (kind, outside))
+        written = _of_map(source, to, output, currents, spacing, (kind, outside))
     else:
-        written = _of_device(source, iron, to, output, currents, spacing)
+        written = _of_device(source, iron, to, output, currents, spacing, settings)
     if json:
         print_json({"written": written} | ({} if sampled is None else sampled.to_dict()))
         return
@@ -162,15 +168,12 @@ def _check(to: str, given: list[str]) -> None:
         )
 
 
-def _sampled(
-    source: str, iron: "IronOptions", currents: list[str] | None, spacing: float | None
-) -> "VectorFields":
+def _sampled(source: str, currents: list[str] | None, spacing: float | None) -> "VectorFields":
     from fieldmap.cli.arguments import parse_currents
     from fieldmap.interop import sample_for_mag_manip
     from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
-    refuse_iron_of_map(iron)
     opened = open_map(existing_map(source))
     amperes = parse_currents(currents, opened.coil_names) if currents else None
     return sample_for_mag_manip(opened, spacing, amperes)
@@ -178,7 +181,6 @@ def _sampled(
 
 def _unit(
     source: str,
-    iron: "IronOptions",
     output: Path,
     currents: list[str] | None,
     how: tuple[str, str],
@@ -192,7 +194,6 @@ def _unit(
     from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
-    refuse_iron_of_map(iron)
     (fmi, moment, device, sources), opened = what, open_map(existing_map(source), *how)
     require_currents(not opened.proportional, currents, f"{source} --to fmu")
     body = None
@@ -210,7 +211,6 @@ def _unit(
 
 def _of_map(
     source: str,
-    iron: "IronOptions",
     to: str,
     output: Path,
     currents: list[str] | None,
@@ -222,7 +222,6 @@ def _of_map(
     from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
-    refuse_iron_of_map(iron)
     opened: FieldMap = open_map(existing_map(source), *how)
     amperes = parse_currents(currents, opened.coil_names) if currents else None
     if to in ("c", "c32"):
@@ -239,6 +238,7 @@ def _of_device(
     output: Path,
     currents: list[str] | None,
     spacing: float | None,
+    settings: "dict[str, Any]",
 ) -> tuple[Path, ...]:
     from fieldmap.cli.arguments import parse_currents
     from fieldmap.cli.progress import Progress
@@ -256,7 +256,7 @@ def _of_device(
         )
     require_currents(iron.nonlinear, currents)
     with Progress("export") as progress:
-        found = find_source(source, iron, progress)
+        found = find_source(source, iron, progress, settings)
         require_box(found)
         amperes = parse_currents(currents, found.coil_names) if currents else None
         return (_writer(to)(found.field, output, amperes, spacing, found.device_name),)

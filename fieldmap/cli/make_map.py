@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fieldmap.cli.options import NumberOfWorkers, Resume, Scheduler, recipes
+from fieldmap.cli.options import Changes, NumberOfWorkers, Resume, Scheduler, changes_of_device, recipes
 
 
 def make_map(
@@ -22,6 +22,7 @@ def make_map(
             "--output", "-o", metavar="FILE", help="Map file to write. Default: maps/out/RECIPE.h5."
         ),
     ] = None,
+    changes: Changes = None,
     resume: Resume = True,
     summary: Annotated[
         bool, typer.Option("--summary", help="Print a summary of the map when it is done.")
@@ -44,10 +45,11 @@ def make_map(
     from fieldmap.maps import generate
 
     refuse_directory(recipe)
+    settings = changes_of_device(changes)
     with compiled_ahead():
         try:
             with Progress("map") as progress:
-                path = generate(recipe, output, resume, progress, workers, scheduler)
+                path = generate(recipe, output, resume, progress, workers, scheduler, changes=settings)
         except KeyboardInterrupt:
             print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
             raise

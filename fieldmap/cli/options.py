@@ -8,7 +8,8 @@ import typer
 from fieldmap.shipped import shipped_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+    from typing import Any
 
     from fieldmap.device.model import Device
     from fieldmap.errors import Problem
@@ -84,6 +85,14 @@ ScenarioMap = Annotated[
     Path | None,
     typer.Option(
         "--map", metavar="FILE", help="Map file in place of the scenario's, or a device with linear iron."
+    ),
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the device, such as parameters.gap=120; may be repeated.",
     ),
 ]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
@@ -207,17 +216,29 @@ def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "
         )
 
 
-def find_named(name: str, options: "IronOptions", progress: "Progress | None" = None) -> "FieldSource":
-    """The map or device of this name. Raises InputError for options of the iron that stand beside a map."""
+def find_named(
+    name: str,
+    options: "IronOptions",
+    progress: "Progress | None" = None,
+    changes: "Mapping[str, Any] | None" = None,
+) -> "FieldSource":
+    """The map or device of this name. Raises InputError for options of a device that stand beside a map."""
     from fieldmap.io import find_source, is_map_file
 
     if is_map_file(name):
-        refuse_iron_of_map(options)
-    return find_source(name, options, progress)
+        refuse_iron_of_map(options, changes)
+    return find_source(name, options, progress, changes)
 
 
-def refuse_iron_of_map(options: "IronOptions") -> None:
-    """Raise InputError for options of the iron, which a map does not take."""
+def changes_of_device(texts: list[str] | None) -> "dict[str, Any]":
+    """Values by key from the values of `--set`. Raises InputError for a text that is not KEY=VALUE."""
+    from fieldmap.cli.arguments import parse_setting
+
+    return dict(parse_setting(text, "--set", "parameters.gap=120") for text in texts or [])
+
+
+def refuse_iron_of_map(options: "IronOptions", changes: "Mapping[str, Any] | None" = None) -> None:
+    """Raise InputError for options of the iron and changes of the device, which a map does not take."""
     from fieldmap.errors import InputError, Problem
 
     changed = {
@@ -225,6 +246,7 @@ def refuse_iron_of_map(options: "IronOptions") -> None:
         "--nonlinear": options.nonlinear,
         "--refinement": options.refinement != 1.0,
         "--form": options.form != "auto",
+        "--set": bool(changes),
     }
     given = ", ".join(name for name, differs in changed.items() if differs)
     if given:

@@ -7,12 +7,14 @@ import typer
 from fieldmap.cli.options import (
     At,
     AtMm,
+    Changes,
     DeviceOrMapArgument,
     Form,
     Json,
     MuR,
     Nonlinear,
     Refinement,
+    changes_of_device,
     checked_iron,
     find_named,
 )
@@ -42,6 +44,7 @@ def probe(
     moment: Annotated[
         str | None, typer.Option("--moment", metavar="X Y Z", help="Force and torque on this moment, A m2.")
     ] = None,
+    changes: Changes = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -59,10 +62,10 @@ def probe(
     if not len(points):
         remedy = "add --at X Y Z (m) or --at-mm X Y Z"
         raise InputError(Problem("--at", "must give at least one point", "none", remedy))
-    options = checked_iron(mu_r, nonlinear, refinement, form)
+    options, settings = checked_iron(mu_r, nonlinear, refinement, form), changes_of_device(changes)
     dipole = None if moment is None else parse_moment(moment)
     with Progress("solving") as progress:
-        found = find_named(source, options, progress)
+        found = find_named(source, options, progress, settings)
         amperes = parse_currents(currents, found.coil_names)
         if payload and dipole is None:
             dipole = _payload_moment(found)

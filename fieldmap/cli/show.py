@@ -5,9 +5,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json, MuR, Nonlinear, Refinement, checked_iron, find_named
+from fieldmap.cli.options import (
+    Changes,
+    Json,
+    MuR,
+    Nonlinear,
+    Refinement,
+    changes_of_device,
+    checked_iron,
+    find_named,
+)
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from fieldmap.io import IronOptions
     from fieldmap.plot.shown import Shown
 
@@ -63,6 +74,7 @@ def show(
             help=".png, .html (for a browser, no server) or .vtm (ParaView); for a run also .gif or .mp4.",
         ),
     ] = None,
+    changes: Changes = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -79,16 +91,17 @@ def show(
     recorded = of_map and is_run_file(source)
     if save is not None:
         check_format(save, (*MOVIES, *FORMATS) if recorded else FORMATS)
-    options = checked_iron(mu_r, nonlinear, refinement, "auto")
+    options, settings = checked_iron(mu_r, nonlinear, refinement, "auto"), changes_of_device(changes)
     chosen = what or _default_scene(of_map, recorded, minus)
     check_scene(chosen, quantity)
     if recorded:
         iron = {"--mu-r": mu_r is not None, "--nonlinear": nonlinear, "--refinement": refinement != 1.0}
+        iron |= {"--set": bool(settings)}
         _refuse_for_runs(chosen, {"--currents": bool(currents), "--minus": minus is not None, **iron})
         shown = shown_run(source)
     else:
         height = None if height_mm is None else 1e-3 * height_mm
-        shown = _gather(source, chosen, currents or ["1"], options, minus, height)
+        shown = _gather(source, settings, chosen, currents or ["1"], options, minus, height)
     if save is not None and save.suffix in MOVIES:
         ranges = _animate(shown, save)
     else:
@@ -101,6 +114,7 @@ def show(
 
 def _gather(
     source: str,
+    settings: "dict[str, Any]",
     what: str,
     currents: list[str],
     options: "IronOptions",
@@ -113,11 +127,11 @@ def _gather(
     from fieldmap.plot.gather import shown_device, shown_field, shown_mesh
 
     if not is_map_file(source) and what == "device":
-        return shown_device(named_device(source))
+        return shown_device(named_device(source, settings))
     if not is_map_file(source) and what == "mesh":
-        return shown_mesh(named_device(source), options.refinement)
+        return shown_mesh(named_device(source, settings), options.refinement)
     with Progress("show") as progress:
-        found, other = find_named(source, options, progress), None
+        found, other = find_named(source, options, progress, settings), None
         if minus is not None and what == "difference":
             other = find_named(minus, IronOptions() if is_map_file(minus) else options, progress)
         return shown_field(found, parse_currents(currents, found.coil_names), what, other, height)

@@ -7,12 +7,14 @@ import typer
 from fieldmap.cli.options import (
     At,
     AtMm,
+    Changes,
     DeviceArgument,
     Form,
     Json,
     MuR,
     Nonlinear,
     Refinement,
+    changes_of_device,
     checked_iron,
     require_currents,
 )
@@ -40,6 +42,7 @@ def solve(
     ] = None,
     at: At = None,
     at_mm: AtMm = None,
+    changes: Changes = None,
     mu_r: MuR = None,
     nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
@@ -97,7 +100,7 @@ def solve(
 
     options = checked_iron(mu_r, nonlinear, refinement, form, tolerance)
     require_currents(nonlinear, currents)
-    machine = named_device(device)
+    machine = named_device(device, changes_of_device(changes))
     if nonlinear:
         require_soft_bodies(machine)
     points = parse_points(at or [], at_mm or [])

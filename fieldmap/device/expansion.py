@@ -18,13 +18,13 @@ from fieldmap.errors import DeviceFileError, InputError, Problem
 from fieldmap.inputs.document import Document, parse
 from fieldmap.inputs.expressions import ExpressionError, Value, evaluate, is_expression
 from fieldmap.inputs.findings import Finding, one_of, shown
-from fieldmap.inputs.key_paths import Location
+from fieldmap.inputs.key_paths import Location, matches
 from fieldmap.shipped import shipped_file
 
 TABLES = ("body", "coil")
 """Arrays of tables that are repeated, mirrored and have defaults."""
 _NAMED = (*TABLES, "section")
-_OWN = ("include", "parameters", "defaults")
+_OWN = ("include", "without", "parameters", "defaults")
 _REPEAT = ("count", "about", "step_deg", "centre_mm", "step_mm")
 _MIRROR = ("plane", "at_mm", "name")
 DEEPEST = 8
@@ -221,6 +221,7 @@ class _Expansion:
 
     def layer(self, layer: Document) -> None:
         """Add what a file says to what was included before it."""
+        self._leave_out(layer)
         for key, value in layer.data.items():
             if key in TABLES and isinstance(value, list):
                 for k, table in enumerate(value):
@@ -228,6 +229,47 @@ class _Expansion:
             elif key not in _OWN:
                 self._other(layer, key, value)
         self._check_defaults(layer)
+
+    def _leave_out(self, layer: Document) -> None:
+        """Take what `without` names out of what was included, and the sources of numbers that go with it."""
+        given = layer.data.get("without", [])
+        patterns = [given] if isinstance(given, str) else given
+        self.origins[("without",)] = (layer, ("without",))
+        if not isinstance(patterns, list) or not all(isinstance(one, str) for one in patterns):
+            remedy = 'write without = ["body.centre core"]'
+            self.refuse(("without",), "must be a key path or a list of them", shown(given), remedy)
+            return
+        sources = self.data.get("provenance", {})
+        before = [path for path in sources if patterns and matches(self.data, path)]
+        for pattern in patterns:
+            found = matches(self.data, pattern) if pattern.partition(".")[0] not in ("", "*", *_OWN) else []
+            if not found:
+                must_hold = "must be a key path of an included file"
+                self.refuse(("without",), must_hold, shown(pattern), "correct the path, or remove it")
+            for location in reversed(found):
+                self._remove(location)
+        for path in before:
+            if not matches(self.data, path):
+                self._remove(("provenance", path))
+
+    def _remove(self, location: Location) -> None:
+        """Take a value out of the data; the entries of an array that follow it move up."""
+        *above, last = location
+        table: Any = self.data
+        for step in above:
+            table = table[step]
+        del table[last]
+        self._forget(location)
+        if isinstance(last, int):
+            depth = len(above)
+
+            def up(one: Location) -> Location:
+                step = one[depth] if len(one) > depth and one[:depth] == location[:depth] else None
+                follows = isinstance(step, int) and step > last
+                return (*one[:depth], int(one[depth]) - 1, *one[depth + 1 :]) if follows else one
+
+            self.computed = {up(one): text for one, text in self.computed.items()}
+            self.origins = {up(one): place for one, place in self.origins.items()}
 
     def _check_defaults(self, layer: Document) -> None:
         defaults = layer.data.get("defaults", {})
@@ -453,12 +495,16 @@ class _Expansion:
 def _placed(
     table: Table, change: Callable[[list[float], list[float]], tuple[list[float], list[float]]]
 ) -> Table:
-    """A table with the places of it, or of its parts, changed; what is no place stays for the schema to refuse."""
+    """A table with the places of it, or of its parts, changed; what is no place stays for the schema to refuse.
+
+    A table without a place that does not move stays without one: it may be of a body that an included file places.
+    """
     for one in _part_tables(table) or [table]:
         position, rotation = one.get("position_mm", [0.0] * 3), one.get("rotation_deg", [0.0] * 3)
         if _is_vector(position) and _is_vector(rotation):
             position, rotation = change(position, rotation)
-            one["position_mm"] = position
+            if any(position) or "position_mm" in one:
+                one["position_mm"] = position
             if any(rotation) or "rotation_deg" in one:
                 one["rotation_deg"] = rotation
     return table

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+from fieldmap.device.changes import with_changes
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.materials import Curves, MaterialKeys, SaturatingMaterial, keys_of_table
 from fieldmap.device.measured import DEFAULT
@@ -92,12 +93,14 @@ def _beside_or_shipped(folder: Path, file: str) -> Path | None:
 _File = TypeVar("_File", bound=BaseModel)
 
 
-def read_device(path_or_name: PathLike | Device) -> Device:
+def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | None = None) -> Device:
     """Read and check a device file.
 
     path_or_name: path of a TOML file, the name of a shipped device ("drive_unit"), or the text of a device file (what
     has more than one line). The format is described in docs/device_files.md. Lengths come out in m, the frame is
-    right-handed with z up.
+    right-handed with z up. changes: values by key path in the place of those of the file, such as
+    {"parameters.gap": 120.0, "coil.*.turns": 900}, in the units of the keys; what follows from a parameter is computed
+    anew. Keys that the file lacks are refused.
 
     Raises DeviceFileError with one Problem for every error of the file: file, line and key path; what must
     hold; what was received; the remedy.
@@ -105,16 +108,23 @@ def read_device(path_or_name: PathLike | Device) -> Device:
     >>> device = read_device("drive_unit")
     >>> device.coil_names
     ('1', '2', '3', '4', '5', '6')
+    >>> read_device("drive_unit", {"parameters.gap": 120.0}).bodies[-1].parts[0].placement.position[2]
+    -0.126
     """
     if isinstance(path_or_name, Device):
+        if changes:
+            must_hold, remedy = "must be a file or a name where keys are changed", "write device.replace(...)"
+            raise DeviceFileError(Problem("read_device", must_hold, "a device", remedy))
         return path_or_name
     if isinstance(path_or_name, str) and "\n" in path_or_name:
-        return device_of(DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError)))
+        document = DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError))
+        return device_of(with_changes(document, changes) if changes else document)
     if not isinstance(path_or_name, str | os.PathLike):
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
         remedy = f'write for instance read_device("{DEFAULT}")'
         raise DeviceFileError(Problem("read_device", must_hold, type(path_or_name).__name__, remedy))
-    return device_of(DEVICE.load(DEVICE.find(path_or_name)))
+    document = DEVICE.load(DEVICE.find(path_or_name))
+    return device_of(with_changes(document, changes) if changes else document)
 
 
 def material(
@@ -212,7 +222,10 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
 
 
 def complete_text(document: Document) -> str:
-    """The text of a device file; written out where it includes others, so that it stands alone."""
+    """The text of a device file; written out where it includes others or keys were set, so that it stands alone."""
+    if document.changes:
+        words = ", ".join(f"{key} = {shown(value)}" for key, value in document.changes.items())
+        return f"# {document.path.name}, with {' '.join(words.split())}.\n" + toml_text(document.data)
     if document.raw is None or "include" not in document.raw.data:
         return document.text
     return f"# {document.path.name}, with the files that it includes.\n" + toml_text(document.data)

@@ -24,7 +24,7 @@ class Document:
 
     Of a file whose short forms were written out (repetition, arithmetic, other files): raw, the document as read;
     origins, by locations of the data, where it stands: a document as read and the location there; computed, the text
-    of each computed number.
+    of each computed number. changes: values by key path in the place of those of the file.
     """
 
     path: Path
@@ -33,6 +33,7 @@ class Document:
     raw: "Document | None" = None
     origins: Mapping[Location, tuple["Document", Location]] = field(default_factory=dict)
     computed: Mapping[Location, str] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
 
     def problems(self, findings: list[Finding]) -> list[Problem]:
         """Tie findings to this file, in the order of its lines."""

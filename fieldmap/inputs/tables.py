@@ -12,15 +12,19 @@ from fieldmap.typing import Array
 
 MILLI = 1e-3
 LARGEST_LENGTH_MM = 100_000.0
+LARGEST_NUMBER = 1e30
+"""Of any quantity, in the unit of its key: squares and products of larger ones overflow."""
 
 Length = Annotated[float, Field(gt=0, le=LARGEST_LENGTH_MM)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST_NUMBER)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST_NUMBER)]
 Coordinate = Annotated[float, Field(ge=-LARGEST_LENGTH_MM, le=LARGEST_LENGTH_MM)]
 Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 PlanePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 Size = Annotated[list[Length], Field(min_length=3, max_length=3)]
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Vector = Annotated[
+    list[Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]], Field(min_length=3, max_length=3)
+]
 Text = Annotated[str, StringConstraints(min_length=1, strip_whitespace=True)]
 
 # Pattern of a text -> (what must hold, remedy), for `explain`.

@@ -1,11 +1,11 @@
 """From a name to a field: what lies behind it, read and checked before anything is solved."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Driver, Payload
@@ -85,13 +85,17 @@ class FieldSource(Record):
 
 
 def open_field(
-    name: PathLike | Device | AnyField, options: IronOptions | None = None, progress: Progress | None = None
+    name: PathLike | Device | AnyField,
+    options: IronOptions | None = None,
+    progress: Progress | None = None,
+    changes: Mapping[str, Any] | None = None,
 ) -> Field:
     """The field behind a name: a map file, a device file, or the name of a shipped device; of a device made in Python;
     or an object that `fieldmap.field.as_field` takes.
 
     A map is opened. A device is solved: a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`, which
-    solves a state for each set of currents. Raises InputError and MapFileError as the readers and solvers do.
+    solves a state for each set of currents. changes: of the device file, as `read_device` takes them. Raises
+    InputError and MapFileError as the readers and solvers do.
 
     >>> field = open_field("loop_and_sphere")
     >>> print(f"{1e3 * field.at(1.0).field([0.0, 0.0, -0.014])[2]:.2f} mT")
@@ -101,16 +105,22 @@ def open_field(
         return solve_device(name, options or IronOptions(), progress)
     if not isinstance(name, str | os.PathLike):
         return as_field(name)
-    return find_source(name, options, progress).field
+    return find_source(name, options, progress, changes).field
 
 
 def find_source(
-    name: PathLike, options: IronOptions | None = None, progress: Progress | None = None
+    name: PathLike,
+    options: IronOptions | None = None,
+    progress: Progress | None = None,
+    changes: Mapping[str, Any] | None = None,
 ) -> FieldSource:
-    """What lies behind a name, read and checked; nothing is solved yet. options: of a device."""
+    """What lies behind a name, read and checked; nothing is solved yet. options, changes: of a device."""
     if is_map_file(name):
+        if changes:
+            must_hold, remedy = "must be a device where keys are changed", "name the device of the map"
+            raise InputError(Problem(str(name), must_hold, "a map", remedy))
         return _map_source(existing_map(name))
-    device, chosen = named_device(name), options or IronOptions()
+    device, chosen = named_device(name, changes), options or IronOptions()
     if chosen.nonlinear:
         from fieldmap.iron.materials import require_soft_bodies
 
@@ -206,9 +216,12 @@ def existing_map(name: PathLike) -> Path:
     return path
 
 
-def named_device(name: PathLike) -> Device:
-    """The device of a file or a shipped name. Raises InputError for a map, DeviceFileError as `read_device`."""
+def named_device(name: PathLike, changes: Mapping[str, Any] | None = None) -> Device:
+    """The device of a file or a shipped name, with changes of keys as `read_device` takes them.
+
+    Raises InputError for a map, DeviceFileError as `read_device`.
+    """
     if is_map_file(name):
         must_hold = "must be a device file or the name of a shipped device"
         raise InputError(Problem(str(name), must_hold, "a map", "name its device"))
-    return read_device(str(name))
+    return read_device(str(name), changes)

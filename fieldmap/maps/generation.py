@@ -102,12 +102,14 @@ def generate(
     currents: Sequence[ArrayLike] | Mapping[str, Any] | None = None,
     iron: Mapping[str, Any] | None = None,
     reference_current: float | None = None,
+    changes: Mapping[str, Any] | None = None,
 ) -> Path:
     """Make the map that a recipe asks for, or a map of a device, and return the path of its file.
 
     recipe: path of a recipe file, or the name of a shipped one; or a device, with what a recipe would say: spacing, m,
     box (lower, upper), m, currents (smallest, largest), A, where the iron shall saturate, iron and reference_current as
-    in `fieldmap.maps.recipe_for`. The file is that of a recipe with these numbers. output: the file to write, by
+    in `fieldmap.maps.recipe_for`. The file is that of a recipe with these numbers. changes: of the device file that a
+    recipe names, such as {"parameters.gap": 120.0}, as `read_device` takes them. output: the file to write, by
     default maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
     that was stopped, and leave a finished map alone, if everything that decides the numbers is the same;
     False begins anew. progress(message, fraction) is called as the work goes on. workers: how many processes of this
@@ -135,7 +137,8 @@ def generate(
         "iron": iron,
         "reference_current": reference_current,
     }
-    order, device = _order(recipe, {name: value for name, value in said.items() if value is not None})
+    given = {name: value for name, value in said.items() if value is not None}
+    order, device = _order(recipe, given, changes)
     target = _target(order, output)
     info = _describe(order, device)
     placed = with_box(device, info.grid)
@@ -163,12 +166,17 @@ def generate(
     return target
 
 
-def _order(recipe: PathLike | Device, said: dict[str, Any]) -> tuple[Recipe, Device]:
+def _order(
+    recipe: PathLike | Device, said: dict[str, Any], changes: Mapping[str, Any] | None
+) -> tuple[Recipe, Device]:
     """The recipe and its device. Raises InputError for what is neither a recipe nor a device."""
     if isinstance(recipe, Device):
         if "spacing" not in said:
             remedy = "give the largest distance of neighbouring nodes, m, such as spacing=4e-3"
             raise RecipeError(Problem("generate, spacing", "a map of a device needs it", "nothing", remedy))
+        if changes:
+            must_hold, remedy = "belongs to a recipe, which names a file", "write device.replace(...)"
+            raise RecipeError(Problem("generate, changes", must_hold, "a device", remedy))
         return recipe_for(recipe, **said), recipe
     if not isinstance(recipe, str | os.PathLike):
         must_hold = "must be a recipe file, the name of a shipped recipe, or a device"
@@ -179,7 +187,7 @@ def _order(recipe: PathLike | Device, said: dict[str, Any]) -> tuple[Recipe, Dev
         remedy = "write it into the recipe, or give a device in its place"
         raise RecipeError(Problem(f"generate, {names}", "belongs to a device, not a recipe", names, remedy))
     order = read_recipe(Path(recipe))
-    return order, read_recipe_device(order)
+    return order, read_recipe_device(order, changes)
 
 
 def _generate_linear(

@@ -443,17 +443,17 @@ def _coil_groups(
     return CoilGroups(tuple(tuple(coil_names.index(name) for name in group) for group in groups))
 
 
-def read_recipe_device(recipe: Recipe) -> Device:
-    """The device that a recipe names: beside the recipe, or a shipped one.
+def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None) -> Device:
+    """The device that a recipe names: beside the recipe, or a shipped one; changes of keys as `read_device` takes them.
 
     Raises RecipeError if there is none, and DeviceFileError if its file is wrong.
     """
     beside = recipe.path.parent / recipe.device
     if beside.is_file():
-        return read_device(beside)
+        return read_device(beside, changes)
     shipped = shipped_file("geometry", recipe.device)
     if shipped is not None:
-        return read_device(shipped)
+        return read_device(shipped, changes)
     names = shipped_names("geometry")
     guess = closest(recipe.device, names)
     remedy = (

@@ -1,24 +1,21 @@
 """From a study file to a study: its variants, what it asks of the device that they vary, all problems at once."""
 
-import copy
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fieldmap.currents import divide_currents
-from fieldmap.device.cross_checks import all_paths
-from fieldmap.device.expansion import expand
+from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.findings import Finding, closest, shown
-from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
+from fieldmap.inputs.findings import Finding
+from fieldmap.inputs.key_paths import Location, dotted, matches
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
 from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile, VaryKeys
@@ -34,46 +31,10 @@ def axes_of(contents: StudyFile) -> tuple[Axis, ...]:
     return tuple(Axis(entry.name, entry.key, tuple(entry.values)) for entry in contents.vary)
 
 
-def changed(document: Document, settings: Settings) -> Document:
-    """The document with some keys set; a whole number stays one where both are. What follows from parameters is
-    computed anew, before other keys are set."""
-    parameters = {pattern.partition(".")[2]: value for pattern, value in settings if _is_parameter(pattern)}
-    if parameters and document.raw is not None:
-        document = expand(document.raw, parameters)
-    data = copy.deepcopy(document.data)
-    for pattern, value in settings:
-        if _is_parameter(pattern):
-            continue
-        for location in matches(data, pattern):
-            table, before = value_at(data, location[:-1]), value_at(data, location)
-            whole = isinstance(before, int) and isinstance(value, float) and value.is_integer()
-            table[location[-1]] = int(value) if whole else value
-    return replace(document, data=data)
-
-
-def _is_parameter(pattern: str) -> bool:
-    return pattern.startswith("parameters.")
-
-
 def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
     """Keys that the device file does not have, and studies of too many variants."""
-    known: list[str] = []
-    found = []
-    for location, key in _keys(contents):
-        at = matches(document.data, key)
-        if at and all(isinstance(value_at(document.data, place), int | float | str) for place in at):
-            continue
-        known = known or all_paths(document.data)
-        guess = closest(key, [path for path in known if path != key])
-        remedy = (
-            f'did you mean "{guess}"?'
-            if guess
-            else "write the key into the device file, with a value to begin with"
-        )
-        received = shown(key) + (", an array or a table" if at else "")
-        found.append(
-            Finding(location, f"must be a key with one value in {document.path.name}", received, remedy)
-        )
+    told = (key_finding(location, key, document) for location, key in _keys(contents))
+    found = [finding for finding in told if finding is not None]
     found += _set_twice(contents, document)
     count = 1
     for entry in contents.vary:

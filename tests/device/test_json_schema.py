@@ -52,7 +52,7 @@ BETWEEN_KEYS = {
     "source of nothing",
 }
 # JSON has no such numbers, so JSON Schema cannot speak of them; and it takes " " for a text.
-BEYOND_JSON = {"not a number", "infinite", "title empty"}
+BEYOND_JSON = {"not a number", "title empty"}
 
 
 def validator(name: str) -> jsonschema.Draft202012Validator:

@@ -13,7 +13,6 @@ from fieldmap.device.expansion import expand
 from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError
 from fieldmap.shipped import shipped_file
-from tests.test_records import same
 
 HEAD = 'format = 1\nname = "short"\ntitle = "Short forms"\n'
 SHORT = (
@@ -228,24 +227,48 @@ def test_hostile_parameters_give_a_message_at_once(hostile):
     assert time.perf_counter() - begin < 1.0
 
 
-@pytest.mark.parametrize(
-    ("short", "whole", "only"),
-    [
-        ("disk_six_cores", "disk_six_cores_plate", "upper plate"),
-        ("drive_unit", "drive_unit_no_centre_core", "centre core"),
-    ],
-)
-def test_short_devices_are_those_that_are_written_out(short, whole, only):
-    """Bodies, coils and the rest are the same to the last bit, but for the one body in which they differ."""
-    short, whole = read_device(short), read_device(whole)
-    assert "repeat" not in whole.text
-    for one in (short, whole):
-        object.__setattr__(one, "bodies", tuple(body for body in one.bodies if body.name != only))
-    for part in ("bodies", "coils", "payload", "driver", "workspace"):
-        assert same(getattr(short, part), getattr(whole, part)), part
+LEFT_OUT = """
+include = "base.toml"
+without = ["coil.c2", "coil.row*", "coil.*.resistance_ohm", "body.post mirrored x"]
+[parameters]
+bore = 12.0
+[[coil]]
+name = "c{n}"
+repeat = { n = [1, 3] }
+turns = "= 100*n"
+"""
 
 
-@pytest.mark.parametrize("name", ["disk_six_cores", "drive_unit"])
-def test_shipped_devices_are_short(name):
-    limit = {"disk_six_cores": 80, "drive_unit": 150}[name]
-    assert len(shipped_file("geometry", name).read_text().splitlines()) < limit
+def test_included_things_are_left_out(tmp_path):
+    (tmp_path / "base.toml").write_text(
+        SHORT + '[provenance]\n"coil.row*.height_mm" = "gone"\n"coil.c*.turns" = "here"\n'
+    )
+    (tmp_path / "main.toml").write_text(HEAD + LEFT_OUT)
+    device = read_device(tmp_path / "main.toml")
+    assert device.coil_names == ("c1", "c3", "c4")
+    assert [coil.turns for coil in device.coils] == [100, 300, 840]
+    assert {coil.resistance for coil in device.coils} == {None}
+    at = np.array([coil.placement.position for coil in device.coils])
+    assert np.array_equal(at[:, :2], 0.044 * np.array([[1, 0], [-1, 0], [0, -1]]))
+    assert [body.name for body in device.bodies] == ["post", "post mirrored y", "post mirrored x mirrored y"]
+    assert dict(device.provenance) == {"coil.c*.turns": "here"}
+
+
+def test_what_follows_something_left_out_is_told_at_its_line(tmp_path):
+    text = SHORT.replace("heights = [30.0, 31.0, 32.0, 33.0]", "heights = [30.0, 31.0, 32.0, -33.0]")
+    (tmp_path / "base.toml").write_text(text)
+    (tmp_path / "main.toml").write_text(HEAD + 'include = "base.toml"\nwithout = "coil.c2"\n')
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(tmp_path / "main.toml")
+    (problem,) = caught.value.problems
+    assert problem.where == f"{tmp_path / 'base.toml'}:{line_of(text, 'height_mm')}: coil.c4.height_mm"
+    assert "h" in problem.received
+
+
+@pytest.mark.parametrize("wrong", ['"coil.c9"', "3", '["coil.c1", 3]', '"parameters.bore"', '"*"', '""'])
+def test_what_cannot_be_left_out(wrong, tmp_path):
+    (tmp_path / "base.toml").write_text(SHORT)
+    (tmp_path / "main.toml").write_text(HEAD + f'include = "base.toml"\nwithout = {wrong}\n')
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(tmp_path / "main.toml")
+    assert caught.value.problems[0].where == f"{tmp_path / 'main.toml'}:5: without"

@@ -81,6 +81,10 @@ def with_short_forms(schema: dict[str, Any]) -> dict[str, Any]:
             "description": "device files that this one begins with, relative to it, or shipped ones",
             "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
         },
+        "without": {
+            "description": "key paths of included files that are left out, such as body.disk",
+            "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
+        },
         "defaults": {
             "description": "[defaults.body], [defaults.coil]: keys of all tables of this file that lack them",
             "type": "object",
@@ -143,7 +147,7 @@ DEVICE = register(
         taken_by="`fieldmap check` takes it",
         json_schema="device.schema.json",
         expand=expand,
-        short_forms=frozenset({"include", "defaults"}),
+        short_forms=frozenset({"include", "without", "defaults"}),
     )
 )
 MATERIAL = register(
