@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fieldmap.device import material as material
     from fieldmap.device import read_device as read_device
     from fieldmap.device.model import Arctangent as Arctangent
+    from fieldmap.device.model import Background as Background
     from fieldmap.device.model import BHTable as BHTable
     from fieldmap.device.model import Body as Body
     from fieldmap.device.model import Box as Box
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
 # What machines are made of in Python.
 _PARTS = (
     "Arctangent",
+    "Background",
     "BHTable",
     "Body",
     "Box",

@@ -11,8 +11,10 @@ A controller needs to know of a field, or of the map that holds it:
 
 - `coil_names`: the order of the currents, A.
 - `bounds`: the box in which the magnet may be, m. Beyond it a map raises OutsideMapError.
-- `proportional`: whether currents superpose. Only then are there matrices from currents to force and torque that hold
-  for all currents (`fieldmap.lookup.wrench_actuation`); otherwise they belong to one set of currents.
+- `proportional`: whether the field is the sum of the coils' fields. `affine`: whether it is that and a constant, as of
+  magnets and of a background field, which no current drives. Only of an affine field are there matrices from currents
+  to force and torque that hold for all currents (`fieldmap.lookup.wrench_actuation`); otherwise they belong to one set
+  of currents. `constant_field` and `constant_gradient`: the field with all currents off.
 - `wrench(position, moment, currents)`: force and torque on the magnet; `field`, `gradient` and `second_gradient` make
   the linear plant about a point (`fieldmap.control.plant_from_map`).
 - `gradient_jump(currents)`: how far the gradient may jump from cell to cell of a map. A force smaller than moment times
@@ -49,6 +51,8 @@ _OF_POINTS = (
     "potential",
     "unit_field",
     "unit_gradient",
+    "constant_field",
+    "constant_gradient",
     "wrench",
 )
 """Methods of fields whose first argument is points; they take points of any leading shape."""
@@ -132,6 +136,10 @@ class Field(Protocol):
         """Whether the field is the sum of the coils' fields, each proportional to its current."""
 
     @property
+    def affine(self) -> bool:
+        """Whether the field is that sum and a field that no current changes, or that sum alone."""
+
+    @property
     def assumptions(self) -> tuple[str, ...]:
         """What the field rests on."""
 
@@ -151,10 +159,16 @@ class Field(Protocol):
         """Largest step of the gradient from one cell of a map to the next, T/m; 0 where the gradient is continuous."""
 
     def unit_field(self, points: ArrayLike) -> Array:
-        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not proportional."""
+        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not affine."""
 
     def unit_gradient(self, points: ArrayLike) -> Array:
         """Gradient per ampere in each coil (n, n_coils, 3, 3), T/(m A). Raises InputError like `unit_field`."""
+
+    def constant_field(self, points: ArrayLike) -> Array:
+        """B (n, 3) with all currents off, T."""
+
+    def constant_gradient(self, points: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3) with all currents off, T/m."""
 
     def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions."""
@@ -295,6 +309,11 @@ class BaseField(TakesPoints, ABC):
         return False
 
     @property
+    def affine(self) -> bool:
+        """Whether the field is that sum and a field that no current changes, or that sum alone."""
+        return self.proportional
+
+    @property
     def assumptions(self) -> tuple[str, ...]:
         """What the field rests on."""
         return ()
@@ -308,14 +327,28 @@ class BaseField(TakesPoints, ABC):
         return 0.0
 
     def unit_field(self, points: ArrayLike) -> Array:
-        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not proportional."""
-        require_proportional(self, "unit_field")
-        return np.stack([self.field(points, row) for row in np.eye(len(self.coil_names))], axis=-2)
+        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not affine."""
+        require_affine(self, "unit_field")
+        fields = _of_units(self.field, points, len(self.coil_names))
+        if not self.proportional:
+            fields -= self.constant_field(points)[..., None, :]
+        return fields
 
     def unit_gradient(self, points: ArrayLike) -> Array:
         """Gradient per ampere in each coil (n, n_coils, 3, 3), T/(m A). Raises InputError like `unit_field`."""
-        require_proportional(self, "unit_gradient")
-        return np.stack([self.gradient(points, row) for row in np.eye(len(self.coil_names))], axis=-3)
+        require_affine(self, "unit_gradient")
+        slopes = _of_units(self.gradient, points, len(self.coil_names))
+        if not self.proportional:
+            slopes -= self.constant_gradient(points)[..., None, :, :]
+        return slopes
+
+    def constant_field(self, points: ArrayLike) -> Array:
+        """B (n, 3) with all currents off, T."""
+        return self.field(points, np.zeros(len(self.coil_names)))
+
+    def constant_gradient(self, points: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3) with all currents off, T/m."""
+        return self.gradient(points, np.zeros(len(self.coil_names)))
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient.
@@ -446,6 +479,11 @@ class CompletedField(BaseField):
     def proportional(self) -> bool:
         """What the object says; otherwise False."""
         return bool(getattr(self.source, "proportional", False))
+
+    @property
+    def affine(self) -> bool:
+        """What the object says; otherwise whether it is proportional."""
+        return bool(getattr(self.source, "affine", self.proportional))
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -620,6 +658,23 @@ def require_proportional(source: Field | BaseField, what: str) -> None:
         must_hold = "a field that is the sum of its coils' fields"
         received = "one that does not superpose, such as that of saturating iron"
         raise InputError(Problem(what, must_hold, received, "give the currents: at(currents)"))
+
+
+def require_affine(source: Field | BaseField, what: str) -> None:
+    """Raise InputError for a field that is not the sum of its coils' fields and a constant. what: who asks."""
+    if not source.affine:
+        must_hold = "a field that is the sum of its coils' fields, and of one that no current changes"
+        received = "one that does not superpose, such as that of saturating iron"
+        raise InputError(Problem(what, must_hold, received, "give the currents: at(currents)"))
+
+
+def _of_units(method: Callable[..., Array], points: ArrayLike, coils: int) -> Array:
+    """method(points, currents), (n, ...), of 1 A in each coil alone: (n, coils, ...); points (3,) or (n, 3)."""
+    if not coils:
+        whole = method(points, np.zeros(0))
+        axis = np.ndim(points) - 1
+        return np.zeros((*whole.shape[:axis], 0, *whole.shape[axis:]))
+    return np.stack([method(points, row) for row in np.eye(coils)], axis=np.ndim(points) - 1)
 
 
 def coil_currents(

@@ -58,8 +58,9 @@ def test_text_of_devices_is_one_short_line(name):
         assert len(text) <= LONGEST
         assert "\n" not in text
     assert name in repr(device)
-    assert json.loads(json.dumps(device.to_dict()))["coils"][0]["turns"] == device.coils[0].turns
-    assert device.coil_names[0] in device._repr_html_()
+    plain = json.loads(json.dumps(device.to_dict()))
+    assert [coil["turns"] for coil in plain["coils"]] == [coil.turns for coil in device.coils]
+    assert all(coil in device._repr_html_() for coil in device.coil_names)
 
 
 @pytest.mark.parametrize("name", ["eight_coils", "drive_unit"])

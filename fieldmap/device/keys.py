@@ -14,11 +14,13 @@ import numpy as np
 from pydantic import BaseModel
 
 from fieldmap.device import parts as model
+from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil, coil_choices
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.materials import Material, MaterialKeys, material_choices
 from fieldmap.device.placement import Placement, in_unit, rotation_angles
 from fieldmap.device.schema import DeviceFile
+from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import SHAPE_KEYS, BodyKeys
 from fieldmap.device.schema.payload import MAGNET_KEYS, DriverKeys, PayloadWithMagnet, PayloadWithMoment
 from fieldmap.device.schema.workspace import (
@@ -40,11 +42,13 @@ _UNITS = {
     "mm": 1e-3,
     "g": 1e-3,
     "mH": 1e-3,
+    "mT": 1e-3,
+    "mT_per_m": 1e-3,
     "g_mm2": 1e-9,
     **dict.fromkeys(("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "N_s_per_m"), 1.0),
 }
 _UNIT = re.compile(r"^(.+?)_(" + "|".join(sorted(_UNITS, key=len, reverse=True)) + ")$")
-_KEY_IN_TEXT = re.compile(r"\b([a-z]\w*?)_(mm|g_mm2|g|mH)\b((?:/2)? = [-\d.e+]+)?")
+_KEY_IN_TEXT = re.compile(r"\b([a-z]\w*?)_(mm|g_mm2|g|mH|mT_per_m|mT)\b((?:/2)? = [-\d.e+]+)?")
 _BOUND = re.compile(r"^must be (greater than|at least|less than|at most) [-\d.e+]+$")
 _ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
 _WORKSPACES: dict[type, type[Table]] = {
@@ -129,6 +133,7 @@ def device_data(device: Any, whole: bool = True) -> DeviceData:
     if device.payload is not None:
         made.data["payload"] = _payload(made, device.payload)
     singles: tuple[tuple[str, object, Mapping[type, type[Table]]], ...] = (
+        ("background", device.background, {Background: BackgroundKeys}),
         ("driver", device.driver, {model.Driver: DriverKeys}),
         ("workspace", device.workspace, _WORKSPACES),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
+from fieldmap.device.background import Background as Background
 from fieldmap.device.coils import Coil as Coil
 from fieldmap.device.coils.circular import CircularCoil as CircularCoil
 from fieldmap.device.coils.path import PathCoil as PathCoil
@@ -62,7 +63,8 @@ class Device(Made):
     """A whole machine, checked when it is made: InputError with one Problem for everything that is wrong.
 
     title: one line about it; the name if it is "". materials: by the names that bodies use; those that are called
-    otherwise are renamed. provenance: key paths of the file -> where the number comes from. For the map file's record:
+    otherwise are renamed. background: a field that nothing in the device drives. provenance: key paths of the file ->
+    where the number comes from. For the map file's record:
     `text` is the file as read, or that of `to_toml`; `included` maps each file that it names to its text (material
     files) or to "sha256:..." of its bytes (STEP files).
 
@@ -76,7 +78,7 @@ class Device(Made):
 
     name: str
     title: str
-    coils: tuple[Coil, ...]
+    coils: tuple[Coil, ...] = ()
     bodies: tuple[Body, ...] = ()
     materials: Mapping[str, Material] = field(default_factory=dict)
     payload: Payload | None = None
@@ -88,6 +90,7 @@ class Device(Made):
     source: Path | None = None
     text: str = field(default="", repr=False)
     included: Mapping[str, str] = field(default_factory=lambda: _EMPTY, repr=False)
+    background: Background | None = None
 
     def __post_init__(self) -> None:
         problems = []
@@ -137,6 +140,7 @@ class Device(Made):
             "source": None,
             "text": "",
             "included": _EMPTY,
+            "background": None,
         }
         for name, value in (defaults | values).items():
             object.__setattr__(device, name, value)
@@ -150,6 +154,11 @@ class Device(Made):
             "bodies": f"{len(self.bodies)}: {', '.join(body.name for body in self.bodies)}",
             "materials": ", ".join(f"{name}: {one.description}" for name, one in self.materials.items()),
         }
+        if self.background is not None:
+            flux = ", ".join(f"{1e3 * x:.4g}" for x in self.background.flux_density)
+            rows["background"] = f"({flux}) mT" + (
+                "" if self.background.gradient is None else ", with a gradient"
+            )
         if self.payload is not None:
             rows["payload"] = f"{1e3 * self.payload.mass:.4g} g, moment {self.payload.moment:.4g} A m2"
         if self.bounds is not None:
@@ -161,6 +170,12 @@ class Device(Made):
     def coil_names(self) -> tuple[str, ...]:
         """Names in current order."""
         return tuple(coil.name for coil in self.coils)
+
+    @property
+    def fixed_sources(self) -> tuple[str, ...]:
+        """Names of what makes a field that no current drives: bodies that are permanent magnets, and "background"."""
+        magnets = [body.name for body in self.bodies if self.materials[body.material].role == "magnet"]
+        return tuple(magnets) if self.background is None else (*magnets, "background")
 
     @property
     def bounds(self) -> Bounds | None:

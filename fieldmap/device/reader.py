@@ -175,6 +175,7 @@ def recorded_device(text: str, solids: bool = False) -> Device:
         payload=contents.payload.to_model() if contents.payload else None,
         driver=contents.driver.to_model() if contents.driver else None,
         workspace=contents.workspace.to_model() if contents.workspace else None,
+        background=contents.background.to_model() if contents.background else None,
         text=text,
     )
 
@@ -218,6 +219,7 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         source=None if document.path == Path(TEXT) else document.path,
         text=complete_text(document),
         included=FrozenDict(included),
+        background=contents.background.to_model() if contents.background else None,
     )
 
 

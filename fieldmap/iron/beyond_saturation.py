@@ -60,7 +60,7 @@ def bodies_beyond_saturation(
     if solution.mesh is None or solution.state is None:
         return ()
     weights = np.asarray(currents, dtype=float)
-    weights = np.append(weights, 1.0) if solution.has_remanence else weights
+    weights = np.append(weights, 1.0) if solution.has_constant else weights
     size = np.linalg.norm(np.einsum("c,ced->ed", weights, solution.state.flux_density), axis=1)
     volume = volumes(solution.mesh.points, solution.mesh.tets)
     found = []

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.device.model import Coil, Section
+from fieldmap.device.model import Background, Coil, Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.potential_form import PotentialState
@@ -27,7 +27,7 @@ from fieldmap.iron.quantities.sections import SectionFlux, named_section, sectio
 from fieldmap.iron.report import SolverReport
 from fieldmap.records import card, shortened
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.inductance import bare_inductance
+from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
 
 
@@ -36,7 +36,8 @@ class SolvedState(BaseFieldAtCurrents):
     """Coils and iron at fixed currents (c,) in A; what all states have in common.
 
     iron: charges and flux densities of one or several sources, its columns, None where there is no iron; weights
-    (columns,): their shares in this state. bounds: the box around the workspace.
+    (columns,): their shares in this state. bounds: the box around the workspace. background: the field that nothing in
+    the device drives, if any; it is part of every field and force here.
     """
 
     coils: tuple[Coil, ...]
@@ -47,6 +48,7 @@ class SolvedState(BaseFieldAtCurrents):
     report: SolverReport
     sections: tuple[Section, ...]
     bounds: Bounds | None = field(default=None, kw_only=True)
+    background: Background | None = field(default=None, kw_only=True)
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -122,8 +124,8 @@ class SolvedState(BaseFieldAtCurrents):
         return force_and_torque(self._magnetised, name, about)[1]
 
     def flux_linkage(self) -> Array:
-        """Flux linkages (c,) of the coils in Wb, all turns; the share of permanent magnets included."""
-        return self._air_inductance @ self.currents + self._iron_linkage
+        """Flux linkages (c,) of the coils in Wb, all turns; the share of what no current drives included."""
+        return self._air_inductance @ self.currents + self._background_linkage + self._iron_linkage
 
     def as_magpylib(self) -> Any:
         """The state as a magpylib Collection: iron as tetrahedra of constant polarisation, coils as current sheets.
@@ -131,6 +133,9 @@ class SolvedState(BaseFieldAtCurrents):
         Its getB in the air differs from `field` by the iron's discretisation. Raises InputError for a solution that
         was read back from a file.
         """
+        if self.background is not None:
+            remedy = "add it yourself: a magpylib.misc.CustomSource of state.background.field"
+            raise InputError(Problem("as_magpylib", "a device without background", "a [background]", remedy))
         return as_magpylib(self.coils, self.currents, self.mesh, self.iron, self.weights)
 
     @abstractmethod
@@ -150,6 +155,10 @@ class SolvedState(BaseFieldAtCurrents):
     def _air_inductance(self) -> Array:
         return bare_inductance(self.coils)
 
+    @cached_property
+    def _background_linkage(self) -> Array:
+        return background_linkage(self.coils, self.background)
+
     def _mean_in(self, element: Index | slice) -> Array:
         if self.iron is None:
             return np.zeros((0, 3))
@@ -159,8 +168,9 @@ class SolvedState(BaseFieldAtCurrents):
     def _magnetised(self) -> Magnetised:
         iron = self.iron
         if iron is None:
-            return Magnetised(self.coils, self.currents)
-        return Magnetised(self.coils, self.currents, self.mesh, iron.faces, self.weights @ iron.density)
+            return Magnetised(self.coils, self.currents, background=self.background)
+        density = self.weights @ iron.density
+        return Magnetised(self.coils, self.currents, self.mesh, iron.faces, density, self.background)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,8 +178,9 @@ class LinearSolution(BaseField):
     """Coils and linear iron, solved once per coil; any currents by superposition.
 
     `at(currents)` is the state at these currents; `field` to `energy` with currents are short for its methods. The
-    remanence of permanent magnets, if any, adds a field that no current changes. Currents: (c,) in A, one number for
-    all coils, or a mapping by name. Forces, inductances and energy: docs/theory/forces.md.
+    remanence of permanent magnets and the background, if any, add a field that no current changes: one more column
+    behind the coils', `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping by name. Forces,
+    inductances and energy: docs/theory/forces.md.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"))
@@ -186,11 +197,17 @@ class LinearSolution(BaseField):
     iron_linkage: Array | None = None
     sections: tuple[Section, ...] = ()
     bounds: Bounds | None = None
+    background: Background | None = None
 
     @property
     def coil_names(self) -> tuple[str, ...]:
         """Names in current order."""
         return tuple(coil.name for coil in self.coils)
+
+    @property
+    def has_constant(self) -> bool:
+        """Whether there is a field that no current drives."""
+        return self.has_remanence or self.background is not None
 
     def __repr__(self) -> str:
         return shortened(f"<LinearSolution of {len(self.coils)} coils: {self.report}>")
@@ -200,8 +217,13 @@ class LinearSolution(BaseField):
 
     @property
     def proportional(self) -> bool:
-        """Unless permanent magnets add a field of their own."""
-        return not self.has_remanence
+        """Unless permanent magnets or a background add a field of their own."""
+        return not self.has_constant
+
+    @property
+    def affine(self) -> bool:
+        """The field is a constant and the sum of the coils' fields."""
+        return True
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -212,38 +234,47 @@ class LinearSolution(BaseField):
     def sources(self) -> tuple[str, ...]:
         """What each column of `source_fields` is the field of."""
         coils = tuple(f"1 A in coil '{name}'" for name in self.coil_names)
-        return (*coils, "the permanent magnets") if self.has_remanence else coils
+        fixed = [
+            ("the permanent magnets", self.has_remanence),
+            ("the background", self.background is not None),
+        ]
+        constant = " and ".join(name for name, there in fixed if there)
+        return (*coils, constant) if constant else coils
 
     def at(self, currents: Currents) -> "LinearState":
         """The state at these currents. Raises InputError for currents that do not fit the coils."""
         amperes = np.array(coil_currents(currents, self.coil_names))
-        weights = np.append(amperes, 1.0) if self.has_remanence else amperes
+        weights = np.append(amperes, 1.0) if self.has_constant else amperes
         about = (self.coils, amperes, self.mesh, self.state, weights, self.report, self.sections)
-        return LinearState(*about, self, bounds=self.bounds)
+        return LinearState(*about, self, bounds=self.bounds, background=self.background)
 
     def unit_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Total field (c, n, 3) in T/A and gradient (c, n, 3, 3) in T/(m A) of 1 A in each coil, outside the iron.
 
-        Without the field of permanent magnets. Raises InputError for points that are not (n, 3) or not finite, and
+        Without the field that no current drives. Raises InputError for points that are not (n, 3) or not finite, and
         for points inside the iron, where the gradient is not defined by the solver.
         """
         b, g = self.source_fields(points)
         return b[: len(self.coils)], g[: len(self.coils)]
 
     def source_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Fields (s, n, 3) and gradients (s, n, 3, 3) of `sources`: `unit_fields`, then those of permanent magnets."""
+        """Fields (columns, n, 3) and gradients (columns, n, 3, 3) of every column: 1 A in each coil, then, if there is
+        such a field, that of permanent magnets and background with all currents off. Raises as `unit_fields`."""
         x, _ = checked_points(points)
         refuse_inside(self.mesh, x)
         return self._fields_and_gradients(x)
 
-    def remanent_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Field (n, 3) and gradient (n, 3, 3) of the permanent magnets with all currents off, outside the iron."""
-        x, _ = checked_points(points)
-        refuse_inside(self.mesh, x)
-        if not self.has_remanence:
-            return np.zeros((len(x), 3)), np.zeros((len(x), 3, 3))
-        b, g = self._fields_and_gradients(x)
+    def constant_fields(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Field (n, 3) and gradient (n, 3, 3) with all currents off, outside the iron: that of permanent magnets and
+        background."""
+        b, g = self.source_fields(points)
+        if not self.has_constant:
+            return np.zeros(b.shape[1:]), np.zeros(g.shape[1:])
         return b[-1], g[-1]
+
+    def remanent_fields(self, points: ArrayLike) -> tuple[Array, Array]:
+        """`constant_fields` by its older name."""
+        return self.constant_fields(points)
 
     def inductance(self) -> Array:
         """Inductance matrix (c, c) in H of the coils in their iron; symmetric up to the solver's tolerance.
@@ -305,22 +336,26 @@ class LinearSolution(BaseField):
                     "inductance", "the iron's flux linkages are needed", received, "solve the device again"
                 )
             )
-        columns = len(self.coils) + self.has_remanence
+        columns = len(self.coils) + self.has_constant
         return np.zeros((len(self.coils), columns)) if self.iron_linkage is None else self.iron_linkage
 
     def _fields(self, x: Array) -> Array:
-        """Field (columns, n, 3) of every column, coils, then remanence, outside the iron."""
-        b = np.zeros((len(self.coils) + self.has_remanence, len(x), 3))
+        """Field (columns, n, 3) of every column outside the iron."""
+        b = np.zeros((len(self.coils) + self.has_constant, len(x), 3))
         b[: len(self.coils)] = unit_flux_densities(self.coils, x)
+        if self.background is not None:
+            b[-1] = self.background.field(x)
         if self.state is not None:
             b += self.state.faces.field(x, self.state.density)
         return b
 
     def _fields_and_gradients(self, x: Array) -> tuple[Array, Array]:
-        columns = len(self.coils) + self.has_remanence
+        columns = len(self.coils) + self.has_constant
         b, g = np.zeros((columns, len(x), 3)), np.zeros((columns, len(x), 3, 3))
         for k, coil in enumerate(self.coils):
             b[k], g[k] = unit_flux_density_and_gradient(coil, x)
+        if self.background is not None:
+            b[-1], g[-1] = self.background.field_and_gradient(x)
         if self.state is not None:
             iron_b, iron_g = self.state.faces.field_and_gradient(x, self.state.density)
             b += iron_b
@@ -330,7 +365,8 @@ class LinearSolution(BaseField):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinearState(SolvedState):
-    """A linear solution at currents (c,) in A. Columns of the iron: 1 A in each coil, and the remanence if any."""
+    """A linear solution at currents (c,) in A. Columns of the iron: 1 A in each coil, and no current where there is a
+    field without."""
 
     solution: LinearSolution
 
@@ -339,7 +375,8 @@ class LinearState(SolvedState):
         return float(0.5 * self.currents @ self.solution.inductance() @ self.currents)
 
     def coenergy(self) -> float:
-        """Co-energy in J: its derivative by a current is that coil's linkage. That of the magnets alone is left out."""
+        """Co-energy in J: its derivative by a current is that coil's linkage. That of what no current drives
+        alone is left out."""
         own = self.currents @ self.solution.inductance() @ self.currents
         return float(self.currents @ self.flux_linkage() - 0.5 * own)
 
@@ -375,6 +412,8 @@ class PotentialSolution(SolvedState):
     def _field_of_charges(self, x: Array) -> Array:
         iron = self.state.iron
         b = iron.faces.field(x, iron.density)[0]
+        if self.background is not None:
+            b += self.background.field(x)
         for coil, current in zip(self.coils, self.currents, strict=True):
             b += current * unit_flux_density(coil, x)
         return b
@@ -382,6 +421,8 @@ class PotentialSolution(SolvedState):
     def _gradient_of_charges(self, x: Array) -> Array:
         iron = self.state.iron
         g = iron.faces.field_and_gradient(x, iron.density)[1][0]
+        if self.background is not None:
+            g += self.background.tensor
         for coil, current in zip(self.coils, self.currents, strict=True):
             g += current * unit_flux_density_and_gradient(coil, x)[1]
         return g
@@ -400,9 +441,10 @@ class NonlinearSolution(PotentialSolution):
     def coenergy(self) -> float:
         """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement the force.
 
-        With permanent magnets it contains a constant, that of the magnets without currents.
+        With permanent magnets or a background it contains a constant, that without currents.
         """
-        return float(0.5 * self.currents @ self._air_inductance @ self.currents) + self.iron_coenergy
+        linked = 0.5 * self._air_inductance @ self.currents + self._background_linkage
+        return float(self.currents @ linked) + self.iron_coenergy
 
     def energy(self) -> float:
         """Field energy in J, iron included: sum of currents x linkages, less the co-energy."""

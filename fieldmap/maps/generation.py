@@ -278,10 +278,9 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
         raise recipe.error(
             "device", "a device with at least one coil", "none", "add a [[coil]] to the device"
         )
-    magnets = [b.name for b in device.bodies if device.materials[b.material].role == "magnet"]
-    if magnets:
+    if device.fixed_sources:
         must_hold = "a device whose field follows the coil currents alone, as a map of unit fields holds it"
-        received = f"permanent magnets: {', '.join(magnets)}"
+        received = f"what no current drives: {', '.join(device.fixed_sources)}"
         raise recipe.error("device", must_hold, received, "solve it directly, or make them linear iron")
     return MapInfo(
         grid=choose_grid(recipe, device),

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.constants import mu_0
 from scipy.spatial.distance import cdist
 
+from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
@@ -34,6 +35,14 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
         for j in range(k):
             matrix[k, j] = matrix[j, k] = _neumann(elements[k], elements[j])
     return matrix
+
+
+def background_linkage(coils: Sequence[Coil], background: Background | None) -> Array:
+    """Flux linkages (c,) in Wb that a background adds in air, turns and polarity included."""
+    if background is None:
+        return np.zeros(len(coils))
+    rules = [flux_elements(coil) for coil in coils]
+    return np.array([float(np.sum(background.field(rule.points) * rule.vectors)) for rule in rules])
 
 
 def _neumann(one: WindingRule, other: WindingRule) -> float:

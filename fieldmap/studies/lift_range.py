@@ -61,7 +61,7 @@ def controllable_share(
     ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     per_ampere = payload.moment * solution.unit_fields(points)[1][:, :, 2, :]
-    constant = payload.moment * solution.remanent_fields(points)[1][:, 2, :]
+    constant = payload.moment * solution.constant_fields(points)[1][:, 2, :]
     held = [
         _holds(per_ampere[:, k].T, constant[k], payload.mass * GRAVITY, limit) for k in range(len(points))
     ]

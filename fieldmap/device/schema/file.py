@@ -8,6 +8,7 @@ from fieldmap.device.coils import AnyCoil
 from fieldmap.device.expansion import expand
 from fieldmap.device.materials import AnyMaterial
 from fieldmap.device.materials.bh_table import CurveKeys
+from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import AnyBody
 from fieldmap.device.schema.payload import AnyPayload, DriverKeys
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace, SectionKeys
@@ -25,6 +26,9 @@ class DeviceFile(Table):
     body: list[AnyBody] = Field(default=[], description="[[body]] tables: the iron and the magnets")
     material: dict[Name, AnyMaterial] = Field(default={}, description="[material.NAME] tables")
     coil: list[AnyCoil] = Field(default=[], description="[[coil]] tables; currents follow this order")
+    background: BackgroundKeys | None = Field(
+        default=None, description="a field that nothing in the device drives"
+    )
     payload: AnyPayload | None = Field(default=None, description="what is levitated")
     driver: DriverKeys | None = Field(default=None, description="what drives the coils")
     workspace: AnyWorkspace | None = Field(default=None, description="where the payload may go")

@@ -80,9 +80,9 @@ class FluxElements:
             out[self.unknowns[:, 3 * face : 3 * face + 3]] = at
         return out
 
-    def with_nothing(self, field: Array) -> Array:
-        """The same sources and one more, which is zero."""
-        return np.concatenate([field, self.no_field()])
+    def joined(self, field: Array, more: Array) -> Array:
+        """The same sources, then `more`."""
+        return np.concatenate([field, more])
 
     def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, 12): outward flux moments, less those of t if the iron were air."""

@@ -150,11 +150,10 @@ class NodalElements:
         """One source that is zero."""
         return CoilField(np.zeros((1, len(self.volume), 3)), np.zeros((1, self.count)))
 
-    def with_nothing(self, field: CoilField) -> CoilField:
-        """The same sources and one more, which is zero."""
-        nothing = self.no_field()
+    def joined(self, field: CoilField, more: CoilField) -> CoilField:
+        """The same sources, then `more`."""
         return CoilField(
-            np.concatenate([field.constant, nothing.constant]), np.concatenate([field.bubble, nothing.bubble])
+            np.concatenate([field.constant, more.constant]), np.concatenate([field.bubble, more.bubble])
         )
 
     def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fieldmap.device.model import Coil, Device
+from fieldmap.device.model import Background, Coil, Device
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.flux_form import FluxForm
@@ -174,6 +174,7 @@ class _StateFields:
     coils: tuple[Coil, ...]
     currents: Array
     iron: IronState
+    background: Background | None
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -187,6 +188,10 @@ class _StateFields:
             coil_b, coil_g = unit_flux_density_and_gradient(coil, points)
             b[0] += current * coil_b
             g[0] += current * coil_g
+        if self.background is not None:
+            flux, slope = self.background.field_and_gradient(points)
+            b[0] += flux
+            g[0] += slope
         return b, g
 
 
@@ -214,6 +219,7 @@ def state_error(
 ) -> ErrorEstimate:
     """Estimate for `iron` in the workspace, from the same currents on a coarser mesh and in the flux form."""
     fine, coarse, other = (
-        _StateFields(device.coils, currents, state) for state in (iron, coarser, complement)
+        _StateFields(device.coils, currents, state, device.background)
+        for state in (iron, coarser, complement)
     )
     return estimate_error(workspace_surface(device), fine, coarse, other)

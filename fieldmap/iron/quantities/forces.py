@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fieldmap.device.model import Coil
+from fieldmap.device.model import Background, Coil
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.operators.surface import ChargedFaces
@@ -59,13 +59,15 @@ _DIGITS = 7
 
 @dataclass(frozen=True, eq=False)
 class Magnetised:
-    """A device at fixed currents (c,): its coils, and where it has iron, mesh, charged faces and density (m,) in T."""
+    """A device at fixed currents (c,): its coils, and where it has iron, mesh, charged faces and density (m,) in T;
+    and the field around it that nothing in it makes."""
 
     coils: tuple[Coil, ...]
     currents: Array
     mesh: IronMesh | None = None
     faces: ChargedFaces | None = None
     density: Array | None = None
+    background: Background | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +122,8 @@ def _on_currents(device: Magnetised, mine: _Share):
 
 
 def _field(device: Magnetised, sources: _Share, points: Array) -> Array:
-    """Flux density (n, 3) of part of the device."""
-    field = np.zeros_like(points)
+    """Flux density (n, 3) of part of the device, and of the background."""
+    field = np.zeros_like(points) if device.background is None else device.background.field(points)
     for k in np.flatnonzero(sources.coils):
         if device.currents[k] != 0:
             field += device.currents[k] * unit_flux_density(device.coils[k], points, digits=_DIGITS)

@@ -116,6 +116,12 @@ class HysteresisSolver:
     def __init__(self, device: Device, pinning: Pinning, refinement: float = 1.0) -> None:
         self.device, self.pinning = device, pinning
         require_soft_bodies(device)
+        if device.background is not None:
+            must_hold = "a device without [background] for iron with hysteresis"
+            where = f"device '{device.name}'"
+            raise InputError(
+                Problem(where, must_hold, "a background field", "leave it out, or solve without")
+            )
         check_geometry(device)
         self._notes = geometry_notes(device)
         self._mesh = generate_mesh(device, refinement, "auto")

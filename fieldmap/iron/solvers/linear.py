@@ -1,4 +1,4 @@
-"""A device with linear iron, solved for one ampere in every coil."""
+"""A device with linear iron, solved for one ampere in every coil, and for what no current drives."""
 
 from typing import Any
 
@@ -40,7 +40,8 @@ def solve_linear(
     form: str = "auto",
     symmetry: str = "auto",
 ) -> LinearSolution:
-    """Solve a device with iron of constant permeability, once per coil (and once for its magnets' remanence).
+    """Solve a device with iron of constant permeability, once per coil (and once for what no current drives: the
+    remanence of magnets and the background).
 
     device: the machine, its file, or the name of a shipped one. mu_r: relative permeability of all soft iron; None:
     the device's own, for a B-H table its initial slope.
@@ -92,7 +93,7 @@ def solved_in_form(
     assumptions = properties.assumptions + geometry_notes(device)
     report = report_of(problem.name, iron, problem.elements.count, state, stages.seconds, assumptions)
     has_remanence = bool(properties.remanence.any())
-    about = (device.sections, device.bounds)
+    about = (device.sections, device.bounds, device.background)
     return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, *about)
 
 
@@ -104,9 +105,13 @@ def _solve(
     field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x), problem.iron.mesh.symmetry)
     sources = len(device.coils)
     remanence = np.zeros((sources, len(body), 3))
-    if properties.remanence.any():
-        # The remanence is a source of its own, without any coil.
-        field = elements.with_nothing(field)
+    background = device.background
+    if properties.remanence.any() or background is not None:
+        # What no current drives is a source of its own, without any coil.
+        constant = elements.no_field()
+        if background is not None:
+            constant = elements.coil_field(lambda x: background.field(x)[None])
+        field = elements.joined(field, constant)
         remanence = np.concatenate([remanence, properties.remanence[body][None]])
     material = Magnetisation(body, straight_laws(properties.mu_r), remanence)
     solved = problem.solve_linear(material, field, tolerance)
@@ -153,12 +158,12 @@ def check_arguments(tolerance: float, refinement: float, form: str) -> None:
 
 
 def require_source(device: Device, properties: BodyProperties) -> None:
-    """Raise InputError for iron that nothing magnetises: no coils, no permanent magnets."""
-    if not device.coils and not properties.remanence.any():
+    """Raise InputError for iron that nothing magnetises: no coils, no permanent magnets, no background."""
+    if not device.coils and not properties.remanence.any() and device.background is None:
         raise InputError(
             Problem(
                 f"device '{device.name}'",
-                "must have a source of field: a coil, or a body that is a permanent magnet",
+                "must have a source of field: a coil, a body that is a permanent magnet, or a [background]",
                 "soft iron alone",
                 "add a coil or a magnet",
             )
@@ -169,4 +174,5 @@ def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
     """The solution of a device without iron."""
     none = ("no iron: the field of the coils alone",)
     report = SolverReport("coils", 0, 0, 0, 0, 0, 0, 0.0, 0, seconds, none)
-    return LinearSolution(device.coils, None, None, False, report, None, device.sections, device.bounds)
+    about = (device.sections, device.bounds, device.background)
+    return LinearSolution(device.coils, None, None, False, report, None, *about)

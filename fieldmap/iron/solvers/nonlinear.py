@@ -84,6 +84,10 @@ class NonlinearSolver(BaseField):
         )
         stages.done("assembled")
         self._seconds = stages.seconds
+        background = device.background
+        self._background: CoilField | None = None
+        if background is not None:
+            self._background = self._form.elements.coil_field(lambda x: background.field(x)[None])
         materials = [device.materials[body.material] for body in device.bodies]
         remanence = [material.remanence for material in materials]
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
@@ -164,7 +168,8 @@ class NonlinearSolver(BaseField):
         )
         device, mesh = self.device, self._iron.mesh
         about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
-        return NonlinearSolution(*about, state, *self._linkage(state, field), bounds=device.bounds)
+        around = {"bounds": device.bounds, "background": device.background}
+        return NonlinearSolution(*about, state, *self._linkage(state, field), **around)
 
     def _linkage(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
         """What the iron adds to the flux linkages (c,), Wb, and to the co-energy, J."""
@@ -192,13 +197,14 @@ class NonlinearSolver(BaseField):
     def images(self) -> tuple[StateImage, ...]:
         """What turns a state of this solver into others without solving: the symmetry of its mesh, which has one if
         the solver was made with symmetry "auto". Exact up to rounding."""
-        magnets = bool(self._material.remanence.any())
+        magnets = bool(self._material.remanence.any()) or self.device.background is not None
         return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
 
     def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
         """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`;
         air: what `air` makes of them, where it is known."""
-        return project(self._form, self._material, self._unit, basis, self.air(basis) if air is None else air)
+        of_air = self.air(basis) if air is None else air
+        return project(self._form, self._material, self._unit, self._background, basis, of_air)
 
     def air(self, potential: Array) -> Array:
         """S phi (n, k) for nodal potentials (n, k): the linear share of the air in the residual."""
@@ -236,9 +242,12 @@ class NonlinearSolver(BaseField):
         return lambda values: tangent @ values + self._form.air(values)
 
     def coil_field(self, currents: Array) -> CoilField:
-        """The coils' field in the iron at currents (c,), as the forms take it."""
+        """The field of coils and background in the iron at currents (c,), as the forms take it."""
         constant = np.einsum("c,ced->ed", currents, self._unit.constant)
-        return CoilField(constant[None], (currents @ self._unit.bubble)[None])
+        bubble = (currents @ self._unit.bubble)[None]
+        if self._background is None:
+            return CoilField(constant[None], bubble)
+        return CoilField(constant + self._background.constant, bubble + self._background.bubble)
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
         """Derivatives (c, c) in H of the flux linkages by the currents at a state of this solver; symmetric.

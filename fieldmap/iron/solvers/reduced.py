@@ -28,7 +28,7 @@ class GalerkinModel:
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,), see
-    `fieldmap.kernels.map.reduced_iron`.
+    `fieldmap.kernels.map.reduced_iron`; fixed (3 p,): field of the background at the points, T, None without one.
     """
 
     gradients: Array
@@ -38,6 +38,12 @@ class GalerkinModel:
     tables: LawTables
     air: Array
     constant: Array
+    fixed: Array | None = None
+
+    def applied(self, currents: Array) -> Array:
+        """Field (3 p,) of coils and background at the points at currents (c,), T."""
+        own = self.source @ currents
+        return own if self.fixed is None else own + self.fixed
 
     @property
     def modes(self) -> int:
@@ -51,7 +57,7 @@ class GalerkinModel:
         laws = (self.weights, self.law, *self.tables.arrays)
         factor = np.zeros_like(self.air)
         amplitude, steps, _ = newton(
-            self.source @ currents,
+            self.applied(currents),
             self.gradients,
             self._single,
             *laws,
@@ -86,7 +92,7 @@ class GalerkinModel:
         """
         few = self._few
         laws = (few.weights, few.law, *few.tables.arrays)
-        source = few.source @ currents
+        source = few.applied(currents)
         factor = tangent_factor(source, few.gradients, few._single, *laws, few.air, amplitude)
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
         # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
@@ -98,7 +104,7 @@ class GalerkinModel:
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
         laws = (self.weights, self.law, *self.tables.arrays)
-        return point_moments(self.source @ currents, self.gradients, *laws, amplitude)
+        return point_moments(self.applied(currents), self.gradients, *laws, amplitude)
 
     def residual(self, moments: Array) -> Array:
         """What moments (p, 3) add to the residual (r,)."""
@@ -120,6 +126,7 @@ class GalerkinModel:
             self.tables,
             self.air,
             self.constant,
+            None if self.fixed is None else np.ascontiguousarray(self.fixed[rows]),
         )
 
 
@@ -129,15 +136,24 @@ def same_lengths(rows: Array) -> Array:
 
 
 def project(
-    form: PotentialForm, material: Magnetisation, unit: CoilField, basis: Array, of_air: Array
+    form: PotentialForm,
+    material: Magnetisation,
+    unit: CoilField,
+    background: CoilField | None,
+    basis: Array,
+    of_air: Array,
 ) -> GalerkinModel:
     """Project the potential form on nodal potentials `basis` (n, r); of_air (n, r): what the air makes of them; `unit`:
-    field of one ampere in every coil."""
+    field of one ampere in every coil; background: one source, if there is any."""
     elements = form.elements
     values = np.ascontiguousarray(basis)
     gradients = sample_gradients(values, elements.nodes, elements.gradients)
-    bubble = sample_gradients(np.ascontiguousarray(unit.bubble.T), elements.nodes, elements.gradients)
-    source = bubble + np.moveaxis(unit.constant, 0, 2)[:, None]
+
+    def at_points(field: CoilField) -> Array:
+        bubble = sample_gradients(np.ascontiguousarray(field.bubble.T), elements.nodes, elements.gradients)
+        return bubble + np.moveaxis(field.constant, 0, 2)[:, None]
+
+    source = at_points(unit)
     points = gradients.shape[0] * 4
     gradients = gradients.reshape(3 * points, -1)
     weights = np.repeat(0.25 * elements.volume, 4)
@@ -152,4 +168,5 @@ def project(
         material.tables,
         0.5 * (air + air.T),
         weighted.T @ remanence,
+        None if background is None else at_points(background).reshape(3 * points),
     )

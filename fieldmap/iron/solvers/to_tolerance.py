@@ -154,8 +154,9 @@ class Level:
         """What the charges on the surface share in the error of B."""
         iron, state = self.forms[0].iron, self._states[0]
         triangles = iron.topology.nodes[iron.topology.surface]
-        charge = state.density[: len(self._size)]
-        return face_indicators(iron.surface, triangles, charge, self._dual.density, self._size, self._fixed)
+        return face_indicators(
+            iron.surface, triangles, state.density, self._dual.density, self._size, self._fixed
+        )
 
     @property
     def _fixed(self) -> Array:
@@ -189,7 +190,7 @@ class Level:
 
     @cached_property
     def _size(self) -> Array:
-        """Largest flux density (c,) of every source: of each coil, and of the permanent magnets."""
+        """Largest flux density (c,) of every source: of each coil, and of what no current drives."""
         fields = self.solution.source_fields(self.points)[0]
         return np.maximum(np.linalg.norm(fields, axis=2).max(axis=1), 1e-300)
 

@@ -372,7 +372,7 @@ def _operation(
         bodies=images,
         coils=windings,
         coil_signs=tuple(int(handedness * np.sign(value)) for value in signs),
-        keeps_magnets=_keeps_magnets(device, matrix, images),
+        keeps_magnets=_keeps_magnets(device, matrix, images) and _keeps_background(device, matrix, offset),
     )
 
 
@@ -385,6 +385,10 @@ def _keeps_magnets(device: Device, matrix: Array, images: tuple[int, ...]) -> bo
         if np.abs(moved - other.remanence).max() > 1e-6 * np.abs(material.remanence).max():
             return False
     return True
+
+
+def _keeps_background(device: Device, matrix: Array, offset: Array) -> bool:
+    return device.background is None or device.background.is_kept_by(matrix, offset)
 
 
 def _kind(device: Device, body: Body) -> tuple[object, ...]:

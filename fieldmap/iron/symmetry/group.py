@@ -17,7 +17,8 @@ class Operation:
     matrix (3, 3) orthogonal, offset (3,) in m. bodies: body k is mapped onto body bodies[k]. coils: coil k onto coil
     coils[k], or None where some coil has no image among the coils; coil_signs: -1 where a positive current in coil
     k becomes a negative one in its image (a current's sense is an axial vector: a mirror that contains the coil's
-    axis reverses it). keeps_magnets: remanences (axial vectors too) are mapped onto each other.
+    axis reverses it). keeps_magnets: remanences (axial vectors too) are mapped onto each other, and the background, if
+    any, onto itself.
     """
 
     matrix: Array

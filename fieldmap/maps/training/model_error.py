@@ -36,6 +36,8 @@ class Trial:
         self._solver, self._points = solver, points
         bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
         self._bare = [np.array([pair[j] for pair in bare]) for j in range(2)]
+        background = solver.device.background
+        self._constant = (0.0, 0.0) if background is None else background.field_and_gradient(points)
 
     def shares(self, currents: Array, charge: Array, change: Array) -> Array:
         """Largest flux density and gradient (s, 2) that changes (s, faces) of the iron's charges (s, faces) make at
@@ -44,7 +46,7 @@ class Trial:
         rows = np.empty((len(currents), 2))
         for k, values in enumerate(currents):
             for j in range(2):
-                largest = _largest(whole[j][k] + np.tensordot(values, self._bare[j], 1))
+                largest = _largest(whole[j][k] + self._without_iron(values, j))
                 rows[k, j] = _largest(changed[j][k]) / largest
         return rows
 
@@ -57,7 +59,7 @@ class Trial:
         rows = np.empty((len(currents), 4))
         for k, values in enumerate(currents):
             for j in range(2):
-                truth = theirs[j][k] + np.tensordot(values, self._bare[j], 1)
+                truth = theirs[j][k] + self._without_iron(values, j)
                 rows[k, 2 * j] = _largest(np.tensordot(weights[k], ours[j], 1) - theirs[j][k])
                 rows[k, 2 * j + 1] = _largest(truth)
         worst = rows.max(axis=0).tolist()
@@ -65,6 +67,10 @@ class Trial:
         return Errors(
             len(currents), tried.solved, worst[0], worst[2], shares[0], shares[1], worst[1], worst[3]
         )
+
+    def _without_iron(self, currents: Array, j: int) -> Array:
+        """Flux density or gradient of coils and background at currents (c,)."""
+        return np.tensordot(currents, self._bare[j], 1) + self._constant[j]
 
     def fields(self, charge: Array) -> tuple[Array, Array]:
         """Flux densities (s, n, 3) and gradients (s, n, 3, 3) at the places, of charges (s, faces)."""

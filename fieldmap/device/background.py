@@ -1,0 +1,68 @@
+"""A field that is everywhere and that nothing in the device drives: uniform, or with a uniform gradient."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldmap.device.made import Made
+from fieldmap.typing import Array
+
+_FIVE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2))
+"""Entries of a gradient that determine it: dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz."""
+
+
+def gradient_tensor(values: Array) -> Array:
+    """dB_i/dx_j (3, 3) from itself or from its five independent entries (5,): dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz.
+
+    >>> gradient_tensor(np.array([1.0, 0.0, 0.0, 1.0, 0.5])).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.5, -2.0]]
+    """
+    if np.shape(values) == (3, 3):
+        return np.asarray(values, dtype=float)
+    tensor = np.zeros((3, 3))
+    for (i, j), value in zip(_FIVE, values, strict=True):
+        tensor[i, j] = tensor[j, i] = value
+    tensor[2, 2] = -(tensor[0, 0] + tensor[1, 1])
+    return tensor
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Background(Made):
+    """A flux density that no current of the device drives, as that of the earth or of a large magnet far away.
+
+    B(x) = flux_density + gradient (x - centre): flux_density (3,) in T; gradient dB_i/dx_j in T/m, (3, 3), symmetric
+    and without trace as outside of all currents, or its five entries dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz; None for a
+    uniform field; centre (3,) in m. It magnetises the iron of the device, and it acts on everything in it.
+
+    >>> earth = Background([0.0, 20e-6, -44e-6])
+    >>> print(earth.field(np.zeros((1, 3)))[0].tolist())
+    [0.0, 2e-05, -4.4e-05]
+    """
+
+    flux_density: Array
+    gradient: Array | None = None
+    centre: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def tensor(self) -> Array:
+        """dB_i/dx_j (3, 3), T/m."""
+        return np.zeros((3, 3)) if self.gradient is None else gradient_tensor(self.gradient)
+
+    def field(self, points: Array) -> Array:
+        """B (n, 3) at points (n, 3), T."""
+        return self.flux_density + (points - self.centre) @ self.tensor.T
+
+    def field_and_gradient(self, points: Array) -> tuple[Array, Array]:
+        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        return self.field(points), np.tile(self.tensor, (len(points), 1, 1))
+
+    def is_kept_by(self, matrix: Array, offset: Array) -> bool:
+        """Whether it is its own image under x -> matrix x + offset, an orthogonal matrix: flux density is an axial
+        vector, B'(M x + t) = det(M) M B(x)."""
+        handedness = np.sign(np.linalg.det(matrix))
+        # A linear function is known by its values at four points; the last three, a metre from the first.
+        places = np.vstack([np.zeros(3), np.eye(3)])
+        moved = self.field(places @ matrix.T + offset)
+        image = handedness * self.field(places) @ matrix.T
+        return bool(np.abs(moved - image).max() <= 1e-6 * np.abs(self.field(places)).max())
