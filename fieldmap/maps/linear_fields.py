@@ -60,5 +60,5 @@ def from_arrays(device: Device, arrays: Mapping[str, np.ndarray], about: Mapping
             faces, density, np.empty((len(density), 0, 3)), report.iterations, (report.residual,)
         )
     remanence, bounds = bool(about["has_remanence"]), device.bounds
-    about = (device.sections, bounds, device.background)
-    return LinearSolution(device.coils, None, state, remanence, report, None, *about)
+    more = (device.sections, bounds, device.background)
+    return LinearSolution(device.coils, None, state, remanence, report, None, *more)

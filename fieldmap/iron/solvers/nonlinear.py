@@ -168,8 +168,10 @@ class NonlinearSolver(BaseField):
         )
         device, mesh = self.device, self._iron.mesh
         about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
-        around = {"bounds": device.bounds, "background": device.background}
-        return NonlinearSolution(*about, state, *self._linkage(state, field), **around)
+        linkage, coenergy = self._linkage(state, field)
+        return NonlinearSolution(
+            *about, state, linkage, coenergy, bounds=device.bounds, background=device.background
+        )
 
     def _linkage(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
         """What the iron adds to the flux linkages (c,), Wb, and to the co-energy, J."""
