@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS, MATRIX, CompiledParametrisation
-from fieldmap.records import Record
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 TOLERANCE = 1e-6
@@ -44,6 +45,13 @@ class NearestSignals(NamedTuple):
 
     values: Array
     mismatch: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The arrays by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
 
 class CurrentParametrisation(ABC):
@@ -156,7 +164,7 @@ def parametrisation_from_json(text: str) -> CurrentParametrisation:
 
 @register
 @dataclass(frozen=True)
-class IndependentCurrents(CurrentParametrisation):
+class IndependentCurrents(CurrentParametrisation, Record):
     """Each signal is the current of one coil, A.
 
     >>> IndependentCurrents(2).currents([1.0, 2.0])
@@ -207,8 +215,8 @@ class IndependentCurrents(CurrentParametrisation):
 
 
 @register
-@dataclass(frozen=True)
-class CoilGroups(CurrentParametrisation):
+@dataclass(frozen=True, repr=False)
+class CoilGroups(CurrentParametrisation, Record):
     """Each signal is the current of a group of coils in series, A: a device moved along its symmetry.
 
     groups: numbers of the coils, from 0, of each group; every coil is in one group. Raises InputError otherwise.
@@ -286,7 +294,7 @@ _MIDDLE = _Y_SIDE == 0.0
 
 @register
 @dataclass(frozen=True)
-class LiftAndDirections(CurrentParametrisation):
+class LiftAndDirections(CurrentParametrisation, Record):
     """Six coils on a ring, in two rows of three at x < 0 and x > 0, each in the order of rising y.
 
     Signals: u, A, the mean current, which lifts; x and y, 1, which push along the two axes. The four coils at the
@@ -448,8 +456,8 @@ class CurrentDomain(Record):
         return self.holds(np.full(self.parametrisation.coil_count, current))
 
 
-@dataclass(frozen=True)
-class DivisionSignals:
+@dataclass(frozen=True, repr=False)
+class DivisionSignals(Record):
     """What `undivide_currents` finds: u, x and y, and by how much the given currents differ from those of these
     signals, relative to u."""
 

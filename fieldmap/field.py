@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import short, shortened
 from fieldmap.typing import Array
 
 Bounds: TypeAlias = tuple[Array, Array]
@@ -275,6 +276,9 @@ class TakesPoints:
 class BaseField(TakesPoints, ABC):
     """What every field can do once it has `coil_names`, `field` and `gradient`."""
 
+    def __repr__(self) -> str:
+        return shortened(f"{type(self).__name__}({len(self.coil_names)} coils: {', '.join(self.coil_names)})")
+
     @property
     @abstractmethod
     def coil_names(self) -> tuple[str, ...]:
@@ -372,6 +376,9 @@ class BaseField(TakesPoints, ABC):
 
 class BaseFieldAtCurrents(TakesPoints, ABC):
     """What every field at fixed currents can do once it has `coil_names`, `currents`, `field` and `gradient`."""
+
+    def __repr__(self) -> str:
+        return shortened(f"{type(self).__name__}(at {short(getattr(self, 'currents', None))} A)")
 
     currents: Array
 

@@ -76,6 +76,20 @@ def one_line(record: object) -> str:
     return shortened(f"{type(record).__name__}({values})")
 
 
+def tuple_line(named: Any) -> str:
+    """A named tuple in one line, as `one_line` has data classes.
+
+    >>> from typing import NamedTuple
+    >>> class Gains(NamedTuple):
+    ...     K: np.ndarray
+    ...     __repr__ = tuple_line
+    >>> Gains(np.eye(20))
+    Gains(K=array (20, 20))
+    """
+    values = ", ".join(f"{name}={short(value)}" for name, value in named._asdict().items())
+    return shortened(f"{type(named).__name__}({values})")
+
+
 def shortened(text: str, longest: int = LONGEST) -> str:
     """A text in one line, cut where it is too long."""
     line = " ".join(text.split())

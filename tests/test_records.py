@@ -1,8 +1,10 @@
 """Manners of data objects and results: one line as text, plain Python, pickles, copies, points of any shape."""
 
 import copy
+import importlib
 import json
 import pickle
+import pkgutil
 import re
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -11,10 +13,11 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.errors import InputError
-from fieldmap.field import as_field
+from fieldmap.currents import NearestSignals
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import BaseField, BaseFieldAtCurrents, as_field
 from fieldmap.levitation import find_equilibrium
-from fieldmap.records import LONGEST, FrozenDict
+from fieldmap.records import LONGEST, FrozenDict, Record
 from fieldmap.shipped import shipped_names
 from fieldmap.sources import CoilSet
 
@@ -148,3 +151,150 @@ def test_coils_that_a_mapping_leaves_out_carry_no_current():
 def test_points_that_are_none(points):
     with pytest.raises(InputError):
         coils().field(points, 1.0)
+
+
+PLAIN_TYPES = {bool, int, float, bool | None, int | None, float | None}
+# Texts of messages, which say what they have to; keys of file formats that pydantic reads; data that change.
+NOT_RECORDS = {"Problem", "Choice", "DeviceData", "Balance", "RigidBalance", "SolvedStates"}
+
+
+def public_classes():
+    """Every class of the package without an underscore, by the module that has it; kernels have none."""
+    for found in pkgutil.walk_packages(fm.__path__, "fieldmap."):
+        if not found.name.endswith("__main__") and ".kernels" not in found.name:
+            module = importlib.import_module(found.name)
+            for name, one in vars(module).items():
+                if isinstance(one, type) and one.__module__ == module.__name__ and not name.startswith("_"):
+                    yield one
+
+
+def test_every_data_class_and_named_tuple_is_one_short_line():
+    """Text of at most 400 characters, and plain Python, for whatever a public function may return."""
+    long, not_plain, count = [], [], 0
+    for one in public_classes():
+        tuple_of = getattr(one, "__annotations__", {}) if issubclass(one, tuple) else {}
+        if one.__name__ in NOT_RECORDS or not (is_dataclass(one) or tuple_of):
+            continue
+        count += 1
+        types = [field.type for field in fields(one)] if is_dataclass(one) else list(tuple_of.values())
+        shown = next(base for base in one.__mro__ if "__repr__" in vars(base))
+        own = shown in (Record, BaseField, BaseFieldAtCurrents) or not getattr(
+            shown, "__dataclass_params__", None
+        )
+        own |= is_dataclass(shown) and not shown.__dataclass_params__.repr
+        own &= vars(shown)["__repr__"].__module__ != "collections"  # that of a named tuple
+        if not own and not set(types) <= PLAIN_TYPES:
+            long.append(one)
+        if is_dataclass(one) and not issubclass(one, BaseField | BaseFieldAtCurrents | Record):
+            not_plain.append(one)
+    assert count > 200
+    assert long == []
+    assert not_plain == []
+
+
+def walked(thing, seen, depth=0):
+    """The objects of the package in a result, all the way down."""
+    if id(thing) in seen or depth > 8:
+        return
+    seen[id(thing)] = thing
+    if isinstance(thing, dict):
+        below = list(thing.values())
+    elif isinstance(thing, list | tuple) and len(thing) < 1000:
+        below = list(thing)
+    elif is_dataclass(thing) and not isinstance(thing, type):
+        below = [getattr(thing, field.name) for field in fields(thing)]
+    else:
+        below = []
+    if type(thing).__module__.startswith("fieldmap.") and not isinstance(thing, FrozenDict | Problem):
+        yield thing
+    for one in below:
+        yield from walked(one, seen, depth + 1)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """What the main functions return, by their names: of coils alone, and of iron where it is small."""
+    from fieldmap import control, dynamics, levitation, studies
+    from fieldmap.io import find_source
+    from fieldmap.io.answers import floating, probe
+    from fieldmap.io.map_summary import summarise_map
+    from fieldmap.lookup import finite_magnet
+    from fieldmap.maps import read_recipe
+    from fieldmap.planar import read_planar_device
+    from fieldmap.store import check_map
+    from fieldmap.thesis.printed import read_rows
+
+    folder = tmp_path_factory.mktemp("records")
+    device = fm.read_device("disk_six_cores").replace(bodies=[], materials={})
+    path = fm.generate(device, folder / "coils.h5", spacing=8e-3, iron={"tolerance": 1e-3})
+    m, loop = fm.open_map(path), fm.read_device("loop_and_sphere")
+    e = fm.find_equilibrium(m, 16.0, device.payload)
+    unit = fm.solve_linear(loop, refinement=0.5)
+    text = 'format = 1\ntitle = "Turns"\ndevice = "loop_and_sphere"\n[[vary]]\nname = "turns"\n'
+    text += 'key = "coil.loop.turns"\nvalues = [100, 200]\n[[currents]]\nname = "one"\namperes_A = 1.0\n'
+    text += (
+        '[record]\nquantities = ["currents", "field"]\npoints_mm = [[0, 0, -14]]\n[iron]\nmodel = "linear"\n'
+    )
+    (folder / "turns.toml").write_text(text + "refinement = 0.5\n")
+    run = studies.run_study(folder / "turns.toml", folder / "turns.nc")
+    source = find_source(path)
+    return {
+        "open_map": m,
+        "open_map.at": m.at(1.0),
+        "MapInfo": m.info,
+        "check_map": check_map(path),
+        "summarise_map": summarise_map(path),
+        "find_source": source,
+        "probe": probe(source, np.array([[0.0, 0.0, -0.1]]), 1.0, np.array([0.0, 0.0, 0.8])),
+        "floating": floating(source, device.payload, 16.0),
+        "find_equilibrium": e,
+        "lift_current": levitation.lift_current(m, device.payload, np.array([0.0, 0.0, -0.1])),
+        "finite_magnet": finite_magnet(device.payload.magnet, m, 1e-3),
+        "solve_linear": unit,
+        "solve_linear.at": unit.at(1.0),
+        "design_figures": fm.design_figures(loop, 1.0, unit),
+        "read_recipe": read_recipe("workspace"),
+        "read_study": run.study,
+        "run_study": run,
+        "StudyRow": run.rows(),
+        "read_scenario": dynamics.read_scenario("vertical_step"),
+        "thesis": read_rows(),
+        "control": control.from_roots(4.0, [-1.0], [-2.0, -3.0]),
+        "planar": read_planar_device("planar_drive_unit"),
+        "CoilSet": coils(),
+        "CoilSet.at": coils().at(1.0),
+        "NearestSignals": NearestSignals(np.zeros((40, 3)), np.zeros(40)),
+    }
+
+
+def test_results_are_one_short_line_all_the_way_down(results):
+    seen, kinds = {}, set()
+    for thing in walked(results, seen):
+        kinds.add(type(thing).__name__)
+        text = repr(thing)
+        assert len(text) <= LONGEST, type(thing)
+        assert "\n" not in text, type(thing)
+        assert " object at 0x" not in text, type(thing)
+        if hasattr(thing, "_repr_html_"):
+            assert thing._repr_html_().startswith("<table>")
+    assert {"Study", "Variant", "Document", "MapInfo", "Provenance", "PrintedNumber", "Recipe"} <= kinds
+
+
+def test_results_are_plain_python(results):
+    for name, thing in results.items():
+        for one in thing if isinstance(thing, list | tuple) else [thing]:
+            if hasattr(one, "to_dict"):
+                assert json.loads(json.dumps(one.to_dict())), name
+
+
+@pytest.mark.parametrize("again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
+def test_results_survive_pickles_and_copies(results, again):
+    point = [0.0, 0.0, -0.1]
+    for name, thing in results.items():
+        other = again(thing)
+        assert type(other) is type(thing), name
+        assert repr(other) == repr(thing), name
+        if hasattr(thing, "at"):
+            assert np.array_equal(other.field(point, 1.0), thing.field(point, 1.0)), name
+        elif name.endswith(".at"):
+            assert np.array_equal(other.gradient(point), thing.gradient(point)), name

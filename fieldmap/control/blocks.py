@@ -26,8 +26,8 @@ from fieldmap.typing import Array
 AXES = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class AxisReading:
+@dataclass(frozen=True, repr=False)
+class AxisReading(Record):
     """What a controller of one axis calls its position: factor * (coordinate in m) + offset.
 
     x in mm is AxisReading("x", 1e3); a depth in mm from 77 mm below the origin on is AxisReading("z", -1e3, -77.0).

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.arguments import check_matrix, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -25,6 +27,13 @@ class TransferFunction(NamedTuple):
 
     numerator: Array
     denominator: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The arrays by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
     @property
     def zeros(self) -> NDArray[Any]:
@@ -53,6 +62,13 @@ class StateSpace(NamedTuple):
     B: Array
     C: Array
     D: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The arrays by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
     def to_control(
         self,
@@ -86,7 +102,7 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferF
     Raises InputError for coefficients that are not finite, a denominator of zeros, or more zeros than poles.
 
     >>> transfer_function([0, 2, 4], [2, 0, 8])
-    TransferFunction(numerator=array([1., 2.]), denominator=array([1., 0., 4.]))
+    TransferFunction(numerator=[1.0, 2.0], denominator=[1.0, 0.0, 4.0])
     """
     where = "transfer_function"
     top = np.trim_zeros(np.atleast_1d(check_signal(f"{where}(numerator)", numerator)), "f")

@@ -15,6 +15,7 @@ from fieldmap.arguments import (
 )
 from fieldmap.control.linear_models import TransferFunction, transfer_function
 from fieldmap.kernels.control.pid import PidGains, PidOptions, pid_run, pid_sample
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 INTEGRATION = ("rectangular", "trapezoidal")
@@ -22,8 +23,8 @@ ANTI_WINDUP = ("none", "hold", "track")
 DERIVATIVE = ("error", "measurement")
 
 
-@dataclass(frozen=True)
-class PID:
+@dataclass(frozen=True, repr=False)
+class PID(Record):
     """A PID controller that runs every Ts seconds: docs/theory/control.md (1), (2).
 
     u[n] = Kc e[n] + (Kc Ts / Ti) sum e + (Kc Td / Ts) (e[n] - e[n-1]), with e = 0 before the first sample.

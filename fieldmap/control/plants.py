@@ -54,7 +54,7 @@ def levitated_plant(
 
 
 @dataclass(frozen=True)
-class LumpedMagnet:
+class LumpedMagnet(Record):
     """An electromagnet that lifts a body z below it (z downward, m): docs/theory/control.md (6).
 
     Inductance L(z) = L1 + L0 / (1 + z/a), force 1/2 dL/dz i^2. inductance: L0, H; length: a, m; mass: M, kg; damping:

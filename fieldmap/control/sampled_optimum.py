@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_matrix, check_positive
 from fieldmap.control.linear_models import check_model, zero_order_hold
 from fieldmap.errors import InputError, Problem
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
 
@@ -27,6 +29,13 @@ class Estimator(NamedTuple):
     B_est: Array
     C_est: Array
     D_est: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The arrays by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
 
 def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> Array:

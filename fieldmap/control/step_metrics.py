@@ -7,11 +7,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)
-class StepMetrics:
+class StepMetrics(Record):
     """Times in s from the step on, infinite where the record ends before; overshoot as a share of the step.
 
     rise_time: from 10 % to 90 % of the step. peak_time: of the largest excursion in the direction of the step.

@@ -108,8 +108,8 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     >>> device = read_device("drive_unit")
     >>> device.coil_names
     ('1', '2', '3', '4', '5', '6')
-    >>> read_device("drive_unit", {"parameters.gap": 120.0}).bodies[-1].parts[0].placement.position[2]
-    -0.126
+    >>> read_device("drive_unit", {"parameters.gap": 120.0}).bodies[-1].parts[0].placement.position.tolist()
+    [0.0, 0.0, -0.126]
     """
     if isinstance(path_or_name, Device):
         if changes:

@@ -8,6 +8,7 @@ from fieldmap.arguments import check_not_negative, check_numbers, check_positive
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.motion.losses import plate_force
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Three = tuple[float, float, float]
@@ -15,8 +16,8 @@ Three = tuple[float, float, float]
 _ZERO: Three = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Drag:
+@dataclass(frozen=True, repr=False)
+class Drag(Record):
     """Resistance against motion, by axes: docs/theory/dynamics.md (9), (10).
 
     linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along those of the body.
@@ -59,8 +60,8 @@ class Drag:
         )
 
 
-@dataclass(frozen=True)
-class Plate:
+@dataclass(frozen=True, repr=False)
+class Plate(Record):
     """A conducting plate without end to the sides, on the other side of its face than the magnet.
 
     conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to the
@@ -126,8 +127,8 @@ class Plate:
         )
 
 
-@dataclass(frozen=True)
-class Walls:
+@dataclass(frozen=True, repr=False)
+class Walls(Record):
     """Floor, ceiling and upright tube that a body can touch: a penalty, docs/theory/dynamics.md (19), (20).
 
     floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None where there is none. contact_time: s,

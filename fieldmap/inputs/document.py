@@ -14,12 +14,13 @@ from fieldmap.inputs.explain import explain
 from fieldmap.inputs.findings import Finding, shown
 from fieldmap.inputs.key_paths import Location, dotted
 from fieldmap.inputs.toml_lines import line_numbers, nearest_line
+from fieldmap.records import Record
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-@dataclass(frozen=True)
-class Document:
+@dataclass(frozen=True, repr=False)
+class Document(Record):
     """A parsed TOML file; `data` and `text` as read.
 
     Of a file whose short forms were written out (repetition, arithmetic, other files): raw, the document as read;

@@ -11,10 +11,11 @@ from pydantic_core import ErrorDetails
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import Location, has, value_at
 from fieldmap.inputs.tables import PATTERNS, Choice, Table
+from fieldmap.records import Record
 
 
-@dataclass(frozen=True)
-class Place:
+@dataclass(frozen=True, repr=False)
+class Place(Record):
     """The table class that the data chose at a location, and the other choices it had there: by tag, and their key."""
 
     table: type[BaseModel] | None

@@ -5,10 +5,11 @@ from difflib import get_close_matches
 from typing import Any
 
 from fieldmap.inputs.key_paths import Location
+from fieldmap.records import Record
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, repr=False)
+class Finding(Record):
     """`location` is where in the data; the rest as in fieldmap.errors.Problem."""
 
     location: Location

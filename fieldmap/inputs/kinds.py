@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.findings import closest, one_of
+from fieldmap.records import Record
 from fieldmap.shipped import shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
@@ -21,8 +22,8 @@ _PACKAGES = ("device", "planar", "maps", "studies", "dynamics")
 Contents = TypeVar("Contents", bound=BaseModel)
 
 
-@dataclass(frozen=True)
-class FileKind(Generic[Contents]):
+@dataclass(frozen=True, repr=False)
+class FileKind(Record, Generic[Contents]):
     """One kind of TOML file.
 
     name: as people call it, such as "device". schema: what the file may hold. error: raised for a file that is wrong.

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
+from fieldmap.records import shortened
 from fieldmap.typing import Array
 
 MILLI = 1e-3
@@ -76,6 +77,9 @@ class Table(BaseModel):
 
     attributes: ClassVar[Mapping[str, str]] = {}
     """Attributes of the object that the table makes, by key, unless they are called like the key without its unit."""
+
+    def __repr__(self) -> str:
+        return shortened(super().__repr__())
 
 
 def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_ordered, check_positive
+from fieldmap.records import Record
 
 USUAL_RANGE = 10.0
 """V, to both sides: of the analogue signals of sensors, converters and amplifiers. It is assumed where no other range
@@ -12,7 +13,7 @@ is given, in Python and in scenario files."""
 
 
 @dataclass(frozen=True)
-class Amplifier:
+class Amplifier(Record):
     """i = gain v + offset, limited.
 
     gain: A/V. lower, upper: range of the input, V; `USUAL_RANGE` is assumed unless given. offset: A. deviation:

@@ -11,7 +11,7 @@ from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)
-class Converter:
+class Converter(Record):
     """Data-sheet numbers of a converter card with a symmetric range.
 
     range: V, from -range to +range. bits. random_noise: V, rms. gain_error: residual, of the reading (V/V).

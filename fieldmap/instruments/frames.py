@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_signal
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
-class SensorFrame:
+@dataclass(frozen=True, repr=False)
+class SensorFrame(Record):
     """Two sensors in a plane, turned against the machine's axes, that see the near edge of a round body.
 
     angle: of the sensors' axes against the machine's, rad. offset: reading of each sensor on the machine's axis, m.

@@ -18,6 +18,7 @@ from fieldmap.deprecated import REMOVAL
 from fieldmap.errors import InputError, Problem
 from fieldmap.instruments.amplifier import USUAL_RANGE
 from fieldmap.kernels.control.instruments import held_scans
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Of one rig; what a sensor without a rate has been taken to have.
@@ -25,7 +26,7 @@ _FORMER_SCAN_RATE = 1200.0
 
 
 @dataclass(frozen=True)
-class Micrometer:
+class Micrometer(Record):
     """A sensor that scans a position and shows it as a voltage: position = scale voltage + zero.
 
     zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: none). lower, upper:

@@ -15,8 +15,8 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
-class Rig:
+@dataclass(frozen=True, repr=False)
+class Rig(Record):
     """One axis: sensor, input converter, output converter, amplifier.
 
     gain_error (V/V), offset_error (V): what the input converter's reading is wrong by in this simulation; its data

@@ -34,6 +34,7 @@ from fieldmap.interop.measured_map import MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements
 from fieldmap.interop.sampling import sample_grid
 from fieldmap.lookup import FieldMap
+from fieldmap.records import Record
 from fieldmap.store import Grid
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array
@@ -52,8 +53,8 @@ _POINTS = 1000
 _ROUNDING = 4e-7
 
 
-@dataclass(frozen=True, eq=False)
-class VectorFields:
+@dataclass(frozen=True, eq=False, repr=False)
+class VectorFields(Record):
     """A map sampled for mag_manip.
 
     flux_density (count, count, count, n_coils, 3), T at 1 A of each coil, on equally spaced nodes from lower to upper

@@ -14,6 +14,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.interop.measurements import Measurements
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid, MapData, Provenance
 from fieldmap.typing import Array
 
@@ -23,8 +24,8 @@ FOLDS = 5
 WORTH = 0.02
 
 
-@dataclass(frozen=True)
-class FitReport:
+@dataclass(frozen=True, repr=False)
+class FitReport(Record):
     """How well harmonic polynomials hold the readings.
 
     degree: of the potential. residual: root mean square of what is left of the readings, per component, T. held_out,
@@ -41,8 +42,8 @@ class FitReport:
     readings: int
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredMap(Record):
     """A map as a solver would have made it, and how well it was measured."""
 
     data: MapData

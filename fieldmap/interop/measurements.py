@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "A": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6}
@@ -21,8 +22,8 @@ _GRADIENT = re.compile(r"dB[xyz]_d[xyz]_T_per_m")
 _MOST_PROBLEMS = 20
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Record):
     """n readings: points (n, 3) in m, currents (n, n_coils) in A in the order of coil_names, flux_density (n, 3) in T.
 
     Raises InputError where shapes do not fit or numbers are not finite.

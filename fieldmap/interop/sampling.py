@@ -7,14 +7,15 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Field, StateField, as_field, coil_currents, require_bounds
 from fieldmap.lookup import FieldMap
+from fieldmap.records import Record
 from fieldmap.store import Grid
 from fieldmap.typing import Array
 
 FRAME = "right-handed, z up, lengths in m"
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Record):
     """A field on the nodes of a grid: at currents (n_coils,), A, or coil by coil where they are None.
 
     points (n, 3), m, z fastest; flux_density (n, 3), T, and gradient (n, 3, 3), T/m, at these currents; coil by coil

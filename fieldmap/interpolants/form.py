@@ -47,7 +47,7 @@ class Form(Record):
 
 
 @dataclass(frozen=True)
-class Jump:
+class Jump(Record):
     """Largest norm of the step across a face between cells, summed over the coils at their reference currents: T and
     T/m.
 
@@ -70,8 +70,8 @@ class Jump:
         return float(self.bound_factor * self.gradient)
 
 
-@dataclass(frozen=True)
-class Interpolant:
+@dataclass(frozen=True, repr=False)
+class Interpolant(Record):
     """One way to find a field between the nodes of a map.
 
     name: for `open_map(kind=...)`. summary: one line, for help and messages. form: the coefficients of a map, by what a

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,8 @@ _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MAP_SUFFIXES = {".h5", ".hdf5"}
 
 
-@dataclass(frozen=True)
-class IronOptions:
+@dataclass(frozen=True, repr=False)
+class IronOptions(Record):
     """How the iron of a device is solved.
 
     mu_r: one relative permeability for all iron; that of the file if None. nonlinear: iron that saturates, one state
@@ -134,7 +134,7 @@ def find_source(
         payload=device.payload,
         driver=device.driver,
         device=device,
-        make=lambda: solve_device(device, chosen, progress),
+        make=partial(solve_device, device, chosen, progress),
     )
 
 
@@ -180,8 +180,12 @@ def _map_source(path: Path) -> FieldSource:
         payload=None if made_of is None else made_of.payload,
         driver=None if made_of is None else made_of.driver,
         device=None,
-        make=lambda: opened,
+        make=partial(_opened, opened),
     )
+
+
+def _opened(field: Field) -> Field:
+    return field
 
 
 def refuse_directory(name: PathLike) -> None:

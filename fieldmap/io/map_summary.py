@@ -45,15 +45,15 @@ class MiddleField(Record):
 
 
 @dataclass(frozen=True)
-class ErrorShares:
+class ErrorShares(Record):
     """Errors of B and of its gradient, as shares of the largest in the workspace."""
 
     flux_density: float
     gradient: float
 
 
-@dataclass(frozen=True)
-class TriedStates:
+@dataclass(frozen=True, repr=False)
+class TriedStates(Record):
     """Solved states of one kind, not trained on, at which a current model was tried: so many, so many of them solved
     (the others are mirror images), and the largest errors found."""
 
@@ -63,8 +63,8 @@ class TriedStates:
     largest: ErrorShares
 
 
-@dataclass(frozen=True)
-class MapAccuracy:
+@dataclass(frozen=True, repr=False)
+class MapAccuracy(Record):
     """How exact a map is: mesh, interpolation between its nodes, and current model. None: not measured.
 
     meshed: whether there is iron with a mesh, which makes an error. mesh: estimated. bound: certified for lookups by

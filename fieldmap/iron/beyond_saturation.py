@@ -9,6 +9,7 @@ from fieldmap.device.materials import Material
 from fieldmap.device.model import Device
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.solution import LinearSolution
+from fieldmap.records import Record
 
 WORTH_SAYING = 0.01
 """Share of a body's volume: at sharp edges |B| grows without bound as the mesh is refined."""
@@ -17,8 +18,8 @@ MOST_OF_ANY_IRON = 2.45
 """Polarisation of saturated iron-cobalt, T, the largest of any known material (Bozorth, Ferromagnetism, ch. 6)."""
 
 
-@dataclass(frozen=True)
-class BodyBeyondSaturation:
+@dataclass(frozen=True, repr=False)
+class BodyBeyondSaturation(Record):
     """A body of linear iron in which |B| exceeds the largest polarisation its material can have.
 
     most: that polarisation, T; largest: |B| of the element with most, T; share: of the body's volume above `most`.

@@ -8,6 +8,7 @@ import numpy as np
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
@@ -15,8 +16,8 @@ BARRIER_MU_R = 1e-4
 _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
 
-@dataclass(frozen=True, eq=False)
-class BodyProperties:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyProperties(Record):
     """Relative permeability (b,) and remanence (b, 3) in T of every body, and how they were chosen."""
 
     mu_r: Array

@@ -27,7 +27,7 @@ _HEIGHTS = 6
 
 
 @dataclass(frozen=True)
-class LiftAtHeight:
+class LiftAtHeight(Record):
     """The current in each coil, A, that lifts the payload with its magnet at z = height, m, on the axis.
 
     current: None where the field does not hold it. beyond: the largest current in all coils, A, that the field holds,
@@ -87,8 +87,8 @@ def lift_by_height(
     return tuple(rows)
 
 
-@dataclass(frozen=True)
-class ForceFit:
+@dataclass(frozen=True, repr=False)
+class ForceFit(Record):
     """The one factor on the force that turns the lift currents of a field into the measured ones.
 
     factor: least squares of factor * lift / weight - 1 at the measured currents. currents: in each coil, A, that then

@@ -21,7 +21,7 @@ from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import Bounds, TakesPoints, dipole_wrench, has_leading_shape, over_points
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.kernels.map import lookup as kernels
-from fieldmap.records import Record
+from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
 
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
@@ -258,6 +258,9 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         self._evaluator, self._box = evaluator, box
         self.coil_names, self.currents, self.assumptions = coil_names, currents, assumptions
         self._one, self._data = evaluator.one_point()
+
+    def __repr__(self) -> str:
+        return shortened(f"{type(self).__name__}({len(self.coil_names)} coils at {short(self.currents)} A)")
 
     @property
     def lower(self) -> Array:

@@ -22,6 +22,7 @@ from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Point, Positive, Table, Text, broken
+from fieldmap.records import Record
 from fieldmap.shipped import shipped_file, shipped_names
 from fieldmap.store import Grid
 from fieldmap.typing import Array
@@ -255,7 +256,7 @@ RECIPE = register(
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Record):
     """How a reduced model is trained.
 
     states: most that are solved to train it; accuracy: share of the largest flux density in the workspace (of the
@@ -273,8 +274,8 @@ class Plan:
     tolerance: float
 
 
-@dataclass(frozen=True, eq=False)
-class CurrentPlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class CurrentPlan(Record):
     """Saturating iron: the ranges of the currents as written, and how the reduced model is trained.
 
     lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y, where a division is given.
@@ -289,8 +290,8 @@ class CurrentPlan:
     groups: tuple[tuple[str, ...], ...] | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Recipe:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recipe(Record):
     """What map to make, in SI.
 
     device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper (3,) in m, or

@@ -17,6 +17,7 @@ from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.training.states import SolvedStates
 from fieldmap.maps.training.training import Trained, train
 from fieldmap.parallel import Common, Workers
+from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import Checkpoint, FieldError, Grid, ReducedModel
 from fieldmap.store.reduced_model import ARRAYS
@@ -53,8 +54,8 @@ class Stopwatch:
         return process_time() + self._workers.processor_seconds
 
 
-@dataclass(frozen=True, eq=False)
-class SaturatingFields:
+@dataclass(frozen=True, eq=False, repr=False)
+class SaturatingFields(Record):
     """What the map evaluates: the coils' own fields per ampere, then the iron's at weight 1."""
 
     coils: tuple[Coil, ...]
@@ -72,8 +73,8 @@ class SaturatingFields:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class TrainedMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrainedMap(Record):
     """A trained model, the fields that go with it, their largest weights (c + k,) at the currents of the domain, what
     training found, for the map's record, and what it cost."""
 

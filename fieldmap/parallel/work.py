@@ -18,6 +18,7 @@ import numba
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from fieldmap.errors import FieldmapError
+from fieldmap.records import Record
 
 
 @contextmanager
@@ -80,8 +81,8 @@ class WorkerDied(FieldmapError):  # noqa: N818 - reads as what happened
     """Every process that was given a piece of work died on it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome(Generic[R]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Record, Generic[R]):
     """index: of the item; value: what the function returned, or error: what it raised; seconds of the clock and of the
     processors that it took."""
 

@@ -15,14 +15,14 @@ _EMPTY: Mapping[str, str] = FrozenDict({})
 
 
 @dataclass(frozen=True)
-class RoundWire:
+class RoundWire(Record):
     """Section of a round conductor, radius in m; uniform current density."""
 
     radius: float
 
 
 @dataclass(frozen=True)
-class RectangularWire:
+class RectangularWire(Record):
     """Section of a rectangular conductor, sides along x and z in m; uniform current density."""
 
     width: float

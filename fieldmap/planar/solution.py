@@ -20,8 +20,8 @@ from fieldmap.typing import Array
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class PlanarReport:
+@dataclass(frozen=True, repr=False)
+class PlanarReport(Record):
     """What a solution cost and rests on: panels on iron and walls, unknowns, seconds of this process, assumptions.
 
     residuals: of Newton's steps, relative; empty where the iron is linear.

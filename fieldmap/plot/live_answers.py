@@ -16,8 +16,8 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
-class Control:
+@dataclass(frozen=True, repr=False)
+class Control(Record):
     """One slider. unit: "A", "1" or "mm"; value: where it begins."""
 
     name: str

@@ -27,6 +27,7 @@ from fieldmap.plot.gather import amperes_in_words
 from fieldmap.plot.picture import save_picture
 from fieldmap.plot.rulers import label_step
 from fieldmap.plot.shown import Shown
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _SIZE = (11.4, 5.2)
@@ -36,8 +37,8 @@ _SIGNALS = 81
 """Points of a line over a direction signal."""
 
 
-@dataclass(frozen=True)
-class MapPicture:
+@dataclass(frozen=True, repr=False)
+class MapPicture(Record):
     """A picture of a map: "figure" or "3-D picture". path: where it was written; None, and then why in `problem`."""
 
     shows: str

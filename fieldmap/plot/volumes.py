@@ -9,13 +9,14 @@ import pyvista as pv
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, MM
 from fieldmap.plot.shown import Shown
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 POINTS, SLICE_POINTS = 25, 61
 
 
-@dataclass(frozen=True)
-class Quantity:
+@dataclass(frozen=True, repr=False)
+class Quantity(Record):
     """What is drawn. title: for the colour bar, with its unit; values(shown, points): (n,) in that unit."""
 
     title: str

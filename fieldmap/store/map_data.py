@@ -13,15 +13,15 @@ from fieldmap.store.reduced_model import ReducedModel
 
 
 @dataclass(frozen=True)
-class FieldError:
+class FieldError(Record):
     """An error of flux density in T and of its gradient in T/m."""
 
     flux_density: float
     gradient: float
 
 
-@dataclass(frozen=True)
-class Provenance:
+@dataclass(frozen=True, repr=False)
+class Provenance(Record):
     """What made a map.
 
     recipe_text, device_text: the files as read. included: what the device file took from other files, by their paths

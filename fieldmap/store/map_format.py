@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from fieldmap.records import Record
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_data import FieldError, MapInfo, Provenance
 from fieldmap.store.reduced_model import ReducedModel
@@ -47,7 +48,7 @@ def record_names(coil_names: Sequence[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Chunk:
+class Chunk(Record):
     """The x-planes first <= i < last of the grid."""
 
     number: int

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+from fieldmap.records import Record
+
 AXES = ("variant", "currents", "coil", "point", "component", "direction")
 """Axes of the data set that are not varied keys."""
 
 
-@dataclass(frozen=True)
-class Quantity:
+@dataclass(frozen=True, repr=False)
+class Quantity(Record):
     """One variable of the data set.
 
     group: the word of record.quantities that asks for it. unit: SI, as UDUNITS writes it. axes: beyond those of the

@@ -9,6 +9,7 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.parallel import Workers
 from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
 from fieldmap.studies.data_set import csv_text, data_set, require_xarray, write_netcdf
 from fieldmap.studies.quantities import recorded
@@ -22,8 +23,8 @@ OUTPUT_FOLDER = Path("maps/out")
 _TRIED_AGAIN = {"tried_again": True}
 
 
-@dataclass(frozen=True, eq=False)
-class StudyRow:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyRow(Record):
     """One variant at one set of currents.
 
     settings: varied keys in their units, or the variant's name; currents: name of the set; numbers: what was recorded,
@@ -36,8 +37,8 @@ class StudyRow:
     problem: str
 
 
-@dataclass(frozen=True, eq=False)
-class StudyRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyRun(Record):
     """A finished study. data: xarray.Dataset; path, table: of the NetCDF and the CSV file. failed: variants with a
     reason why a number is missing, by their names."""
 

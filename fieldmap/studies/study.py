@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fieldmap import records
 from fieldmap.device.reader import device_of
 from fieldmap.inputs.document import Document
 from fieldmap.provenance import fingerprint
@@ -17,8 +18,8 @@ Value = float | int | str
 _UNIT = re.compile(r"_(mm|deg|T_per_m|T|A_per_V|A_m2|A|V|ohm|mH|N_s_per_m|g_mm2|g)$")
 
 
-@dataclass(frozen=True)
-class Axis:
+@dataclass(frozen=True, repr=False)
+class Axis(records.Record):
     """One varied key: name in the data set, key path, values in the key's unit."""
 
     name: str
@@ -39,8 +40,8 @@ class Axis:
         return found[1].replace("_per_", "/").replace("_", " ") if found else "1"
 
 
-@dataclass(frozen=True)
-class Variant:
+@dataclass(frozen=True, repr=False)
+class Variant(records.Record):
     """One device of the study: its device file with changed keys. place: index along each axis, or its number."""
 
     name: str
@@ -49,8 +50,8 @@ class Variant:
     document: Document
 
 
-@dataclass(frozen=True, eq=False)
-class CurrentSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class CurrentSet(records.Record):
     """Currents shares * c (n_coils,), whose magnitudes have the mean c. common: c in A, or None where it is looked for
     so that they carry the payload at carried_at (3,), m."""
 
@@ -61,7 +62,7 @@ class CurrentSet:
 
 
 @dataclass(frozen=True)
-class IronModel:
+class IronModel(records.Record):
     """How the iron is modelled: mu_r None for the initial slope of its law; accuracy None for one mesh as it is."""
 
     saturating: bool
@@ -71,8 +72,8 @@ class IronModel:
     accuracy: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(records.Record):
     """What is recorded: groups of quantities, points (n, 3) in m, share of the weight, largest current in A."""
 
     groups: tuple[str, ...]
@@ -81,8 +82,8 @@ class Record:
     current_limit: float | None
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(records.Record):
     """What to solve, in SI; path and text: the file as read. axes: varied keys; none with variants one by one.
 
     device_document: the device file as it is. coil_names: in current order.

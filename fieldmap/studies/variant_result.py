@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap import records
 from fieldmap.device.model import Device, Payload
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, InputError, NotConverged, Problem
@@ -88,8 +89,8 @@ Numbers = dict[str, Any]
 _STEP = 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class Task:
+@dataclass(frozen=True, eq=False, repr=False)
+class Task(records.Record):
     """All that is needed to solve one variant; made of plain data, so that another process can have it."""
 
     document: Document
@@ -98,16 +99,16 @@ class Task:
     record: Record
 
 
-@dataclass(frozen=True)
-class Row:
+@dataclass(frozen=True, repr=False)
+class Row(records.Record):
     """One variant at one set of currents: numbers by the name of their quantity, and what could not be found."""
 
     numbers: Numbers
     problems: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class VariantResult:
+@dataclass(frozen=True, repr=False)
+class VariantResult(records.Record):
     """rows: one for each set of currents. assumptions: what the numbers rest on."""
 
     rows: tuple[Row, ...]

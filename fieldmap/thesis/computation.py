@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
+from fieldmap.records import Record
 from fieldmap.thesis.available_maps import FOLDER, MapMissing, available_map
 from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, filled, read_part, row_of
 from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
@@ -16,8 +17,8 @@ from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
 Progress = Callable[[str, float], None]
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Record):
     """One number of the thesis beside ours.
 
     id: the row; name: which number of it. deviation = ours / thesis - 1, None where the thesis prints 0. kind: "sharp"
@@ -111,8 +112,8 @@ def _side_by_side(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class PartResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class PartResult(Record):
     """What became of one part of a row.
 
     explanations: name of a printed number, or "" for the part -> why ours differs. seconds: of processor time.

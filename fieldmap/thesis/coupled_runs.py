@@ -11,6 +11,7 @@ from fieldmap.control import PID, StepMetrics, TransferFunction, simulate_loop
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
+from fieldmap.records import Record
 from fieldmap.thesis.printed import shared_value
 from fieldmap.thesis.rows import Ours
 from fieldmap.typing import Array
@@ -30,8 +31,8 @@ VERTICAL_PID: dict[str, Any] = {
 _MOST_POINTS = 700
 
 
-@dataclass(frozen=True, eq=False)
-class Readings:
+@dataclass(frozen=True, eq=False, repr=False)
+class Readings(Record):
     """A run as the thesis's figures show it: time (r,), s; true, seen and wanted (r, 3) x, y, depth, mm."""
 
     run: ScenarioRun

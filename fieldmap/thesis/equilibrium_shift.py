@@ -13,6 +13,7 @@ from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import GRAVITY, MagnetModel, equilibrium_at
+from fieldmap.records import Record
 from fieldmap.thesis.drive_unit import payload, unit_rays
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -23,8 +24,8 @@ FAR = 0.34
 """Direction signals beyond this are solved as states: the map is off by 0.1 to 0.2 mm there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Shift:
+@dataclass(frozen=True, eq=False, repr=False)
+class Shift(Record):
     """Places (k, 2), m, of the magnet at signals (k,), counted from `origin` (2,), the place at signal 0; levels (k,),
     A: mean current; largest (k,), A: that of the coil with most; all_stable: whether every one is pushed back."""
 

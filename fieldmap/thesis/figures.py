@@ -7,12 +7,13 @@ from itertools import groupby
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fieldmap.records import Record
 from fieldmap.thesis.printed import PRINTED_NUMBERS, read_part
 from fieldmap.thesis.rows import part_names
 
 
-@dataclass(frozen=True)
-class ThesisFigure:
+@dataclass(frozen=True, repr=False)
+class ThesisFigure(Record):
     """One figure. number: "2-4"; shows: what it shows; drawn_by: the parts that draw it; not_drawn: why none does."""
 
     number: str

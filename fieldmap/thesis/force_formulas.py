@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Formula = TypeVar("Formula")
@@ -23,7 +24,7 @@ _LONGEST = 100.0
 
 
 @dataclass(frozen=True)
-class HorizontalForce:
+class HorizontalForce(Record):
     """F_x = side [ -I I0 L0 / (2 b (1 + z/a + side (x - x0)/b + |y|/d)^2) + c I/I0 ].
 
     side 1 is (4-7), (4-5) at I = I0, and (4-9) with x0 = 0; side -1 is the mirror image (4-8). inductance L0 in H,
@@ -61,7 +62,7 @@ class HorizontalForce:
 
 
 @dataclass(frozen=True)
-class Exponential:
+class Exponential(Record):
     """A exp(-side b (x - x0)), (4-4)."""
 
     amplitude: float
@@ -76,8 +77,8 @@ class Exponential:
         )
 
 
-@dataclass(frozen=True)
-class VerticalForce:
+@dataclass(frozen=True, repr=False)
+class VerticalForce(Record):
     """F_z = (m(x) z + b(x)) I/I0 with exponentials m and b, (4-3), (4-4), (4-6). Upwards is positive."""
 
     slope: Exponential
@@ -97,8 +98,8 @@ class VerticalForce:
         return VerticalForce(slope, intercept, self.nominal_current)
 
 
-@dataclass(frozen=True)
-class QuadraticForce:
+@dataclass(frozen=True, repr=False)
+class QuadraticForce(Record):
     """F_x = (a0 x^2 + a1 x + a2) I/I0, (4-10): coefficients for one line of constant y and z."""
 
     coefficients: tuple[float, float, float]
@@ -111,8 +112,8 @@ class QuadraticForce:
         return np.asarray((a0 * places**2 + a1 * places + a2) * current / self.nominal_current)
 
 
-@dataclass(frozen=True)
-class Fit(Generic[Formula]):
+@dataclass(frozen=True, repr=False)
+class Fit(Record, Generic[Formula]):
     """A formula with fitted constants, and the root mean square and largest error on the data, N."""
 
     formula: Formula

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from fieldmap.control import PID, TransferFunction, simulate_loop, steady_gain, transfer_function
 from fieldmap.control.identification import Orders, modified_least_squares_runs
 from fieldmap.curves import Curves
+from fieldmap.records import Record
 from fieldmap.thesis.coupled_runs import Readings, X, answer_of, ours, over_time, run_of
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical import RUNS, over_records
@@ -72,7 +73,7 @@ def recovery(inputs: dict[str, Any]) -> Answers:
 
 
 @dataclass(frozen=True)
-class Control:
+class Control(Record):
     """A controller of one horizontal axis: Kc per mm; Ti, Td as printed, seconds to models, minutes to the machine."""
 
     Kc: float

@@ -18,6 +18,7 @@ from fieldmap.field import as_field
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import StationaryPoint, equilibrium_at
 from fieldmap.provenance import fingerprint
+from fieldmap.records import Record
 from fieldmap.store import Checkpoint
 from fieldmap.thesis.available_maps import FOLDER, WAIT
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, PACKAGES, UPPER
@@ -43,8 +44,8 @@ _LIFT_TOLERANCE, _TRIALS = 2e-3, 6
 _EXPONENT = 0.9
 
 
-@dataclass(frozen=True, eq=False)
-class Walk:
+@dataclass(frozen=True, eq=False, repr=False)
+class Walk(Record):
     """Places (k, 2), m, of the magnet at signals (k,), the first of them 0; levels (k,), A; lifts (k,), N."""
 
     signals: Array
@@ -59,8 +60,8 @@ class Walk:
         return np.asarray(along - along[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Protocol:
+@dataclass(frozen=True, eq=False, repr=False)
+class Protocol(Record):
     """How the signals become currents and how deep the magnet hangs: n of (6-3), z_s and h in mm, and the level rule of
     `fieldmap.thesis.equilibrium_shift`."""
 

@@ -16,6 +16,7 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
+from fieldmap.records import Record
 from fieldmap.thesis.force_formulas import (
     Fit,
     HorizontalForce,
@@ -35,8 +36,8 @@ DEPTHS = (0.10, 0.11, 0.12, 0.13, 0.14, 0.15)
 _X0, _CURRENT = -0.17, 1e6
 
 
-@dataclass(frozen=True)
-class SuperpositionError:
+@dataclass(frozen=True, repr=False)
+class SuperpositionError(Record):
     """Formulas of single electromagnets, added, against the computed force of all.
 
     currents: in units of the nominal one; rms: root mean square error, N; whole and middle: that over the root mean

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.records import Record
 from fieldmap.shipped import shipped_folder
 
 PRINTED_NUMBERS = Path(__file__).parent / "printed_numbers"
@@ -26,8 +27,8 @@ KINDS = ("sharp", "model", "measured")
 NUMBERS, TEXTS = "numbers", "texts"
 
 
-@dataclass(frozen=True)
-class PrintedNumber:
+@dataclass(frozen=True, repr=False)
+class PrintedNumber(Record):
     """One printed number.
 
     name: "k[2]" for an entry of a table, counted from 0. text: as printed, so that its digits are kept. half_unit:
@@ -50,8 +51,8 @@ class PrintedNumber:
         return float(self.text)
 
 
-@dataclass(frozen=True)
-class PrintedPart:
+@dataclass(frozen=True, repr=False)
+class PrintedPart(Record):
     """A part of a row: title, inputs by name, and names of the printed quantities -> their numbers in C order.
 
     ours: "module.function" of this package that computes them. explanations and assumptions: name of a printed
@@ -71,8 +72,8 @@ class PrintedPart:
     figures: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class PrintedRow:
+@dataclass(frozen=True, repr=False)
+class PrintedRow(Record):
     """A row: the system of the thesis, and its parts by full name in their order; without_numbers: why it has none."""
 
     system: str

@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.store import write_whole
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
 from fieldmap.thesis.printed import read_rows
@@ -36,8 +37,8 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Row:
+@dataclass(frozen=True, repr=False)
+class Row(Record):
     """One section of the report: the parts of a row with the file names of their figures."""
 
     id: str

@@ -7,19 +7,20 @@ from typing import Any
 
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.thesis.printed import read_part, read_rows
 
 
-@dataclass(frozen=True)
-class Ours:
+@dataclass(frozen=True, repr=False)
+class Ours(Record):
     """Our number or array, and what the computation itself says it rests on (a solver's report, for example)."""
 
     value: Any
     assumptions: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Answers:
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(Record):
     """What a part computes, where it is more than numbers.
 
     numbers: name of every printed number -> our number or `Ours`. curves: figures. facts: name -> value, for the

@@ -11,6 +11,7 @@ from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
+from fieldmap.records import Record
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
@@ -19,8 +20,8 @@ CURRENTS = {EXACT: (1.0,), SIMPLIFIED: (100.0,) * 5}
 _REFINEMENT = 1.5
 
 
-@dataclass(frozen=True, eq=False)
-class AxisCurves:
+@dataclass(frozen=True, eq=False, repr=False)
+class AxisCurves(Record):
     """Figures 2-4 to 2-6 on the axis: depth (n,) below the core in m, B_z (n,) in T and dB_z/dz (n,) in T/m, z up, and
     the force (n,) on the sphere in N, for one winding."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
+from fieldmap.records import Record
 from fieldmap.thesis.force_formulas import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
 from fieldmap.thesis.rows import Answers
 from fieldmap.typing import Array
@@ -24,7 +25,7 @@ _BESIDE = (10e-3, 20e-3, 30e-3, -10e-3)
 
 
 @dataclass(frozen=True)
-class AddedError:
+class AddedError(Record):
     """Formulas of `magnets` electromagnets, added, against the computed force of all at 1 A each, on y = 0.
 
     rms: root mean square error, N; share: that over the root mean square of the computed force; middle: the same for

@@ -16,7 +16,7 @@ from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)
-class Orders:
+class Orders(Record):
     """How many poles and zeros the sampled model has, and how many samples of dead time on top.
 
     (b_0 q^zeros + ...) / (q^poles + ...) q^-dead_time: such as poles=4, zeros=3. The output follows the input by

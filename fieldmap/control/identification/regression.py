@@ -19,6 +19,8 @@ from fieldmap.control.identification.estimate import Orders
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.regression import triangles
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
 # Beyond this condition of the columns, each scaled to length one, rounding decides about the coefficients.
@@ -34,6 +36,13 @@ class Solution(NamedTuple):
     squares: Array
     samples: int
     condition: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The arrays by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
 
 def columns_of(y: Array, u: Array, orders: Orders) -> Array:

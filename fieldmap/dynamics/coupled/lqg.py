@@ -11,13 +11,14 @@ from fieldmap.control.blocks import ControllerBlock
 from fieldmap.dynamics.linearisation import ABOUT_Z, LinearMachine, sampled_machine
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.block import SIGNALS
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Three = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
-class LqgWeights:
+@dataclass(frozen=True, repr=False)
+class LqgWeights(Record):
     """What a regulator and its estimator are designed for; x, y and z of the map.
 
     place, m, speed, m/s: deviations that count alike (Bryson's rule), and output: those of the outputs that count as

@@ -14,7 +14,8 @@ from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation.machine import LinearMachine
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.errors import InputError, Problem
-from fieldmap.records import Record
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -31,6 +32,13 @@ class SampledMachine(NamedTuple):
     B: Array
     before: Array
     C: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The arrays by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
     def to_control(self, period: float) -> "python_control.StateSpace":
         """A sampled state space of python-control; the states after those of x are the last outputs u[n-1].
@@ -153,8 +161,8 @@ def _shares_of_the_past(sensors: Sensors, period: float) -> Array:
     return np.stack([back @ np.diag(share) @ into for share in shares])
 
 
-@dataclass(frozen=True)
-class Margins:
+@dataclass(frozen=True, repr=False)
+class Margins(Record):
     """How far the loop at one output of the controller is from instability, the others being closed.
 
     gain_up, gain_down: factors of that output which bring it there (infinite and 0 where none does); phase: deg, that

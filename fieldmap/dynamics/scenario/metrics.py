@@ -12,11 +12,12 @@ from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import StepKeys
 from fieldmap.kernels.motion.layout import STATE, VELOCITY
 from fieldmap.kernels.motion.sensing import sensed_point
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
-class AxisMetrics:
+@dataclass(frozen=True, repr=False)
+class AxisMetrics(Record):
     """Of one axis: root mean square and largest error of the true position against the reference, and of what the
     controller sees, mm; how far it moved, peak to peak, mm; its only or first step, None without one."""
 
@@ -28,8 +29,8 @@ class AxisMetrics:
     step: StepMetrics | None
 
 
-@dataclass(frozen=True)
-class RunMetrics:
+@dataclass(frozen=True, repr=False)
+class RunMetrics(Record):
     """Of a run: its axes; end of it, s; name of the event, "" without one; walls that
     were met, and "currents" beyond the table of the iron; largest lean, deg and current, A. At the end or the event:
     end_mm: sensed point as x, y, depth; end_mm_per_s: velocity along x, y and of the depth; end_A: currents."""

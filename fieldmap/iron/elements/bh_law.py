@@ -10,11 +10,12 @@ from scipy.interpolate import CubicHermiteSpline
 
 from fieldmap.device.materials import LawPoints, Material, SaturatingMaterial
 from fieldmap.kernels.iron.magnetisation_law import flux_densities
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class LawTables:
+@dataclass(frozen=True, eq=False, repr=False)
+class LawTables(Record):
     """Piecewise cubics of several laws, see `fieldmap.kernels.iron.magnetisation_law`; h and b in tesla.
 
     offset (l + 1,), knots (k,), coefficients (k, 4); range_h (2, l): mu0 H of the first and last point of the table.
@@ -36,8 +37,8 @@ class LawTables:
         return flux_densities(h, law, *self.arrays)
 
 
-@dataclass(frozen=True, eq=False)
-class Magnetisation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Magnetisation(Record):
     """Index of the law of every element (e,), tables of the laws, remanence (c, e, 3) per source, T."""
 
     law: NDArray[np.int64]

@@ -17,13 +17,14 @@ from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import linear_flux as kernel
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
-@dataclass(frozen=True, eq=False)
-class FluxElements:
+@dataclass(frozen=True, eq=False, repr=False)
+class FluxElements(Record):
     """Unknown 3 f + i is the potential of face f at its corner i.
 
     unknowns (e, 12): those of the elements, see `fieldmap.kernels.iron.linear_flux`; area (e, 4, 3): outward area

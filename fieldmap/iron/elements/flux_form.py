@@ -28,11 +28,12 @@ from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.exterior import Exterior
 from fieldmap.iron.operators.linear_systems import block_gmres
 from fieldmap.iron.operators.sparse_cholesky import Elimination
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, eq=False)
-class BodyNumbers:
+@dataclass(frozen=True, eq=False, repr=False)
+class BodyNumbers(Record):
     """Which magnetic body (a connected piece) the surface faces (s,) and the unknowns (n,) belong to."""
 
     surface: NDArray[np.int64]

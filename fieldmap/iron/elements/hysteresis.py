@@ -22,7 +22,7 @@ from fieldmap.typing import Array
 _UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HysteresisMagnetisation(Magnetisation):
     """A `Magnetisation` of one source with hysteresis.
 
@@ -64,7 +64,7 @@ class HysteresisMagnetisation(Magnetisation):
         return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), *self.tables.arrays
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HysteresisElements(NodalElements):
     """Second-order nodal elements of iron with hysteresis; of other iron where the material has none.
 

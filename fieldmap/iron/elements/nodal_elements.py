@@ -20,6 +20,7 @@ from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import quadratic_potential as kernel
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 _PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -28,16 +29,16 @@ _POINTS_PER_HALF = 4
 _BATCH = 200_000
 
 
-@dataclass(frozen=True, eq=False)
-class CoilField:
+@dataclass(frozen=True, eq=False, repr=False)
+class CoilField(Record):
     """t of several sources: constant part (c, e, 3) and bubbles (c, n), in T."""
 
     constant: Array
     bubble: Array
 
 
-@dataclass(frozen=True, eq=False)
-class NodalElements:
+@dataclass(frozen=True, eq=False, repr=False)
+class NodalElements(Record):
     """Nodes are the mesh's points, then the midpoints of its edges.
 
     nodes (e, 10) in the order of `fieldmap.kernels.iron.quadratic_potential`; gradients (e, 4, 3) of the barycentric

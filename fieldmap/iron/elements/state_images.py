@@ -7,11 +7,12 @@ import numpy as np
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.symmetry import Operation
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 
-@dataclass(frozen=True, eq=False)
-class StateImage:
+@dataclass(frozen=True, eq=False, repr=False)
+class StateImage(Record):
     """What one operation of the mesh does to a state: its currents and its nodal potential.
 
     The field strength is an axial vector, H'(M x) = det(M) M H(x), so the potential is multiplied by det(M) and moved

@@ -21,6 +21,7 @@ from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
@@ -30,8 +31,8 @@ _POINTS_PER_EDGE = 5
 ENOUGH_GROWTH = 0.3
 
 
-@dataclass(frozen=True)
-class Bracket:
+@dataclass(frozen=True, repr=False)
+class Bracket(Record):
     """The largest component of B at one point by both forms: at (3,) in m, low and high in T, source in words."""
 
     what: str
@@ -49,8 +50,8 @@ class Bracket:
         )
 
 
-@dataclass(frozen=True)
-class ErrorEstimate:
+@dataclass(frozen=True, repr=False)
+class ErrorEstimate(Record):
     """Relative to the largest |B| and |grad B| in the workspace, for the worst source: a coil, or the magnets.
 
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:

@@ -25,6 +25,7 @@ from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 _COUNT = 3
@@ -32,8 +33,8 @@ _COUNT = 3
 _TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class WorkspaceDipoles:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceDipoles(Record):
     """Dipoles at points (p, 3) in the air, along x, y and z at each; mu0 times their moment is 1 T m^3."""
 
     points: Array
@@ -78,8 +79,8 @@ _SHARP_ANGLE = 1.0
 _SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
-@dataclass(frozen=True, eq=False)
-class FaceShares:
+@dataclass(frozen=True, eq=False, repr=False)
+class FaceShares(Record):
     """Shares of the surface faces (s,) for the worst source and dipole: `across` their shorter axis, for want of layers
     at sharp edges, and the rest. total: of all faces, for the source and dipole with the largest sum.
 

@@ -13,6 +13,7 @@ from itertools import combinations, product
 import numpy as np
 from netgen import occ
 
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 CONTACT_DISTANCE = 1e-7
@@ -20,8 +21,8 @@ CONTACT_DISTANCE = 1e-7
 this near are in contact, and a common volume thinner than this is contact and no overlap."""
 
 
-@dataclass(frozen=True)
-class NamedSolid:
+@dataclass(frozen=True, repr=False)
+class NamedSolid(Record):
     """A solid and what it is: kind "body", "winding" or "workspace", and its name in the device file."""
 
     kind: str
@@ -37,8 +38,8 @@ class NamedSolid:
         return float(self.solid.mass)
 
 
-@dataclass(frozen=True)
-class Overlap:
+@dataclass(frozen=True, repr=False)
+class Overlap(Record):
     """What two solids have in common: volume (mm^3) and the corners (3,) of the box around it (mm)."""
 
     first: NamedSolid
@@ -97,8 +98,8 @@ LEAST_GAP = 1e-3
 is likelier, and faces so near to each other are beyond what the solution's surface integrals resolve."""
 
 
-@dataclass(frozen=True)
-class Pinch:
+@dataclass(frozen=True, repr=False)
+class Pinch(Record):
     """A place where the iron's surface is no manifold. kind: "edge" or "point"; at: a point of it, mm."""
 
     names: tuple[str, ...]
@@ -107,8 +108,8 @@ class Pinch:
     count: int
 
 
-@dataclass(frozen=True)
-class NearMiss:
+@dataclass(frozen=True, repr=False)
+class NearMiss(Record):
     """Two solids that share no face and are `distance` (mm) apart, less than LEAST_GAP."""
 
     first: str

@@ -16,6 +16,7 @@ from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, point
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.symmetry.chamber import Chamber
 from fieldmap.iron.symmetry.group import SymmetryGroup
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 # The pieces of all chambers must add up to the whole, to this fraction of its volume and of its outer surface.
@@ -74,8 +75,8 @@ def _chamber_solid(chamber: Chamber, whole: occ.TopoDS_Shape) -> occ.TopoDS_Shap
     return space
 
 
-@dataclass(frozen=True, eq=False)
-class MeshSymmetry:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeshSymmetry(Record):
     """group: the operations that map the mesh onto itself; node_images (g, n): the node that each node is mapped
     onto by each operation. Tets are stored chamber by chamber, in the order of the operations."""
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 _PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -12,8 +13,8 @@ _PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 _EDGE_PER_SIZE = 1.14
 
 
-@dataclass(frozen=True, eq=False)
-class LocalSizes:
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalSizes(Record):
     """Wanted element sizes (k,) at points (k, 3), m, and layers (l,), the thickness of the first layer at sharp edges
     near edge_points (l, 3). The mesher lets elements grow with the distance from the points."""
 
@@ -30,8 +31,8 @@ class LocalSizes:
         return self.layers[nearest]
 
 
-@dataclass(frozen=True, eq=False)
-class MesherCells:
+@dataclass(frozen=True, eq=False, repr=False)
+class MesherCells(Record):
     """The mesher's own tetrahedra: number (m,) of that in which each tetrahedron of the mesh lies; centres (k, 3) and
     sizes (k,) in m, in terms of what the mesher is asked for."""
 

@@ -8,12 +8,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.records import Record
 
 _LOCAL_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
-@dataclass(frozen=True, eq=False)
-class Faces:
+@dataclass(frozen=True, eq=False, repr=False)
+class Faces(Record):
     """All faces of a mesh, each once.
 
     nodes (f, 3); tet_faces (e, 4): face opposite local vertex k; sign (e, 4): +1 where the face's normal leaves the

@@ -11,6 +11,7 @@ from fieldmap.iron.operators.compressed import CompressedMutualPotential, predic
 from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.operators.symmetric_mutual import SymmetricMutualPotential
+from fieldmap.records import Record
 
 STORAGES = ("auto", "dense", "compressed")
 # Double matrix and double factor, where a single one is not positive definite; else 13 at peak, 12 kept.
@@ -22,8 +23,8 @@ _MEMORY_SHARE = 0.8
 _DENSE_FACES = 9_000
 
 
-@dataclass(frozen=True, eq=False)
-class AssembledIron:
+@dataclass(frozen=True, eq=False, repr=False)
+class AssembledIron(Record):
     """Mesh, its faces, the surface faces as charged triangles, and their mutual potentials with inverse."""
 
     mesh: IronMesh

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 
-@dataclass(frozen=True, eq=False)
-class Clusters:
+@dataclass(frozen=True, eq=False, repr=False)
+class Clusters(Record):
     """order (n,): old numbers of the faces in the new order; offset[l] (2^l + 1,): where the clusters of level l begin;
     lower[l], upper[l] (2^l, 3): boxes of their centres; radius[l] (2^l,): largest radius of their faces."""
 
@@ -53,8 +54,8 @@ class Clusters:
         return np.repeat(np.arange(len(self.offset[-1]) - 1), np.diff(self.offset[-1]))
 
 
-@dataclass(frozen=True, eq=False)
-class BlockPartition:
+@dataclass(frozen=True, eq=False, repr=False)
+class BlockPartition(Record):
     """Pairs of clusters that cover the lower triangle once: far (b, 4) and near (k, 4), as first and last + 1 of the
     rows and of the columns; near pairs are pairs of leaves, near_leaves (k, 2)."""
 

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.kernels.iron import sparse_cholesky as kernel
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 # Up to so many columns, a supernode and the last of its children are joined if at most this share of the joined columns
@@ -40,8 +41,8 @@ class SparseFactor:
         return out
 
 
-@dataclass(frozen=True, eq=False)
-class Elimination:
+@dataclass(frozen=True, eq=False, repr=False)
+class Elimination(Record):
     """What the factors of all matrices of one symmetric pattern share: order (n,) of elimination, and supernodes as in
     `fieldmap.kernels.iron.sparse_cholesky`. entry (k,): which of the matrix's numbers go to the fronts, in their order;
     entry_start, place: where.

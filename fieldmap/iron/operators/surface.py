@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
 from fieldmap.kernels.iron.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
@@ -18,8 +19,8 @@ _NEAR_DEGREE = 4
 _TOUCH_DEGREE = 8
 
 
-@dataclass(frozen=True, eq=False)
-class ChargedFaces:
+@dataclass(frozen=True, eq=False, repr=False)
+class ChargedFaces(Record):
     """Triangles with their kernels' geometry: corners (n, 3, 3), normals (n, 3), areas, centres, radii."""
 
     corners: Array

@@ -14,13 +14,14 @@ from fieldmap.device.model import Background, Coil
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.winding_rules import current_elements
 from fieldmap.typing import Array, Index
 
 
-@dataclass(frozen=True, eq=False)
-class MagneticBodies:
+@dataclass(frozen=True, eq=False, repr=False)
+class MagneticBodies(Record):
     """Connected pieces of iron, numbered from 0: of_element (e,), of_face (m,), number of each charged face's piece."""
 
     of_element: Index
@@ -57,8 +58,8 @@ _DEGREE, _NEAR_DEGREE, _NEAR_RADII = 4, 8, 6.0
 _DIGITS = 7
 
 
-@dataclass(frozen=True, eq=False)
-class Magnetised:
+@dataclass(frozen=True, eq=False, repr=False)
+class Magnetised(Record):
     """A device at fixed currents (c,): its coils, and where it has iron, mesh, charged faces and density (m,) in T;
     and the field around it that nothing in it makes."""
 

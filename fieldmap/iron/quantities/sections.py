@@ -13,6 +13,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.kernels.simplex_rules import triangle_rule
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 # Points this close to the plane, relative to the size of the iron, lie in it.
@@ -22,8 +23,8 @@ _DEGREE = 4
 _BATCH = 20_000
 
 
-@dataclass(frozen=True)
-class SectionFlux:
+@dataclass(frozen=True, repr=False)
+class SectionFlux(Record):
     """Flux in Wb through a section, its area in m^2, and the mean flux density along its normal, T."""
 
     name: str
@@ -36,8 +37,8 @@ class SectionFlux:
         return self.flux / self.area
 
 
-@dataclass(frozen=True, eq=False)
-class Cut:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cut(Record):
     """Triangles of a section: element (k,), corners (k, 3, 4) in barycentric coordinates of it, area (k,) in m^2."""
 
     element: Index

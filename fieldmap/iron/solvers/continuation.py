@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _FIRST_STEP, _SMALLEST_STEP = 0.5, 1 / 64
@@ -16,8 +17,8 @@ _FIRST_STEP, _SMALLEST_STEP = 0.5, 1 / 64
 _TOLERANCE_ON_THE_WAY = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Sources:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sources(Record):
     """What drives the iron: its materials with their remanence, and the coils' field."""
 
     material: Magnetisation

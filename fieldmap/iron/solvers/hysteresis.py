@@ -20,6 +20,7 @@ from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
+from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array
 
@@ -29,7 +30,7 @@ _MOST_HALVINGS = 4
 
 
 @dataclass(frozen=True)
-class Pinning:
+class Pinning(Record):
     """The distribution of pinning fields in the iron: an assumption, as no device file states it.
 
     coercive_field: A/m, half the width of the major loop at b = 0 where the anhysteretic law is straight; 0 means none.
@@ -74,8 +75,8 @@ class Pinning:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class IronMemory:
+@dataclass(frozen=True, eq=False, repr=False)
+class IronMemory(Record):
     """History of the iron of one solver: its material with the fields of the play cells, and the last potential (n,)
     and currents (c,)."""
 

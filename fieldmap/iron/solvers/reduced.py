@@ -16,14 +16,15 @@ from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
 from fieldmap.kernels.iron.sample_gradients import point_moments, sample_gradients
 from fieldmap.kernels.map.reduced_iron import newton, tangent_factor
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Points by which the energy norm is taken.
 _FEW = 20_000
 
 
-@dataclass(frozen=True, eq=False)
-class GalerkinModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class GalerkinModel(Record):
     """Projected iron: r modes, c coils, p sample points.
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in

@@ -34,6 +34,7 @@ from fieldmap.iron.solvers.linear import (
     require_source,
     solved_in_form,
 )
+from fieldmap.records import Record
 from fieldmap.typing import Array, PathLike
 
 # Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
@@ -111,8 +112,8 @@ def _with_error(
     return replace(solution, report=replace(solution.report, error=error, refinement=refinement))
 
 
-@dataclass(frozen=True, eq=False)
-class Level:
+@dataclass(frozen=True, eq=False, repr=False)
+class Level(Record):
     """One mesh, solved: shares in the error, and sizes for the next mesh.
 
     forms, solutions: the chosen form first, then the complementary one, where it may be used; points (n, 3): of the

@@ -20,6 +20,7 @@ from fieldmap.device.model import (
     StepFile,
 )
 from fieldmap.iron.symmetry.group import Operation, SymmetryGroup, multiplication_table
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Values of cosines and sines that appear in matrices of axes along the coordinates.
@@ -63,8 +64,8 @@ def _rounded(matrices: Array) -> Array:
     return np.where(np.abs(size - nearest) < 1e-12, np.sign(matrices) * nearest, matrices)
 
 
-@dataclass(frozen=True, eq=False)
-class Outline:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outline(Record):
     """kind: what must be equal word for word; rows (k, 8)."""
 
     kind: tuple[object, ...]
@@ -87,8 +88,8 @@ class Outline:
         return bool(distance.min(axis=1).max() < tolerance and len(np.unique(nearest)) == len(nearest))
 
 
-@dataclass(frozen=True, eq=False)
-class Item:
+@dataclass(frozen=True, eq=False, repr=False)
+class Item(Record):
     """A body or winding: kind, and runs of outlines. Within a run (parts added, or parts cut) the order is free."""
 
     kind: tuple[object, ...]

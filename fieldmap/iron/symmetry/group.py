@@ -4,14 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 # Entries of orthogonal matrices closer than this are the same operation.
 _SAME = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Operation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Operation(Record):
     """x -> matrix @ x + offset maps the iron onto itself.
 
     matrix (3, 3) orthogonal, offset (3,) in m. bodies: body k is mapped onto body bodies[k]. coils: coil k onto coil
@@ -58,8 +59,8 @@ class Operation:
         return what if self.handedness > 0 else what + " with inversion"
 
 
-@dataclass(frozen=True, eq=False)
-class SymmetryGroup:
+@dataclass(frozen=True, eq=False, repr=False)
+class SymmetryGroup(Record):
     """All operations found, the identity first.
 
     centre (3,) in m: a point that no operation moves. tolerance in m: positions and lengths that differ by less were

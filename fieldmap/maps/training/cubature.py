@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fieldmap.maps.training.least_squares import sparse_nonnegative
 from fieldmap.parallel import in_threads, threads_of_kernels
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Points from which the fit may choose, per point that it may take, and at least; drawn by what they add.
@@ -25,8 +26,8 @@ _CANDIDATES_PER_POINT, _FEWEST_CANDIDATES = 4, 4000
 _VOLUME = 1e-3
 
 
-@dataclass(frozen=True)
-class Contributions:
+@dataclass(frozen=True, repr=False)
+class Contributions(Record):
     """What each of p points adds to the r residuals of a state.
 
     summed(): what all points add (r,), and about how large what each point adds is (p,); of(points (m,)): what these

@@ -6,12 +6,13 @@ import numpy as np
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps.training.states import Snapshots
+from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
 
 @dataclass(frozen=True)
-class Errors:
+class Errors(Record):
     """Largest of `states` states, `solved` of them solved and the others images of these.
 
     flux_density, gradient: difference from the solver, T and T/m; flux_density_share, gradient_share: the same

@@ -13,6 +13,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.elements.state_images import StateImage
 from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
+from fieldmap.records import Record
 from fieldmap.store import Checkpoint
 from fieldmap.typing import Array
 
@@ -85,8 +86,8 @@ def corner_signals(domain: CurrentDomain) -> Array:
 _SAME = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solved(Record):
     """A solved state: its nodal potential (n,); its derivatives along the signals (n, d), each times what `reaches`
     gives; and the air's share S of both, (n, 1 + d). The last two are empty where a state is not to train on."""
 
@@ -189,8 +190,8 @@ def nothing(currents: Array) -> bool:
 _OF_THE_MACHINE = (WorkerDied, MemoryError, OSError)
 
 
-@dataclass(frozen=True, eq=False)
-class Wanted:
+@dataclass(frozen=True, eq=False, repr=False)
+class Wanted(Record):
     """A state to solve: its number, currents (c,), nodal potential (n,) to begin from, and the directions (c, d) of the
     currents along which its derivatives are wanted, where it is to train on. Where it begins must not depend on which
     others happen to be solved already."""
@@ -201,8 +202,8 @@ class Wanted:
     directions: Array | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class TriedState:
+@dataclass(frozen=True, eq=False, repr=False)
+class TriedState(Record):
     """currents (c,); the state, or the reason why there is none; seconds of the clock and of the processors that it
     took."""
 

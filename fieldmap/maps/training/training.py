@@ -32,6 +32,7 @@ from fieldmap.maps.training.states import (
     sequence,
     training_signals,
 )
+from fieldmap.records import Record
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
 
@@ -68,8 +69,8 @@ _POINTS_PER_UNKNOWN = 2.75
 _CHOICE = 0.4
 
 
-@dataclass(frozen=True, eq=False)
-class Solving:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solving(Record):
     """What solves states: the solver, the states and the workers, where fields are compared, and whom to tell."""
 
     solver: NonlinearSolver
@@ -105,8 +106,8 @@ class Solving:
         expect_points(self.forecast, points, self.plan.modes, states)
 
 
-@dataclass(frozen=True)
-class Round:
+@dataclass(frozen=True, repr=False)
+class Round(Record):
     """How far what the model predicted of some states was off when they were solved, and how many it knew by then."""
 
     solved: int
@@ -260,8 +261,8 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
     return left
 
 
-@dataclass(frozen=True, eq=False)
-class Reduction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reduction(Record):
     """The iron on modes of solved states, with the law at all points (`modes`) and at sample points (`sampled`);
     charge (r, faces): density of the modes on the solver's surface faces, T; fields (r, m): the modes' flux densities
     and gradients in the workspace, both of the same size."""
@@ -341,7 +342,7 @@ def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fiel
 
 
 @dataclass(frozen=True)
-class CornersTried:
+class CornersTried(Record):
     """What was done about the corners of the domain: how many it has; of how many the model was looked at; how many of
     these are no images of each other; how many of them were solved, and how many of these trained on. by_residual:
     whether those solved were chosen by the residual: the worst, some at random, and all that may be worse still."""
@@ -445,8 +446,8 @@ def _off(trial: Trial, reduction: Reduction, tried: Snapshots) -> Array:
     return _shares(trial.shares(tried.currents, charge + change, change))
 
 
-@dataclass(frozen=True, eq=False)
-class Trained:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trained(Record):
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
     trained on, what was done about the corners of the domain, and how the other states were chosen; its errors on
     states that it was not trained on, by their kind; and the largest weights (c + k,) of the map's fields over the
