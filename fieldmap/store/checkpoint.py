@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import tuple_line
 from fieldmap.store.whole_files import disk_errors
 from fieldmap.typing import PathLike
 
@@ -47,6 +48,9 @@ class Piece(NamedTuple):
 
     arrays: dict[str, NDArray[Any]]
     about: dict[str, Any]
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 class _Place(NamedTuple):
