@@ -25,8 +25,9 @@ A controller needs to know of a field, or of the map that holds it:
 """
 
 import functools
+import importlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -373,6 +374,23 @@ class BaseField(TakesPoints, ABC):
         """The field at these currents."""
         return FixedCurrents(self, np.array(coil_currents(currents, self.coil_names)))
 
+    def outlines(self) -> Sequence[Any]:
+        """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
+        return ()
+
+    def as_magpylib(self, currents: Any, **options: Any) -> Any:
+        """The field at these currents as a magpylib source: see `BaseFieldAtCurrents.as_magpylib`."""
+        return magpylib_source(self.at(currents), None, self.outlines, **options)
+
+
+def magpylib_source(
+    field: FieldAtCurrents, domain: Bounds | None, outlines: Callable[[], Sequence[Any]], **options: Any
+) -> Any:
+    """A `fieldmap.sources.magpylib_source.FieldSource`. Found by name: fields know nothing of magpylib, which is
+    loaded on the first call only."""
+    module = importlib.import_module("fieldmap.sources.magpylib_source")
+    return module.source_of_field(field, domain, outlines, **options)
+
 
 class BaseFieldAtCurrents(TakesPoints, ABC):
     """What every field at fixed currents can do once it has `coil_names`, `currents`, `field` and `gradient`."""
@@ -416,6 +434,19 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
         result = dipole_wrench(self.field(points), self.gradient(points), moments)
         return result[0] if where.ndim == 1 else result
 
+    def outlines(self) -> Sequence[Any]:
+        """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
+        return ()
+
+    def as_magpylib(self, **options: Any) -> Any:
+        """The field as a magpylib source (`fieldmap.sources.magpylib_source.FieldSource`), exact to rounding.
+
+        It works in getB, getH, getJ, getM and getFT (as a source), with sensors and other sources, moved, turned and on
+        paths; `show` draws its outlines. options: position, orientation and style of the source. Raises InputError for
+        options that magpylib refuses.
+        """
+        return magpylib_source(self, None, self.outlines, **options)
+
 
 class FixedCurrents(BaseFieldAtCurrents):
     """A field at given currents (n_coils,), A."""
@@ -454,6 +485,10 @@ class FixedCurrents(BaseFieldAtCurrents):
     def wrench(self, positions: ArrayLike, moments: ArrayLike) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions."""
         return self.source.wrench(positions, moments, self.currents)
+
+    def outlines(self) -> Sequence[Any]:
+        """Those of the field."""
+        return self.source.outlines() if isinstance(self.source, BaseField) else ()
 
 
 class CompletedField(BaseField):

@@ -1,15 +1,16 @@
-"""A small picture of a machine, seen from above and from the side, as SVG: for notebooks, without any program for
-pictures."""
+"""Outlines of a machine without any program for pictures: triangles, and a small picture as SVG for notebooks."""
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from fieldmap.device.coils import Coil
 from fieldmap.device.parts import Body, Box, ExtrudedPolygon, Part, RevolvedProfile, Ring, Sphere
-from fieldmap.typing import Array
+from fieldmap.records import Record
+from fieldmap.typing import Array, Index
 
 _ROUND = 24
 _SIZE = 220.0
@@ -43,6 +44,57 @@ def small_picture(bodies: tuple[Body, ...], coils: tuple[Coil, ...]) -> str:
         views.append("".join(shapes))
     size = f"width='{2 * _SIZE:.0f}' height='{_SIZE:.0f}'"
     return f"<svg xmlns='http://www.w3.org/2000/svg' {size}>{''.join(views)}</svg>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outline(Record):
+    """Triangles (k, 3) of points (n, 3), m, that show a thing; kind: "iron", "magnet", "coil" or "map"."""
+
+    name: str
+    kind: str
+    points: Array
+    triangles: Index
+
+
+def winding_outline(coil: Coil) -> Outline:
+    """The surface of a winding."""
+    path = coil.winding()
+    pieces = path.outline(0.0, _ROUND)
+    line, normal = (np.concatenate([piece[k] for piece in pieces]) for k in range(2))
+    width, height = path.thickness / 2, path.height / 2
+    section = ((-width, -height), (width, -height), (width, height), (-width, height))
+    rings = [np.column_stack([line + offset * normal, np.full(len(line), z)]) for offset, z in section]
+    local = np.concatenate(rings)
+    index = np.arange(len(local)).reshape(len(section), -1)
+    beside, ahead = np.roll(index, -1, axis=0), np.roll(index, -1, axis=1)
+    corner = np.roll(beside, -1, axis=1)
+    halves = [
+        np.stack(three, axis=-1).reshape(-1, 3) for three in ((index, ahead, corner), (index, corner, beside))
+    ]
+    points = local @ np.asarray(coil.placement.rotation).T + coil.placement.position
+    return Outline(coil.name, "coil", points, np.concatenate(halves))
+
+
+def body_outlines(bodies: tuple[Body, ...], magnets: tuple[str, ...] = ()) -> tuple[Outline, ...]:
+    """Convex outlines of the parts of bodies: bores and notches are not seen, and bodies from STEP files left out.
+
+    magnets: names of those that are permanent magnets.
+    """
+    outlines = []
+    for body in bodies:
+        kind = "magnet" if body.name in magnets else "iron"
+        for points in map(part_points, body.parts):
+            if len(points):
+                outlines.append(
+                    Outline(body.name, kind, points, ConvexHull(points).simplices.astype(np.int64))
+                )
+    return tuple(outlines)
+
+
+def box_outline(name: str, lower: Array, upper: Array) -> Outline:
+    """The faces of an axis-parallel box."""
+    corners = np.stack(np.meshgrid(*np.stack([lower, upper], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
+    return Outline(name, "map", corners, ConvexHull(corners).simplices.astype(np.int64))
 
 
 def part_points(part: Part) -> Array:

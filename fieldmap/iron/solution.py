@@ -9,20 +9,19 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.device.drawing import Outline, winding_outline
 from fieldmap.device.model import Background, Coil, Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.mesh.mesh import IronMesh, surface_outlines
 from fieldmap.iron.quantities.air import checked_points, containing_element, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
-from fieldmap.iron.quantities.magpylib_export import as_magpylib
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.records import card, shortened
@@ -127,16 +126,25 @@ class SolvedState(BaseFieldAtCurrents):
         """Flux linkages (c,) of the coils in Wb, all turns; the share of what no current drives included."""
         return self._air_inductance @ self.currents + self._background_linkage + self._iron_linkage
 
-    def as_magpylib(self) -> Any:
-        """The state as a magpylib Collection: iron as tetrahedra of constant polarisation, coils as current sheets.
+    def polarisation(self, points: ArrayLike) -> Array:
+        """mu0 M (n, 3) or (3,), T: inside the iron and magnets the mean of the element, zero in the air.
 
-        Its getB in the air differs from `field` by the iron's discretisation. Raises InputError for a solution that
-        was read back from a file.
+        Raises InputError for a solution that was read back from a file, which knows no iron, only its charges.
         """
-        if self.background is not None:
-            remedy = "add it yourself: a magpylib.misc.CustomSource of state.background.field"
-            raise InputError(Problem("as_magpylib", "a device without background", "a [background]", remedy))
-        return as_magpylib(self.coils, self.currents, self.mesh, self.iron, self.weights)
+        x, single = checked_points(points)
+        values = np.zeros(x.shape)
+        if self.iron is not None:
+            none = np.full(len(x), -1)
+            element = none if self.mesh is None else containing_element(self.mesh, x)
+            inside = element >= 0
+            if inside.any() or self.mesh is None:
+                values[inside] = self.iron.mean_polarisation(element[inside], self.weights)
+        return values[0] if single else values
+
+    def outlines(self) -> tuple[Outline, ...]:
+        """The surfaces of bodies and windings."""
+        bodies = () if self.mesh is None else surface_outlines(self.mesh)
+        return bodies + tuple(winding_outline(coil) for coil in self.coils)
 
     @abstractmethod
     def _field_of_charges(self, x: Array) -> Array:
@@ -319,9 +327,9 @@ class LinearSolution(BaseField):
         """See `LinearState.energy`."""
         return self.at(currents).energy()
 
-    def as_magpylib(self, currents: Currents) -> Any:
-        """See `SolvedState.as_magpylib`."""
-        return self.at(currents).as_magpylib()
+    def outlines(self) -> tuple[Outline, ...]:
+        """See `SolvedState.outlines`."""
+        return self.at(np.zeros(len(self.coils))).outlines()
 
     @cached_property
     def _air_inductance(self) -> Array:

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numba
 import numpy as np
@@ -18,11 +18,21 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, OutsideMapError, Problem
-from fieldmap.field import Bounds, TakesPoints, dipole_wrench, has_leading_shape, over_points
+from fieldmap.field import (
+    Bounds,
+    TakesPoints,
+    dipole_wrench,
+    has_leading_shape,
+    magpylib_source,
+    over_points,
+)
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.kernels.map import lookup as kernels
 from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.device.drawing import Outline
 
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
 CHUNK = 16384
@@ -318,6 +328,16 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         slope = result_array(None if single else given[1], (*where.shape, 3))
         self._fill(self._evaluator.field_and_gradient, where, flux, slope)
         return (single_row(flux, given[0]), single_row(slope, given[1])) if single else (flux, slope)
+
+    def as_magpylib(self, **options: Any) -> Any:
+        """The field as a magpylib source, NaN outside the map: see `fieldmap.field.BaseFieldAtCurrents.as_magpylib`."""
+        return magpylib_source(self, self.bounds, self.outlines, **options)
+
+    def outlines(self) -> "tuple[Outline, ...]":
+        """The box of the map."""
+        from fieldmap.device.drawing import box_outline
+
+        return (box_outline("map", self.lower, self.upper),)
 
     def second_gradient(self, points: ArrayLike) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2."""

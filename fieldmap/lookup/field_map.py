@@ -17,6 +17,7 @@ from fieldmap.field import (
     coil_currents,
     dipole_wrench,
     has_leading_shape,
+    magpylib_source,
     over_points,
     require_proportional,
 )
@@ -42,6 +43,8 @@ from fieldmap.typing import Array
 
 if TYPE_CHECKING:
     import xarray
+
+    from fieldmap.device.drawing import Outline
 
 
 def check_choices(kind: str, outside: str, outside_currents: str) -> None:
@@ -248,6 +251,24 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
             # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
             self._last = (key, fixed)
         return fixed
+
+    def outlines(self) -> "tuple[Outline, ...]":
+        """The box of the map; windings and iron, as convex shapes, of the device that the map was made of."""
+        from fieldmap.device.drawing import body_outlines, box_outline, winding_outline
+        from fieldmap.device.reader import recorded_device
+
+        text = self._info.provenance.device_text
+        device = recorded_device(text, solids=True) if text else None
+        around = (
+            box_outline(f"map of {self._info.provenance.device_name or 'a field'}", self.lower, self.upper),
+        )
+        if device is None:
+            return around
+        return body_outlines(device.bodies) + tuple(winding_outline(coil) for coil in device.coils) + around
+
+    def as_magpylib(self, currents: Any, **options: Any) -> Any:
+        """The map at these currents as a magpylib source, NaN outside: see `BaseFieldAtCurrents.as_magpylib`."""
+        return magpylib_source(self.at(currents), self.bounds, self.outlines, **options)
 
     def compiled(self, currents: Any = None) -> tuple[Any, Any]:
         """(function, data) to call from your own numba functions, without Python objects.

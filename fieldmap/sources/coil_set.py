@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.device.coils import Coil
+from fieldmap.device.drawing import Outline, winding_outline
 from fieldmap.field import BaseField, Bounds, Currents, coil_currents
 from fieldmap.sources.coils import checked_points, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.typing import Array
@@ -66,6 +67,10 @@ class CoilSet(BaseField):
             if amperes[..., k].any():
                 slope += amperes[..., k, None, None] * unit_flux_density_and_gradient(coil, x)[1]
         return slope[0] if single else slope
+
+    def outlines(self) -> tuple[Outline, ...]:
+        """The windings."""
+        return tuple(winding_outline(coil) for coil in self.coils)
 
     def _checked(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array, bool]:
         x = checked_points(points, "points")

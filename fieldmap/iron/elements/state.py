@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_values
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.operators.surface import ChargedFaces
@@ -49,6 +50,21 @@ class IronState(Record):
         if self.inside is None:
             return self.flux_density[:, element]
         return self.inside.flux_density(element, barycentric)
+
+    def mean_polarisation(self, element: Index, weights: Array) -> Array:
+        """Mean mu0 M (n, 3) in T of elements (n,), of the sources with these weights (c,).
+
+        Raises InputError for a state that was read back from a file, which keeps charges and flux densities only.
+        """
+        if self.inside is None:
+            received, remedy = "a solution read back from a file", "solve the device again"
+            problem = Problem("magnetisation", "the field inside the iron is needed", received, remedy)
+            raise InputError(problem)
+        mean = np.zeros((len(element), 3))
+        for point, share in zip(*tetrahedron_rule(2), strict=True):
+            value = self.inside.polarisation(element, np.tile(point, (len(element), 1)))
+            mean += share * np.tensordot(weights, value, 1)
+        return mean
 
 
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))

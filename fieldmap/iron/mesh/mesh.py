@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Device, Sphere
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import glue_bodies
@@ -220,3 +221,17 @@ def _edge_midpoints(nodes, curved):
     ends = np.sort(nodes[:, pairs].reshape(-1, 2), axis=1)
     ends, first = np.unique(ends, axis=0, return_index=True)
     return ends, curved[nodes[:, 4:10].reshape(-1)[first]]
+
+
+_SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+
+def surface_outlines(mesh: IronMesh) -> tuple[Outline, ...]:
+    """The surface of every body, faces that it shares with others among them."""
+    outlines = []
+    for number, name in enumerate(mesh.body_names):
+        sides = mesh.tets[mesh.body == number][:, _SIDES].reshape(-1, 3)
+        _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+        nodes, triangles = np.unique(sides[first[count == 1]], return_inverse=True)
+        outlines.append(Outline(name, "iron", mesh.points[nodes], triangles.reshape(-1, 3)))
+    return tuple(outlines)
