@@ -5,7 +5,8 @@
 Sections: kernels (nanoseconds per point, beside magpylib), iron (error against seconds and unknowns for an iron disk,
 beside magpylib-material-response: the extra `bench`), controllers (steps per second), lookup (a field from a map,
 beside five interpolation libraries of the same extra) generation (points times coils per second, beside magpylib),
-dynamics (a levitated magnet in closed loop, times real time) and app (what follows a slider of `fieldmap app`).
+dynamics (a levitated magnet in closed loop, times real time), app (what follows a slider of `fieldmap app`) and
+magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT).
 Prints figures, not verdicts:
 the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
 
@@ -34,6 +35,7 @@ SECTIONS = {
     "generation": "benchmarks.generation",
     "dynamics": "benchmarks.dynamics",
     "app": "benchmarks.app",
+    "magpylib": "benchmarks.magpylib_sources",
 }
 
 

@@ -36,6 +36,18 @@ def test_benchmark_prints_a_row_per_kernel():
         assert row["ratio"] > 0
 
 
+def test_fields_as_magpylib_sources():
+    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "magpylib", "--quick", "--json"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
+    rows = json.loads(done.stdout)["magpylib"]["rows"]
+    assert [row["field"] for row in rows] == ["coils alone", "linear iron", "saturating iron"]
+    for row in rows:
+        assert row["difference"] < 1e-12
+        assert row["moved"] < 1e-12
+        assert row["force"] < 1e-3
+        assert row["ratio"] > 0
+
+
 def test_disk_against_finite_elements(disk):
     """mu_r 4000: the error falls with the mesh, to the bounds. Half the element size: at least by a power of 1.5."""
     coarse, middle, fine = (disk.fieldmap_row(refinement) for refinement in (0.5, 0.7, 1.0))
