@@ -55,7 +55,7 @@ class FieldSource(magpylib.misc.CustomSource):
         """Currents (n_coils,), A. To change them, make another source."""
         return self._shared.field.currents
 
-    @property
+    @property  # type: ignore[misc]
     def field_func(self) -> Callable[[str, Array], Array]:
         """What magpylib calls. It is fixed, so that magpylib need not try it at points of its own choice."""
         return self._shared.evaluate
@@ -76,7 +76,7 @@ class FieldSource(magpylib.misc.CustomSource):
     @style.setter
     def style(self, style: Any) -> None:
         self._drawn = False
-        magpylib.misc.CustomSource.style.fset(self, style)
+        magpylib.misc.CustomSource.style.fset(self, style)  # type: ignore[attr-defined]
 
 
 class _Shared:
