@@ -35,15 +35,15 @@ class FieldOfCurrents(Record):
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     """A field as a map in memory, which compiled loops can evaluate; a map is returned as it is.
 
-    The coils' fields and gradients are taken once at the nodes of a grid over the field's box, `spacing`, m, apart or a
+    The coils' fields and gradients, and those that no current drives, are taken once at the nodes of a grid over the field's box, `spacing`, m, apart or a
     little less, and interpolated as those of a map file. Raises InputError for a field without a box, and for one that
-    is not the sum of its coils' fields, as of saturating iron: make a saturating map of it.
+    is not the sum of its coils' fields and of such a one, as of saturating iron: make a saturating map of it.
     """
     if isinstance(field, FieldMap):
         return field
     check_positive("sampled_field", spacing=spacing)
-    if not field.proportional:
-        must_hold = "must be the sum of its coils' fields, or a map"
+    if not field.affine:
+        must_hold = "must be the sum of its coils' fields and of one that no current drives, or a map"
         remedy = "make a map of the device with its saturating iron (fieldmap map) and give that"
         raise InputError(
             Problem("field", must_hold, f"{type(field).__name__}, which does not superpose", remedy)
@@ -54,14 +54,22 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     nx, ny, nz = (int(count) + 1 for count in cells)
     grid = Grid(lower, (upper - lower) / cells, (nx, ny, nz))
     points, unit = grid.points(), np.eye(len(field.coil_names))
-    flux = [field.field(points, one).reshape(*grid.shape, 3) for one in unit]
-    slope = [field.gradient(points, one).reshape(*grid.shape, 3, 3) for one in unit]
+    if field.proportional:
+        flux = [field.field(points, one).reshape(*grid.shape, 3) for one in unit]
+        slope = [field.gradient(points, one).reshape(*grid.shape, 3, 3) for one in unit]
+    else:
+        every = [*np.moveaxis(field.unit_field(points), 1, 0), field.constant_field(points)]
+        slopes = [*np.moveaxis(field.unit_gradient(points), 1, 0), field.constant_gradient(points)]
+        flux = [values.reshape(*grid.shape, 3) for values in every]
+        slope = [values.reshape(*grid.shape, 3, 3) for values in slopes]
     about = f"sampled every {', '.join(f'{1e3 * step:.3g}' for step in grid.spacing)} mm and interpolated"
     data = MapData(
         grid,
         tuple(field.coil_names),
         np.ones(len(unit)),
         Provenance(assumptions=(*field.assumptions, about)),
+        fixed_sources=() if field.proportional else ("the field",),
+        constant_field=not field.proportional,
         flux_density=np.array(flux),
         gradient=np.array(slope),
     )

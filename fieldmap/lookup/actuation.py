@@ -1,6 +1,7 @@
 """What a coil's ampere does at a pose: actuation matrices, and what limited currents can reach with them.
 
-docs/theory/actuation.md. Rows are components, columns coils; for fields that are the sum of their coils' fields.
+docs/theory/actuation.md. Rows are components, columns coils; for fields that are the sum of their coils' fields, and of
+one that no current drives, whose share is the matrix's `constant`.
 """
 
 from collections.abc import Sequence
@@ -26,10 +27,14 @@ RANK = 1e-10
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Actuation(Record):
-    """A matrix (rows, n_coils): rows times currents in A give the named components in SI units."""
+    """A matrix (rows, n_coils): matrix @ currents + constant are the named components in SI units, currents in A.
+
+    constant (rows,): what is there with all currents off, None for nothing.
+    """
 
     rows: tuple[str, ...]
     matrix: Array
+    constant: Array | None = None
 
     @cached_property
     def singular_values(self) -> Array:
@@ -53,15 +58,16 @@ class Actuation(Record):
     def largest(self, directions: ArrayLike, limits: "Limits") -> Array:
         """Largest component (k,) along directions (k, rows) that currents within the limits give.
 
-        The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix. Infinite limits give
-        infinity.
+        The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix, and direction .
+        constant. Infinite limits give infinity.
 
         >>> pair = Actuation(("Fx",), np.array([[0.1, -0.3]]))
         >>> pair.largest([[1.0], [-1.0]], 2.0)
         array([0.8, 0.8])
         """
-        along = np.atleast_2d(np.asarray(directions, dtype=np.float64)) @ self.matrix
-        return _supported(along, *checked_limits(limits, self.matrix.shape[1]))
+        axes = np.atleast_2d(np.asarray(directions, dtype=np.float64))
+        found = _supported(axes @ self.matrix, *checked_limits(limits, self.matrix.shape[1]))
+        return found if self.constant is None else found + axes @ self.constant
 
 
 Limits = float | tuple[ArrayLike, ArrayLike] | None
@@ -69,16 +75,26 @@ Limits = float | tuple[ArrayLike, ArrayLike] | None
 
 def field_actuation(field: AnyField, position: ArrayLike) -> Actuation:
     """The 3 x n matrix of the flux density at a position (3,), T/A."""
-    return Actuation(FIELD_ROWS, np.ascontiguousarray(as_field(field).unit_field(_one(position)).T))
+    source, where = as_field(field), _one(position)
+    constant = None if source.proportional else source.constant_field(where)
+    return Actuation(FIELD_ROWS, np.ascontiguousarray(source.unit_field(where).T), constant)
 
 
 def gradient_actuation(field: AnyField, position: ArrayLike) -> Actuation:
     """The 8 x n matrix of the flux density, T/A, and the five independent entries of its gradient, T/(m A)."""
     where = _one(position)
     source = as_field(field)
-    slope = source.unit_gradient(where)
-    five = np.stack([slope[:, 0, 0], slope[:, 0, 1], slope[:, 0, 2], slope[:, 1, 1], slope[:, 1, 2]])
-    return Actuation(FIELD_ROWS + GRADIENT_ROWS, np.concatenate([source.unit_field(where).T, five]))
+    rows = FIELD_ROWS + GRADIENT_ROWS
+    matrix = np.concatenate([source.unit_field(where).T, _five(source.unit_gradient(where)).T])
+    if source.proportional:
+        return Actuation(rows, matrix)
+    constant = np.concatenate([source.constant_field(where), _five(source.constant_gradient(where))])
+    return Actuation(rows, matrix, constant)
+
+
+def _five(slope: Array) -> Array:
+    """The independent entries (..., 5) of gradients (..., 3, 3)."""
+    return slope[..., [0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
 
 
 def wrench_actuation(field: AnyField, position: ArrayLike, moment: ArrayLike) -> Actuation:
@@ -86,7 +102,11 @@ def wrench_actuation(field: AnyField, position: ArrayLike, moment: ArrayLike) ->
     where, dipole, source = _one(position), _one(moment), as_field(field)
     force = np.einsum("kij,i->jk", source.unit_gradient(where), dipole)
     torque = np.cross(dipole, source.unit_field(where)).T
-    return Actuation(FORCE_ROWS + TORQUE_ROWS, np.concatenate([force, torque]))
+    rows, matrix = FORCE_ROWS + TORQUE_ROWS, np.concatenate([force, torque])
+    if source.proportional:
+        return Actuation(rows, matrix)
+    pull, turn = dipole @ source.constant_gradient(where), np.cross(dipole, source.constant_field(where))
+    return Actuation(rows, matrix, np.concatenate([pull, turn]))
 
 
 def capability(
@@ -106,7 +126,12 @@ def capability(
     low, high = checked_limits(limits, flux.shape[1])
     force = np.einsum("ncij,i,dj->ndc", slope, dipole, axes)
     torque = np.einsum("ncj,dj->ndc", np.cross(dipole, flux), axes)
-    return _supported(force, low, high), _supported(torque, low, high)
+    most_force, most_torque = _supported(force, low, high), _supported(torque, low, high)
+    if source.proportional:
+        return most_force, most_torque
+    pull = np.einsum("nij,i->nj", source.constant_gradient(where), dipole)
+    turn = np.cross(dipole, source.constant_field(where))
+    return most_force + pull @ axes.T, most_torque + turn @ axes.T
 
 
 def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:

@@ -74,9 +74,28 @@ class CurrentModel:
         single = gradients.astype(np.float32)
         self._iron = (gradients, single, weights, law, offset, knots, coefficients, air)
         self._source, self._constant = np.array(model.source), np.array(model.constant)
+        self._fixed = np.array(model.fixed) if model.fixed.size else None
+
+    @property
+    def fields_beside_coils(self) -> int:
+        """How many fields a map has behind those of its coils: the iron's, and that of the background if any."""
+        return self.model.field_count + (self._fixed is not None)
+
+    def of_amplitudes(self, amplitudes: Array) -> Array:
+        """Weights (..., f) of the fields behind the coils' for amplitudes (..., r): the iron's, then 1 for the
+        background if there is any."""
+        iron = amplitudes @ self.model.output.T
+        if self._fixed is None:
+            return iron
+        return np.concatenate([iron, np.ones((*iron.shape[:-1], 1))], axis=-1)
+
+    def of_state(self, amplitudes: Array) -> Array:
+        """`of_amplitudes` of one state (r,)."""
+        iron = np.asarray(self.model.output @ amplitudes)
+        return iron if self._fixed is None else np.append(iron, 1.0)
 
     def weights(self, currents: Array) -> Array:
-        """Weights (..., n_fields): the currents (..., c) in A, then those of the iron's fields.
+        """Weights (..., n_fields): the currents (..., c) in A, then those of the fields behind them.
 
         Equal currents give equal bits, unless the model follows. Raises OutsideMapError for currents beyond the
         domain, if asked to, and NotConverged if Newton's method fails.
@@ -90,12 +109,15 @@ class CurrentModel:
         return self._solve(currents, *self._predicted(currents), _TOLERANCE)
 
     def slopes(self, currents: Array, amplitudes: Array) -> Array:
-        """Derivatives (s, n_fields, c) of the iron's weights by the currents, at currents (s, c) and their amplitudes
-        (s, r)."""
+        """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c) and
+        their amplitudes (s, r)."""
         rows = max(len(currents) // _AT_ONCE, 1)
         parts = zip(np.array_split(currents, rows), np.array_split(amplitudes, rows), strict=True)
         slopes = np.concatenate([self._sensitivities(*part)[0] for part in parts])
-        return np.asarray(np.einsum("fr,src->sfc", self.model.output, slopes, optimize=True))
+        found = np.asarray(np.einsum("fr,src->sfc", self.model.output, slopes, optimize=True))
+        if self._fixed is None:
+            return found
+        return np.concatenate([found, np.zeros((len(found), 1, found.shape[2]))], axis=1)
 
     def _predicted(self, currents: Array) -> tuple[Array, Array]:
         """Amplitudes (r,) to begin with, and the factor (r, r) of the tangent of the nearest known state."""
@@ -108,7 +130,7 @@ class CurrentModel:
     def _solve(self, currents: Array, start: Array, factor: Array, tolerance: float) -> Array:
         """Amplitudes (r,), begun from `start`; factor, tolerance: see `fieldmap.kernels.map.reduced_iron.newton`."""
         found, _, decrement = newton(
-            times(self._source, currents),
+            self._applied(currents),
             *self._iron,
             self._constant,
             start,
@@ -128,6 +150,11 @@ class CurrentModel:
             )
         return np.asarray(found)
 
+    def _applied(self, currents: Array) -> Array:
+        """Field (3 p,) of coils and background at the sample points, T."""
+        own = times(self._source, currents)
+        return own if self._fixed is None else own + self._fixed
+
     @cached_property
     def _tangents(self) -> tuple[Array, Array]:
         """Of the known states: derivatives (s, r, c) of the amplitudes by the currents, factors (s, r, r) of K."""
@@ -135,16 +162,17 @@ class CurrentModel:
 
     def _sensitivities(self, currents: Array, amplitudes: Array) -> tuple[Array, Array]:
         sources = np.ascontiguousarray(self._source @ currents.T)
+        if self._fixed is not None:
+            sources += self._fixed[:, None]
         slopes, factors = sensitivities(sources, *self._iron, np.array(amplitudes), self._source)
         return slopes, factors
 
     def _row(self, currents: Array) -> Array:
         if not self._holds(currents):
-            return np.full(self.model.field_count, np.nan)
+            return np.full(self.fields_beside_coils, np.nan)
         if self._follow:
-            return np.asarray(self.model.output @ self._followed(currents))
-        found = self._solve(currents, *self._predicted(currents), _FOR_LOOKUPS)
-        return np.asarray(self.model.output @ found)
+            return self.of_state(self._followed(currents))
+        return self.of_state(self._solve(currents, *self._predicted(currents), _FOR_LOOKUPS))
 
     def _followed(self, currents: Array) -> Array:
         """The amplitudes, begun from the last ones."""

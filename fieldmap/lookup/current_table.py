@@ -43,7 +43,7 @@ class CurrentTable(Record):
         Currents outside the table are the model's affair: it raises, gives NaN, or evaluates.
         """
         rows = np.ascontiguousarray(currents.reshape(-1, currents.shape[-1]))
-        result = np.empty((len(rows), 6 + self.model.model.field_count))
+        result = np.empty((len(rows), 6 + self.model.fields_beside_coils))
         for row, out in zip(rows, result, strict=True):
             if table_weights(self.arrays, row, out) != FOUND:
                 out[:] = self.model.weights(row)
@@ -71,16 +71,16 @@ def tabulate(
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"
         raise InputError(Problem("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)"))
-    fields = _on_the_surface(evaluator, grid, model.model.coil_count + model.model.field_count)
+    fields = _on_the_surface(evaluator, grid, model.model.coil_count + model.fields_beside_coils)
     states = _states(model, divided)
-    truth = np.array([model.amplitudes(currents) for currents in states]) @ model.model.output.T
+    truth = model.of_amplitudes(np.array([model.amplitudes(currents) for currents in states]))
     for size in SIZES if nodes is None else (nodes,):
         axes, every, amplitudes = _solved(model, divided, size)
-        values = (amplitudes @ model.model.output.T).reshape(*size, -1)
+        values = model.of_amplitudes(amplitudes).reshape(*size, -1)
         # In the table the slopes are not read: they are found once, for the nodes that are kept.
         arrays = spline_table(axes, divided, values, np.zeros((0, 0, 0, 0, 0)))
         found = np.array([_weights(arrays, currents) for currents in states])
-        error = FieldError(*(_largest(found - truth, values) for values in fields))
+        error = FieldError(*(_largest(found - truth, of_field) for of_field in fields))
         if wanted is None or _within(error, wanted):
             break
     slopes = model.slopes(every, amplitudes).swapaxes(1, 2).reshape(*size, 6, -1)
@@ -157,7 +157,8 @@ def _states(model: CurrentModel, divided: LiftAndDirections) -> Array:
 
 
 def _on_the_surface(evaluator: Evaluator, grid: Grid, sets: int) -> tuple[Array, Array]:
-    """The iron's fields (k, n, 3) and gradients (k, n, 9) at the nodes on the box's surface, where they are largest."""
+    """The fields behind the coils' (k, n, 3) and gradients (k, n, 9) at the nodes on the box's surface, where they are
+    largest."""
     points = grid.points()
     ends = np.stack([grid.lower, grid.upper])
     near = np.abs(points[:, None] - ends) < 0.5 * grid.spacing

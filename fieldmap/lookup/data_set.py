@@ -15,11 +15,17 @@ _GRADIENT = "dB_component/dx_direction"
 
 
 def data_set(
-    info: MapInfo, kind: str, currents: Array | None, flux: Array, gradient: Array
+    info: MapInfo,
+    kind: str,
+    currents: Array | None,
+    flux: Array,
+    gradient: Array,
+    constant: tuple[Array, Array] | None = None,
 ) -> "xarray.Dataset":
     """B and gradient on the nodes of a map, z fastest: (nodes, 3) and (nodes, 3, 3) at currents (n_coils,), A.
 
-    Without currents (nodes, n_coils, 3) and (nodes, n_coils, 3, 3) per ampere. kind: of the lookup that they come from.
+    Without currents (nodes, n_coils, 3) and (nodes, n_coils, 3, 3) per ampere, and constant: field
+    and gradient with all currents off, where there is any. kind: of the lookup that they come from.
     Raises FieldmapError without xarray.
     """
     xarray_module = require("xarray", "xarray", "FieldMap.to_xarray")
@@ -37,6 +43,17 @@ def data_set(
         names, per, meaning = ("flux_density", "gradient"), "", " of the currents"
         found["current"] = ("coil", currents, _about("A", "current of each coil"))
     bound = info.error_bounds.get(kind)
+    if constant is not None:
+        meaning_off = f" with all currents off, of {', '.join(info.fixed_sources)}"
+        for name, values, tail, unit in (
+            ("constant_flux_density", constant[0], ("component",), "T"),
+            ("constant_gradient", constant[1], ("component", "direction"), "T m-1"),
+        ):
+            found[name] = (
+                (*axes, *tail),
+                values.reshape(*info.grid.shape, *values.shape[1:]),
+                _about(unit, f"{'flux density B' if len(tail) == 1 else _GRADIENT}{meaning_off}"),
+            )
     found[names[0]] = (
         (*dims, "component"),
         flux.reshape(*shape, 3),

@@ -19,9 +19,10 @@ from fieldmap.field import (
     has_leading_shape,
     magpylib_source,
     over_points,
-    require_proportional,
+    require_affine,
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
+from fieldmap.kernels.map.constant_field import with_constant
 from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Limits
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
@@ -126,6 +127,8 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         self._start()
 
     def _start(self) -> None:
+        # A field of weight 1 behind the coils'; with a model of the iron its weights include that.
+        self._constant = self._info.constant_field and self._model is None
         # Largest number of points for which superposing at each point is cheaper than contracting the block.
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
@@ -133,7 +136,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         # Currents that need a model of the iron take the general path.
         self._one: Callable[..., int] = _never
         self._unit: Any = None
-        if self._model is None:
+        if self._model is None and not self._constant:
             self._one, self._unit = self._evaluator.one_point()
 
     @property
@@ -174,8 +177,20 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
 
     @property
     def proportional(self) -> bool:
-        """Whether the field is the sum of its coils' fields: True unless the map has a model of saturating iron."""
+        """Whether the field is the sum of its coils' fields: True unless the map has a model of saturating iron, or a
+        field that no current drives."""
+        return self._model is None and not self._constant
+
+    @property
+    def affine(self) -> bool:
+        """Whether the field is the sum of its coils' fields and of one that no current changes, if there is any: True
+        unless the map has a model of saturating iron."""
         return self._model is None
+
+    @property
+    def fixed_sources(self) -> tuple[str, ...]:
+        """Names of what makes a field that no current drives: bodies that are magnets, "background"."""
+        return self._info.fixed_sources
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -282,8 +297,9 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         if currents is None and self._table is not None:
             return tabulated_at_currents, (self._form.unit, self._table.arrays)
         if currents is None:
-            require_proportional(self, "compiled without currents")
-            return self._evaluator.compiled()
+            require_affine(self, "compiled without currents")
+            function, data = self._evaluator.compiled()
+            return (with_constant(function), data) if self._constant else (function, data)
         return self.at(currents).compiled()
 
     def field(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
@@ -400,7 +416,8 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         demand = demand_of(force, moment, torque, field, gradient)
         weight = checked_weight(resistance, len(self.coil_names))
         if self._model is None:
-            return currents_of_sum(self._evaluator, self.coil_names, position, demand, limits, weight)
+            about_sum = (self._evaluator, self.coil_names, position, demand, limits, weight)
+            return currents_of_sum(*about_sum, self._constant)
         about = (self._evaluator, self.coil_names, self._model)
         return currents_of_model(*about, position, demand, limits, weight, start)
 
@@ -409,14 +426,17 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
 
         At currents (n_coils,), A: `flux_density` (x, y, z, component), T, `gradient` (x, y, z, component, direction) =
         dB_component/dx_direction, T/m, and `current` (coil). Without: `unit_flux_density` and `unit_gradient`, per
-        ampere, with the dimension `coil` after z. Raises FieldmapError where xarray is not installed, InputError for a
-        map of saturating iron without currents.
+        ampere, with the dimension `coil` after z, and, of a map with a field that no current drives,
+        `constant_flux_density` and `constant_gradient`. Raises FieldmapError where xarray is not installed, InputError
+        for a map of saturating iron without currents.
         """
         from fieldmap.lookup.data_set import data_set
 
         nodes = np.clip(self.info.grid.points(), self.lower, self.upper)
         if currents is None:
-            return data_set(self.info, self.kind, None, self.unit_field(nodes), self.unit_gradient(nodes))
+            off = self.at(0.0).field_and_gradient(nodes) if self._constant else None
+            unit = self.unit_field(nodes), self.unit_gradient(nodes)
+            return data_set(self.info, self.kind, None, *unit, off)
         amperes = coil_currents(currents, self.coil_names)
         return data_set(self.info, self.kind, amperes, *self.at(amperes).field_and_gradient(nodes))
 
@@ -431,12 +451,13 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         return slope[0] if single else slope
 
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
-        require_proportional(self, "unit_field")
+        require_affine(self, "unit_field")
         where, single = checked_vectors("points", points)
-        shape = (len(where), len(self.coil_names))
+        coils = len(self.coil_names)
+        shape = (len(where), coils + self._constant)
         flux, slope = np.empty((*shape, 3)), np.empty((*shape, wanted, wanted))
         in_chunks(self._evaluator.each_field, where, [flux, slope], self._box)
-        return flux, slope, single
+        return flux[:, :coils], slope[:, :coils], single
 
     def _arguments(self, points: ArrayLike, currents: Any) -> tuple[Array, bool, Array | None]:
         """Points (n, 3), whether a single one was given, and currents (n or 1, n_coils) to superpose at each.
@@ -458,11 +479,14 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         in_chunks(evaluate, points, [weights, *results], self._box)
 
     def _weights(self, currents: Array) -> Array:
-        """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, or what the
-        model of saturating iron makes of them. The last single set is kept."""
+        """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, with 1
+        behind them for a field that no current drives, or what the model of saturating iron makes of them. The last
+        single set is kept."""
         model = self._table or self._model
         if model is None:
-            return currents
+            if not self._constant:
+                return currents
+            return np.concatenate([currents, np.ones((*currents.shape[:-1], 1))], axis=-1)
         if currents.ndim == 2:
             return model.weights(currents)
         key = currents.tobytes()
@@ -487,7 +511,8 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         rows = {
             "of": self.info.provenance.title or self.info.provenance.device_name,
             "coils": ", ".join(self.coil_names),
-            "iron": "linear: any currents" if self.proportional else "saturating: the currents of its domain",
+            "iron": "linear: any currents" if self.affine else "saturating: the currents of its domain",
+            "without currents": ", ".join(self.fixed_sources) or "no field",
             "box": " to ".join(corners) + " mm",
             "size": f"{self.info.grid.size} nodes, {self.nbytes / 1e6:.1f} MB of coefficients",
             "error": "not certified"

@@ -127,16 +127,29 @@ def currents_of_sum(
     demand: Demand,
     limits: Limits,
     weight: Array,
+    constant: bool = False,
 ) -> Array:
-    """Currents (n_coils,), A, from the fields of a map's coils; arguments as in `FieldMap.currents_for`."""
+    """Currents (n_coils,), A, from the fields of a map's coils; arguments as in `FieldMap.currents_for`.
+
+    constant: the map has one more field, that no current drives; the currents give what it leaves of the demand.
+    """
     n = len(coil_names)
-    matrix = rows_at(evaluator, position, demand, n)
+    matrix, given = rows_at(evaluator, position, demand, n + constant), None
+    wanted = demand.values
+    if constant:
+        given = np.ascontiguousarray(matrix[:, n])
+        matrix, wanted = np.ascontiguousarray(matrix[:, :n]), wanted - given
+        # A demand that the constant field meets by itself asks for no currents, not for those of rounding.
+        wanted[np.abs(wanted) <= _ROUNDING * np.abs(given)] = 0.0
     low, high = checked_limits(limits, n)
     currents, active = np.empty(n), np.empty(n, np.int64)
-    status = kernels.least_power(matrix, demand.values, low, high, weight, currents, active)
+    status = kernels.least_power(matrix, wanted, low, high, weight, currents, active)
     if status != kernels.FOUND:
-        raise refusal(status, matrix, demand, low, high, active, coil_names)
+        raise refusal(status, matrix, demand, low, high, active, coil_names, given)
     return currents
+
+
+_ROUNDING = 1e-13
 
 
 def rows_at(evaluator: Evaluator, position: ArrayLike, demand: Demand, n_fields: int) -> Array:
@@ -177,14 +190,17 @@ def refusal(
     high: Array,
     active: NDArray[np.int64],
     names: tuple[str, ...],
+    given: Array | None = None,
 ) -> FieldmapError:
-    """The error for a demand that was not met: which limits bind, and what can be had."""
+    """The error for a demand that was not met: which limits bind, and what can be had. given (rows,): what is there
+    without currents."""
+    constant = np.zeros(len(matrix)) if given is None else given
     if status == kernels.NO_END:
         what = "the active-set method must end"
         return NotConverged(Problem("currents_for", what, demand.text(demand.values), "report this case"))
     received = demand.text(demand.values)
     if status == kernels.OUT_OF_RANGE:
-        nearest = matrix @ np.linalg.lstsq(matrix, demand.values, rcond=1e-11)[0]
+        nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=1e-11)[0] + constant
         must_hold = "a demand that some currents give, whatever their limits"
         remedy = f"nearest that they give: {demand.text(nearest)}"
         return Infeasible(Problem("currents_for", must_hold, received, remedy), reachable=nearest)
@@ -192,7 +208,7 @@ def refusal(
     binding = {names[k]: float(ends[k]) for k in np.flatnonzero(active)}
     limits = ", ".join(f"coil {name} at {value:g} A" for name, value in binding.items())
     must_hold = f"a demand within the limits of the currents; together these rule it out: {limits}"
-    part = reachable_share(matrix, demand.values, low, high)
+    part = reachable_share(matrix, demand.values, low, high, constant)
     if part is None:
         problem = Problem("currents_for", must_hold, received, "no share of it can be had")
         return Infeasible(problem, binding=binding)
@@ -200,10 +216,12 @@ def refusal(
     return Infeasible(problem, reachable=part[1], share=part[0], binding=binding)
 
 
-def reachable_share(matrix: Array, wanted: Array, low: Array, high: Array) -> tuple[float, Array] | None:
+def reachable_share(
+    matrix: Array, wanted: Array, low: Array, high: Array, constant: Array
+) -> tuple[float, Array] | None:
     """Largest share of the demand that currents within the limits give, and what it is; None if there is none.
 
-    A linear program: t, i with A i = t b, t largest.
+    A linear program: t, i with A i + c = t b, t largest; c (rows,): what is there without currents.
     """
     size = np.linalg.norm(matrix, axis=1)
     rows = size > 0
@@ -211,7 +229,7 @@ def reachable_share(matrix: Array, wanted: Array, low: Array, high: Array) -> tu
     constraint = np.hstack([matrix[rows] / scale[:, None], -(wanted[rows] / scale)[:, None]])
     goal = np.append(np.zeros(matrix.shape[1]), -1.0)
     bounds = [*zip(low, high, strict=True), (0.0, 1.0)]
-    found = linprog(goal, A_eq=constraint, b_eq=np.zeros(rows.sum()), bounds=bounds, method="highs")
+    found = linprog(goal, A_eq=constraint, b_eq=-constant[rows] / scale, bounds=bounds, method="highs")
     if found.status != 0 or found.x[-1] <= 0.0:
         return None
     return float(found.x[-1]), np.asarray(found.x[-1] * wanted)
@@ -248,7 +266,7 @@ def currents_of_model(
     Infeasible where no step brings the demand nearer: no proof that no currents exist, but of where the search ended.
     """
     low, high = _domain(model, limits)
-    at = rows_at(evaluator, position, demand, model.model.coil_count + model.model.field_count)
+    at = rows_at(evaluator, position, demand, model.model.coil_count + model.fields_beside_coils)
     search = _Search(model, coil_names, at, demand, low, high, weight)
     return search.run(_first(model, coil_names, start, low, high))
 
@@ -331,8 +349,8 @@ class _Search:
         return np.ascontiguousarray(np.stack(columns, axis=1))
 
     def _given(self, currents: Array) -> Array:
-        iron = self.model.model.output @ self.model.amplitudes(currents)
-        return np.asarray(self.at @ np.concatenate([currents, iron]))
+        behind = self.model.of_state(self.model.amplitudes(currents))
+        return np.asarray(self.at @ np.concatenate([currents, behind]))
 
     def _off(self, currents: Array) -> float:
         """How far the demand is missed."""

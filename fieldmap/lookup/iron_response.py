@@ -1,8 +1,9 @@
 """How the fields of a map follow the currents, for compiled callers whose currents change at every call.
 
-A linear map superposes one field per coil. A map of saturating iron has fields of its own behind those of the coils,
-whose weights w(i) its reduced model gives; what is here are these weights, their slopes, and the map linear in the
-currents that touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f - J_f . i0) B_f.
+A linear map superposes one field per coil, and behind them one of weight 1 if something makes a field that no current
+drives. A map of saturating iron has fields of its own behind those of the coils, whose weights w(i) its reduced model
+gives (that of a background is 1); what is here are these weights, their slopes, and the map linear in the currents that
+touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f - J_f . i0) B_f.
 """
 
 from weakref import WeakKeyDictionary
@@ -24,7 +25,8 @@ _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTabl
 
 
 def unit_block(field_map: FieldMap) -> Array:
-    """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1.
+    """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1, then of
+    what no current drives.
 
     Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
     """
@@ -37,7 +39,7 @@ def unit_block(field_map: FieldMap) -> Array:
 
 
 def saturates(field_map: FieldMap) -> bool:
-    """Whether the field is not the sum of its coils' fields."""
+    """Whether the field is not the sum of its coils' fields and a constant."""
     return field_map._model is not None
 
 
@@ -51,7 +53,8 @@ def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
 
 
 def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array]:
-    """Weights (s, f) of the iron's fields at currents (s, n), A, and their slopes (s, f, n), 1/A.
+    """Weights (s, f) of the fields behind the coils', the iron's and that of a background, at currents (s, n), A, and
+    their slopes (s, f, n), 1/A.
 
     Raises InputError for a map that superposes, OutsideMapError for currents beyond its domain.
     """
@@ -61,7 +64,7 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
     for row in rows:
         model.weights(row)  # raises where the currents lie outside
     amplitudes = np.array([model.amplitudes(row) for row in rows])
-    return amplitudes @ model.model.output.T, model.slopes(rows, amplitudes)
+    return model.of_amplitudes(amplitudes), model.slopes(rows, amplitudes)
 
 
 def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:

@@ -86,7 +86,7 @@ class DividedFields:
 
 
 def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
-    return fields.unit_fields(points)
+    return fields.source_fields(points)
 
 
 def generate(
@@ -214,7 +214,7 @@ def _generate_linear(
         tell,
     )
     writer = MapWriter(target, info, checkpoint)
-    _fill(writer, DividedFields(solution, workers), info.reference_current, dict, forecast)
+    _fill(writer, DividedFields(solution, workers), info.field_scale, dict, forecast)
 
 
 def _generate_saturating(
@@ -274,14 +274,11 @@ def _fill(
 
 def _describe(recipe: Recipe, device: Device) -> MapInfo:
     """The map to be, checked as far as it can be without its geometry."""
-    if not device.coils:
+    fixed, saturating = device.fixed_sources, recipe.currents is not None
+    if not device.coils and (saturating or not fixed):
         raise recipe.error(
             "device", "a device with at least one coil", "none", "add a [[coil]] to the device"
         )
-    if device.fixed_sources:
-        must_hold = "a device whose field follows the coil currents alone, as a map of unit fields holds it"
-        received = f"what no current drives: {', '.join(device.fixed_sources)}"
-        raise recipe.error("device", must_hold, received, "solve it directly, or make them linear iron")
     return MapInfo(
         grid=choose_grid(recipe, device),
         coil_names=device.coil_names,
@@ -296,6 +293,9 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
             included=dict(device.included),
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
         ),
+        fixed_sources=fixed,
+        # The fields of saturating iron hold that of its magnets.
+        constant_field=device.background is not None or (bool(fixed) and not saturating),
     )
 
 

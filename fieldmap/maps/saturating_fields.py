@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.currents import CurrentDomain, parametrisation_from_json
-from fieldmap.device.model import Coil, Device
+from fieldmap.device.model import Background, Coil, Device
 from fieldmap.iron import NonlinearSolver, SolverReport
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.maps.forecast import Forecast
@@ -56,26 +56,28 @@ class Stopwatch:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SaturatingFields(Record):
-    """What the map evaluates: the coils' own fields per ampere, then the iron's at weight 1."""
+    """What the map evaluates: the coils' own fields per ampere, then the iron's at weight 1, then the background's."""
 
     coils: tuple[Coil, ...]
     faces: ChargedFaces
     charge: Array
     report: SolverReport
+    background: Background | None = None
 
-    def unit_fields(self, points: Array) -> tuple[Array, Array]:
+    def source_fields(self, points: Array) -> tuple[Array, Array]:
         """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3) of every field outside iron and windings."""
         flux, gradient = self.faces.field_and_gradient(points, self.charge)
         own = [unit_flux_density_and_gradient(coil, points) for coil in self.coils]
+        fixed = [] if self.background is None else [self.background.field_and_gradient(points)]
         return (
-            np.concatenate([np.array([b for b, _ in own]), flux]),
-            np.concatenate([np.array([g for _, g in own]), gradient]),
+            np.concatenate([np.array([b for b, _ in own]), flux, *(b[None] for b, _ in fixed)]),
+            np.concatenate([np.array([g for _, g in own]), gradient, *(g[None] for _, g in fixed)]),
         )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedMap(Record):
-    """A trained model, the fields that go with it, their largest weights (c + k,) at the currents of the domain, what
+    """A trained model, the fields that go with it, their largest weights at the currents of the domain, what
     training found, for the map's record, and what it cost."""
 
     model: ReducedModel
@@ -171,13 +173,14 @@ def _from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str
     report = SolverReport.from_dict(about["report"])
     faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[f"face_{name}"]) for name in _FACES})
     charge = np.ascontiguousarray(arrays["charge"])
+    largest = np.array(about["largest_weights"] + ([] if device.background is None else [1.0]))
     return TrainedMap(
         ReducedModel(
             **{name: arrays[name] for name in ARRAYS},  # type: ignore[arg-type]
             parametrisation=parametrisation_from_json(about["parametrisation"]),
         ),
-        SaturatingFields(device.coils, faces, charge, report),
-        np.array(about["largest_weights"]),
+        SaturatingFields(device.coils, faces, charge, report, device.background),
+        largest,
         _largest_error(about["states_tried"].values()),
         {key: value for key, value in about.items() if key not in ("report", "parametrisation", *SPENT)},
         (about[SPENT[0]], about[SPENT[1]]),

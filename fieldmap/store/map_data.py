@@ -11,6 +11,9 @@ from fieldmap.records import Record
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.reduced_model import ReducedModel
 
+NO_CURRENT = "no current"
+"""Name of the constant field of a map; no name of a coil has a space."""
+
 
 @dataclass(frozen=True)
 class FieldError(Record):
@@ -54,6 +57,9 @@ class MapInfo(Record):
     reduced_model: where iron saturates, what turns currents into the weights of the iron's fields; None where the
     field is linear in the currents. current_error: largest difference between that model and the solver on
     states that were not used to train it.
+    fixed_sources: names of what makes a field that no current drives, such as bodies that are magnets and "background".
+    constant_field: whether the last field is one of weight 1 whatever the currents: that of these sources, iron
+    included; with a reduced model, whose fields hold the iron and its magnets, that of the background alone.
     """
 
     grid: Grid
@@ -64,39 +70,51 @@ class MapInfo(Record):
     error_bounds: Mapping[str, FieldError] = field(default_factory=dict)
     reduced_model: ReducedModel | None = None
     current_error: FieldError | None = None
+    fixed_sources: tuple[str, ...] = ()
+    constant_field: bool = False
 
     def __post_init__(self) -> None:
         current = np.array(self.reference_current, dtype=np.float64)
         n = len(self.coil_names)
         good = current.shape == (n,) and bool(np.isfinite(current).all()) and bool((current > 0).all())
-        if not n or len(set(self.coil_names)) != n:
+        if not (n or self.constant_field) or len(set(self.coil_names)) != n:
             raise InputError(
                 _problem("coil_names", "at least one coil, each name once", str(self.coil_names))
             )
+        if self.constant_field and not self.fixed_sources:
+            must_hold = "what makes the constant field, by name"
+            raise InputError(_problem("fixed_sources", must_hold, "none"))
         if not good:
             raise InputError(_problem("reference_current", f"{n} positive currents, A", str(current)))
         if self.reduced_model is not None and self.reduced_model.coil_count != n:
             received = f"a model of {self.reduced_model.coil_count} coils"
             raise InputError(_problem("reduced_model", f"one for {n} coils", received))
+        if self.reduced_model is not None and bool(self.reduced_model.fixed.size) != self.constant_field:
+            received = f"a constant field is {'there' if self.constant_field else 'missing'}"
+            must_hold = "a background that both the iron and the air have, or neither"
+            raise InputError(_problem("reduced_model", must_hold, received))
         current.flags.writeable = False
         object.__setattr__(self, "reference_current", current)
 
     @property
     def field_names(self) -> tuple[str, ...]:
-        """Names of the fields that the map holds: the coils, then those of saturating iron."""
+        """Names of the fields that the map holds: the coils, those of saturating iron, and the constant one."""
         count = 0 if self.reduced_model is None else self.reduced_model.field_count
-        return (*self.coil_names, *(f"iron mode {k + 1}" for k in range(count)))
+        constant = (NO_CURRENT,) if self.constant_field else ()
+        return (*self.coil_names, *(f"iron mode {k + 1}" for k in range(count)), *constant)
 
     @property
     def field_scale(self) -> Array:
-        """What every field is multiplied by in the file: reference currents in A, and 1 for those of the iron."""
+        """What every field is multiplied by in the file: reference currents in A, and 1 for the others."""
         return np.append(self.reference_current, np.ones(len(self.field_names) - len(self.coil_names)))
 
     @property
     def reference_weights(self) -> Array:
         """Weights of the stored fields in their sum at the reference currents."""
-        ones = np.ones(len(self.coil_names))
-        return ones if self.reduced_model is None else np.append(ones, self.reduced_model.reference_weights)
+        weights = np.ones(len(self.coil_names))
+        if self.reduced_model is not None:
+            weights = np.append(weights, self.reduced_model.reference_weights)
+        return np.append(weights, 1.0) if self.constant_field else weights
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,8 +123,8 @@ class MapData(MapInfo):
 
     flux_density (n_fields, nx, ny, nz, 3) in T/A and gradient (n_fields, nx, ny, nz, 3, 3) in T/(m A), per
     ampere of coil current; gradient[..., i, j] = dB_i/dx_j. The fields are those of the coils, iron included; with
-    a reduced model those of the coils without iron, then the iron's in T and T/m at weight 1. Raises InputError
-    if a shape does not fit.
+    a reduced model those of the coils without iron, then the iron's in T and T/m at weight 1. The constant field, if
+    any, is the last, in T and T/m. Raises InputError if a shape does not fit.
     """
 
     flux_density: Array = field(default_factory=lambda: np.empty(0))

@@ -15,7 +15,8 @@ from fieldmap.store.grid import Grid
 from fieldmap.store.map_data import FieldError, MapInfo, Provenance
 from fieldmap.store.reduced_model import ReducedModel
 
-FORMAT_VERSION = 1
+FORMAT_VERSION, WITH_FIXED_SOURCES = 1, 2
+"""Version of the format, and of one with sources that no current drives: readers of before refuse it."""
 # Nodes per chunk: few enough that a killed run loses little, enough that a solver works on many at once.
 NODES_PER_CHUNK = 1000
 MESHES = "/data/0/meshes"
@@ -110,11 +111,17 @@ def read_text(data: h5py.Dataset) -> str:
     return "" if raw == _EMPTY else raw.decode()
 
 
+def format_of(info: MapInfo) -> int:
+    """Version of the format that a map is written in."""
+    return WITH_FIXED_SOURCES if info.fixed_sources else FORMAT_VERSION
+
+
 def header_of(info: MapInfo) -> dict[str, Any]:
     """All that is known of a map before it is computed, as plain JSON."""
     source = info.provenance
+    fixed = {"fixed_sources": list(info.fixed_sources), "constant_field": info.constant_field}
     return {
-        "format": FORMAT_VERSION,
+        "format": format_of(info),
         "title": source.title,
         "device_name": source.device_name,
         "created": source.created,
@@ -130,6 +137,7 @@ def header_of(info: MapInfo) -> dict[str, Any]:
         "spacing_m": info.grid.spacing.tolist(),
         "shape": list(info.grid.shape),
         "planes_per_chunk": planes_per_chunk(info.grid),
+        **(fixed if info.fixed_sources else {}),
     }
 
 
@@ -173,7 +181,15 @@ def info_from(
         error_bounds=_bounds_from(report["error_bounds"]),
         reduced_model=reduced_model,
         current_error=_error_from(report.get("current_error")),
+        fixed_sources=_texts(header, "fixed_sources") if "fixed_sources" in header else (),
+        constant_field=_flag(header, "constant_field") if "constant_field" in header else False,
     )
+
+
+def _flag(keys: Mapping[str, Any], name: str) -> bool:
+    if not isinstance(keys[name], bool):
+        raise TypeError(f"{name}: {type(keys[name]).__name__} in the place of true or false")
+    return keys[name]
 
 
 def _text(keys: Mapping[str, Any], name: str) -> str:

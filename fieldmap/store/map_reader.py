@@ -27,14 +27,16 @@ from fieldmap.store.map_format import (
     PARAMETRISATION,
     REDUCED_MODEL,
     UNREADABLE,
+    WITH_FIXED_SOURCES,
     component_paths,
+    format_of,
     info_from,
     read_text,
     record_names,
     sha256,
 )
 from fieldmap.store.openpmd import fixed
-from fieldmap.store.reduced_model import ARRAYS, ReducedModel, parametrisation_of
+from fieldmap.store.reduced_model import ARRAYS, OPTIONAL, ReducedModel, parametrisation_of
 from fieldmap.store.seal import REMAKE, check_seal
 
 _NAMES = {"f": "float64 numbers", "fi": "numbers", "u": "flags", "S": "text of fixed length"}
@@ -148,9 +150,10 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
     if not is_hard(file, OWN.strip("/")):
         raise Refused("a map written by fieldmap", "an HDF5 file without the group /fieldmap", REMAKE)
     version = int(hard(file, OWN).attrs["format_version"])
-    if version != FORMAT_VERSION:
+    if version not in (FORMAT_VERSION, WITH_FIXED_SOURCES):
         remedy = "install the version of fieldmap that wrote it, or make the map again"
-        raise Refused(f"file format {FORMAT_VERSION}", f"format {version}", remedy)
+        must_hold = f"file format {FORMAT_VERSION} or {WITH_FIXED_SOURCES}"
+        raise Refused(must_hold, f"format {version}", remedy)
     completion = hard(file, f"{OWN}/completion")
     if completion.attrs["complete"] != 1:
         done = stored(file, f"{OWN}/completion/chunks", "u")[()]
@@ -164,6 +167,9 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
             raise Refused(f"the {name} it was made from", f"a {name} text with another hash", REMAKE)
     model = _read_reduced_model(file) if is_hard(hard(file, OWN), REDUCED_MODEL.rpartition("/")[2]) else None
     info = info_from(header, json.loads(texts["report"]), texts["recipe"], texts["device"], model)
+    if version != format_of(info) or version != header["format"]:
+        must_hold = f"file format {format_of(info)}, by whether a field is there that no current drives"
+        raise Refused(must_hold, f"format {version}, and {header['format']} in its header", REMAKE)
     records = record_names(info.field_names)
     if header["record_names"] != list(records):
         raise Refused(f"the records {', '.join(records)}", str(header["record_names"])[:200], REMAKE)
@@ -172,9 +178,9 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
 
 def _read_reduced_model(file: h5py.File) -> ReducedModel:
     """The model of a map of saturating iron; Refused, ValueError or InputError if the arrays are no such model."""
-    arrays = {
-        name: np.ascontiguousarray(stored(file, f"{REDUCED_MODEL}/{name}", "fi")[()]) for name in ARRAYS
-    }
+    group = hard(file, REDUCED_MODEL)
+    there = [name for name in ARRAYS if name not in OPTIONAL or name in group]
+    arrays = {name: np.ascontiguousarray(stored(file, f"{REDUCED_MODEL}/{name}", "fi")[()]) for name in there}
     return ReducedModel(**arrays, parametrisation=_parametrisation(file, arrays["source"].shape[-1]))
 
 

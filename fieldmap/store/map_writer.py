@@ -18,7 +18,6 @@ from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
 from fieldmap.store.map_data import FieldError, MapData, MapInfo
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
-    FORMAT_VERSION,
     MESHES,
     OWN,
     PARAMETRISATION,
@@ -27,6 +26,7 @@ from fieldmap.store.map_format import (
     Chunk,
     chunks_of,
     component_paths,
+    format_of,
     header_of,
     record_names,
     report_of,
@@ -34,7 +34,7 @@ from fieldmap.store.map_format import (
     write_text,
 )
 from fieldmap.store.openpmd import create_skeleton, fixed
-from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.store.reduced_model import OPTIONAL, ReducedModel
 from fieldmap.store.seal import seal_map
 from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
 from fieldmap.typing import Array, PathLike
@@ -74,7 +74,7 @@ def write_map(target: PathLike, data: MapData) -> Path:
 def _write(file: h5py.File, data: MapData) -> None:
     create_skeleton(file, data)
     own = file.create_group(OWN)
-    own.attrs["format_version"] = np.int64(FORMAT_VERSION)
+    own.attrs["format_version"] = np.int64(format_of(data))
     write_text(file, "header", to_json(header_of(data)))
     write_text(file, "recipe", data.provenance.recipe_text)
     write_text(file, "device", data.provenance.device_text)
@@ -117,6 +117,8 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
     for field in fields(model):
         name = DIVISION_EXPONENT if field.name == PARAMETRISATION else field.name
         values = getattr(model, name)
+        if name in OPTIONAL and not values.size:
+            continue
         # What HDF5 gives for a block that it does not find is no number of any model.
         missing = np.nan if values.dtype.kind == "f" else -1
         checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}

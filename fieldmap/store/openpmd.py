@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from fieldmap.store.grid import Grid
-from fieldmap.store.map_data import MapInfo
+from fieldmap.store.map_data import NO_CURRENT, MapInfo
 from fieldmap.store.map_format import MESHES, TENSOR, VECTOR, planes_per_chunk, record_names
 
 # Powers of length, mass, time, current, temperature, amount, luminous intensity.
@@ -35,10 +35,13 @@ def create_skeleton(file: h5py.File, info: MapInfo) -> None:
         for path in (f"{MESHES}/B_{record}", f"{MESHES}/gradB_{record}"):
             file[path].attrs.update(coilName=fixed(name), referenceCurrent=np.float64(scale))
     for number, record in enumerate(records, start=1):
-        _link_external_field(file, number, record, info.grid)
+        driven = info.field_names[number - 1] != NO_CURRENT
+        _link_external_field(file, number, record, info.grid, f"I_{record}" if driven else "none")
 
 
 def _source(info: MapInfo, name: str, scale: float) -> str:
+    if info.constant_field and name == NO_CURRENT:
+        return f"what no current drives: {', '.join(info.fixed_sources)}"
     if name not in info.coil_names:
         return f"saturating iron, {name} at weight 1"
     without = "" if info.reduced_model is None else ", without iron"
@@ -106,7 +109,7 @@ def _create_record(
         data.attrs.update(unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
 
 
-def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid) -> None:
+def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid, master: str) -> None:
     """Entry that openPMD-beamphysics FieldMesh reads: attributes, and a soft link to the numbers."""
     group = file.create_group(f"/ExternalFieldPath/{number}")
     group.attrs.update(
@@ -119,6 +122,6 @@ def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid) 
         gridSize=np.array(grid.shape, dtype=np.int64),
         harmonic=np.int64(0),
         fieldScale=np.float64(1),
-        masterParameter=fixed(f"I_{record}"),
+        masterParameter=fixed(master),
     )
     group["magneticField"] = h5py.SoftLink(f"{MESHES}/B_{record}")

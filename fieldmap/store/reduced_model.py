@@ -1,6 +1,6 @@
 """Saturating iron on few modes, as data: what a map needs to turn currents into weights of its fields."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ class ReducedModel(Record):
     `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.map.reduced_iron`;
     output (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of
     the states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
-    the signals of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents. Raises
-    InputError where shapes do not fit together or numbers are not finite.
+    the signals of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents; fixed
+    (3 p,): field of the background at the sample points, T, or nothing where there is none. Raises InputError where
+    shapes do not fit together or numbers are not finite.
     """
 
     gradients: Array
@@ -42,6 +43,7 @@ class ReducedModel(Record):
     upper: Array
     parametrisation: CurrentParametrisation
     reference_weights: Array
+    fixed: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if np.ndim(self.source) != 2 or not all(
@@ -66,6 +68,7 @@ class ReducedModel(Record):
             "lower": (self.parametrisation.signal_count,),
             "upper": (self.parametrisation.signal_count,),
             "reference_weights": (k,),
+            "fixed": (3 * p,) if np.size(self.fixed) else (0,),
         }
         for name in ARRAYS:
             kind = np.int64 if name in _INTEGER else np.float64
@@ -118,7 +121,9 @@ class ReducedModel(Record):
         return self.law_offset, self.law_knots, self.law_coefficients
 
 
-ARRAYS = tuple(field.name for field in fields(ReducedModel) if field.name != "parametrisation")
+ARRAYS = tuple(one.name for one in fields(ReducedModel) if one.name != "parametrisation")
+OPTIONAL = ("fixed",)
+"""Of these, what a file leaves out where it is empty."""
 
 
 def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametrisation:

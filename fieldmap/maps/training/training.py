@@ -582,4 +582,5 @@ def _model(
         domain.upper,
         domain.parametrisation,
         output @ amplitude,
+        np.zeros(0) if reduced.fixed is None else reduced.fixed,
     )
