@@ -35,9 +35,9 @@ class FieldOfCurrents(Record):
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     """A field as a map in memory, which compiled loops can evaluate; a map is returned as it is.
 
-    The coils' fields and gradients, and those that no current drives, are taken once at the nodes of a grid over the field's box, `spacing`, m, apart or a
-    little less, and interpolated as those of a map file. Raises InputError for a field without a box, and for one that
-    is not the sum of its coils' fields and of such a one, as of saturating iron: make a saturating map of it.
+    The fields and gradients of the coils, and of what no current drives, are taken once at the nodes of a grid over the
+    field's box, `spacing`, m, apart or a little less, and interpolated as those of a map file. Raises InputError for a
+    field without a box, and for one that is not such a sum, as of saturating iron: make a saturating map of it.
     """
     if isinstance(field, FieldMap):
         return field

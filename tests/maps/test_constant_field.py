@@ -1,4 +1,4 @@
-"""Maps with a field that no current drives: linear iron, a magnet and a background, against fresh solves and magpylib."""
+"""Maps with a field that no current drives: linear iron, magnet and background, against fresh solves and magpylib."""
 
 import json
 import pickle

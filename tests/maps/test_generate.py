@@ -200,29 +200,6 @@ def test_a_box_that_cuts_iron(rig, recipe_text):
     refused(rig, GeometryError, "'sphere'")
 
 
-MAGNET = """
-[material.ndfeb]
-kind = "permanent_magnet"
-remanence_T = [0.0, 0.0, 1.2]
-mu_r = 1.05
-
-[[body]]
-name = "magnet"
-material = "ndfeb"
-shape = "cylinder"
-radius_mm = 5.0
-height_mm = 5.0
-position_mm = [0.0, 0.0, 60.0]
-mesh_size_mm = 3.0
-"""
-
-
-def test_a_device_with_magnets_of_its_own(rig):
-    device = rig / "pair.toml"
-    device.write_text(device.read_text() + MAGNET)
-    refused(rig, RecipeError, "field follows the coil currents alone.*permanent magnets: magnet")
-
-
 def test_a_broken_device(rig):
     device = rig / "pair.toml"
     device.write_text(device.read_text().replace("turns = 100", 'turns = "many"'))

@@ -132,6 +132,10 @@ def nan_node(file):
 
 
 def newer(file):
+    file["/fieldmap"].attrs["format_version"] = 3
+
+
+def of_another_format(file):
     file["/fieldmap"].attrs["format_version"] = 2
 
 
@@ -161,7 +165,8 @@ def no_coils(file):
     ("change", "words"),
     [
         (nan_node, "B_1/x: finite numbers; received NaN"),
-        (newer, "file format 1; received format 2"),
+        (newer, "file format 1 or 2; received format 3"),
+        (of_another_format, "received format 2, and 1 in its header"),
         (wrong_spacing, "B_1 on the map's grid; received another spacing"),
         (other_recipe, "the recipe it was made from; received a recipe text with another hash"),
         (edited_header, "damaged or foreign"),
