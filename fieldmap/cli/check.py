@@ -103,6 +103,10 @@ def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
         yield "driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil"
     if device.bounds is not None:
         yield "workspace", f"{place(device.bounds[0])} to {place(device.bounds[1])}"
+    if device.background is not None:
+        flux = ", ".join(f"{1e3 * x:.4g}" for x in device.background.flux_density)
+        gradient = "" if device.background.gradient is None else ", with a gradient"
+        yield "background", f"({flux}) mT{gradient}"
     if device.references:
         yield "references", f"{len(device.references)} known values; compare: fieldmap solve"
 
@@ -139,5 +143,8 @@ def _map_facts(checked: "MapCheck") -> Iterator[tuple[str, str]]:
     yield "total", f"is the sum of the fields to {checked.total:.1e} (limit {TOTAL:g})"
     if info.reduced_model is not None:
         yield "currents", "the reduced model of saturating iron fits together"
+    if info.fixed_sources:
+        weight = ", a field of weight 1" if info.constant_field else ", in the fields of the iron"
+        yield "no current", f"drives what {', '.join(info.fixed_sources)} make{weight}"
     versions = ", ".join(f"{name} {version}" for name, version in source.versions.items())
     yield "made", f"{source.created or 'at an unknown time'}" + (f" by {versions}" if versions else "")

@@ -70,6 +70,8 @@ def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     yield "iron", ", ".join(_solver_words(solver))
     if summary.domain is not None:
         yield "currents", _currents(summary)
+    if info.fixed_sources:
+        yield "no current", _without_currents(summary)
     shape = " x ".join(str(n) for n in grid.shape)
     steps = dict.fromkeys(grid.spacing.round(9).tolist())
     spacing = " x ".join(f"{1e3 * step:g}" for step in steps)
@@ -114,6 +116,14 @@ def _middle(summary: "MapSummary") -> str:
     middle = summary.middle
     flux, slope = 1e3 * middle.Bz[0], 1e3 * middle.dBz_dz[0]
     return f"Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m at {_mm(middle.at)} mm with {_reference(summary)}"
+
+
+def _without_currents(summary: "MapSummary") -> str:
+    sources, off = ", ".join(summary.info.fixed_sources), summary.middle.without_currents
+    if off is None:
+        return f"drives the field of {sources}"
+    flux, slope = 1e3 * off[0], 1e3 * off[1]
+    return f"drives the field of {sources}: Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m in the middle"
 
 
 def _reference(summary: "MapSummary") -> str:

@@ -4,7 +4,7 @@ Layout, in the byte order of the machine that writes:
 
     0   8 bytes   "fieldmap"
     8   uint32    0x01020304, which shows the byte order
-    12  uint32    version, 1
+    12  uint32    version: 1, or 2 where the last set of the block is a field that no current drives, of weight 1
     16  uint64    size of the file in bytes
     24  uint32    CRC-32 of all that follows
     28  uint32    size of the names
@@ -27,7 +27,7 @@ from fieldmap.kernels.map import map_block
 from fieldmap.lookup import FieldMap, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 
-VERSION = 1
+VERSION, WITH_CONSTANT = 1, 2
 _MOST_CONSTANTS = 1_000_000
 
 
@@ -39,19 +39,28 @@ def c_header() -> Path:
 def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> Path:
     """Write an opened map, or a map at fixed currents, for C programs.
 
-    A map keeps its coils, and the C program sets currents; a map of saturating iron can be written at fixed
-    currents only. The rule for points outside goes with it: clamp, or NaN. Raises InputError for a Hermite form,
-    whose coefficients the header does not read. The file appears complete or not at all.
+    A map keeps its coils, and the C program sets currents; a field that no current drives goes with them. A map of
+    saturating iron can be written at fixed currents only. The rule for points outside goes with it: clamp, or NaN.
+    Raises InputError for a Hermite form, whose coefficients the header does not read. The file appears complete or not
+    at all.
 
     >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
     >>> write_c_map(open_map("linear.h5"), "linear.fmap")                                   # doctest: +SKIP
     """
-    _, block = field.compiled()
+    block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
-    names = field.coil_names if isinstance(field, FieldMap) else ("fixed currents",)
     target = Path(path)
-    write_whole(target, _bytes(plain_block(block), names))
+    write_whole(target, _bytes(plain_block(block), names, constant))
     return target
+
+
+def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
+    """The block, the names of its coils, and whether one more set behind them is a field that no current drives."""
+    source = field.at(0.0) if isinstance(field, FieldMap) and not field.coil_names else field
+    _, block = source.compiled()
+    if isinstance(source, FieldMap):
+        return block, source.coil_names, not source.proportional
+    return block, ("fixed currents",), False
 
 
 def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
@@ -70,7 +79,7 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
 
     >>> write_c32_files(open_map("linear.h5", kind="global"), "lift.h")                     # doctest: +SKIP
     """
-    _, block = field.compiled()
+    block, names, constant = _contents(field)
     where = "write_c32_files, field"
     check_harmonic(block, where)
     plain, target = plain_block(block), Path(path)
@@ -79,15 +88,14 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
         raise InputError(Problem(where, must_hold, f"{count}", remedy))
-    names = field.coil_names if isinstance(field, FieldMap) else ("fixed currents",)
     header = c_header().with_name("fieldmap32.h")
-    write_whole(target, _constants(plain, names, target.stem).encode())
+    write_whole(target, _constants(plain, names, target.stem, constant).encode())
     beside = target.with_name(header.name)
     write_whole(beside, header.read_bytes())
     return target, beside
 
 
-def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str) -> str:
+def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, constant: bool) -> str:
     """The text of a map as C constants."""
 
     def some(position: int) -> str:
@@ -98,13 +106,18 @@ def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str) ->
     name, degree = c_identifier(stem), int(block[map_block.DEGREE])
     cells = ", ".join(str(int(n)) for n in block[map_block.CELLS : map_block.CELLS + 3])
     coils = "".join(f" *   {k}: {_in_comment(coil)}\n" for k, coil in enumerate(names))
+    # A header of before would take the set that no current drives for that of a coil.
+    needed = """#ifndef FM32_CONSTANT_FIELD
+#error "this map needs the fieldmap32.h that was written beside it"
+#endif
+"""
     return f"""/* A map for fieldmap32.h, written by fieldmap. Coils, in the order of currents:
 {coils} */
 #ifndef FM32_MAX_DEGREE
 #define FM32_MAX_DEGREE {degree}
 #endif
 #include "fieldmap32.h"
-
+{needed if constant else ""}
 static const float {name}_coefficients[{len(numbers)}] = {{
 {rows}
 }};
@@ -112,7 +125,7 @@ static const float {name}_coefficients[{len(numbers)}] = {{
 static const fm32_map {name} = {{
     {len(names)}, {degree}, {int(block[map_block.RULE] == map_block.CLAMP)}, {{{cells}}},
     {some(map_block.LOWER)}, {some(map_block.INVERSE)}, {some(map_block.LOCAL)},
-    {_single(block[map_block.PER_LENGTH])}, {name}_coefficients
+    {_single(block[map_block.PER_LENGTH])}, {name}_coefficients, {int(constant)}
 }};
 """
 
@@ -151,9 +164,11 @@ def plain_block(block: NDArray[np.float64]) -> NDArray[np.float64]:
     return block[: map_block.HEADER + cells * int(block[map_block.SETS]) * size]
 
 
-def _bytes(block: NDArray[np.float64], names: tuple[str, ...]) -> bytes:
+def _bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:
     text = b"".join(name.encode() + b"\0" for name in names)
     text += bytes(-len(text) % 8)
     tail = struct.pack("=IQ", len(text), len(block)) + text + block.tobytes()
-    head = struct.pack("=8sIIQ", b"fieldmap", 0x01020304, VERSION, 28 + len(tail))
+    head = struct.pack(
+        "=8sIIQ", b"fieldmap", 0x01020304, WITH_CONSTANT if constant else VERSION, 28 + len(tail)
+    )
     return head + struct.pack("=I", zlib.crc32(tail)) + tail

@@ -37,7 +37,8 @@ def write_csv(
     field without nodes of its own needs. device: its name, where the field is no map that records it.
 
     Coil by coil there is a row for every node and coil, with the map's reference current (1 A without a map) in that
-    coil and none in the others. At fixed currents there is a row for every node, and its `I_fixed_A` = 1 stands for the
+    coil and none in the others; where something else makes a field, it is in all of these rows, and rows without any
+    current hold it alone. At fixed currents there is a row for every node, and its `I_fixed_A` = 1 stands for the
     currents that a remark lists. Raises InputError for currents that do not fit, and for saturating iron without any.
     The file appears complete or not at all.
 
@@ -66,7 +67,12 @@ def _coil_by_coil(samples: Samples) -> Iterator[tuple[Array, Array, Array]]:
     """Currents (n_coils,), B (n, 3) and its gradient (n, 3, 3) of every coil alone, at its reference current."""
     coils = np.eye(len(samples.coil_names))
     for k, ampere in enumerate(samples.reference):
-        yield ampere * coils[k], ampere * samples.flux_density[:, k], ampere * samples.gradient[:, k]
+        flux, slope = ampere * samples.flux_density[:, k], ampere * samples.gradient[:, k]
+        if samples.constant is not None:
+            flux, slope = flux + samples.constant[0], slope + samples.constant[1]
+        yield ampere * coils[k], flux, slope
+    if samples.constant is not None:
+        yield np.zeros(len(coils)), *samples.constant
 
 
 def _remarks(samples: Samples) -> list[str]:
@@ -77,6 +83,11 @@ def _remarks(samples: Samples) -> list[str]:
         f"# frame: {FRAME}; gradient dBi_dxj is dB_i/dx_j",
         f"# nodes: {nx} x {ny} x {nz}, z fastest",
     ]
+    if samples.constant is not None:
+        of = ", ".join(samples.fixed_sources) or "the field"
+        lines.append(
+            f"# every row has the field that no current drives, of {of}: rows without currents have it alone"
+        )
     if samples.currents is None:
         return lines
     return [*lines, f"# I_{FIXED}_A = 1 stands for {samples.currents_in_words}"]

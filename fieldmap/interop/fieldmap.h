@@ -28,7 +28,8 @@ enum {
 
 enum { FIELDMAP_MAX_DEGREE = 20, FIELDMAP_MAX_SIZE = 441 };
 
-/* A map: treat as read-only. names: n_coils texts, each ended by a zero byte, one behind the other. */
+/* A map: treat as read-only. names: n_coils texts, each ended by a zero byte, one behind the other. constant: 1 if there
+ * is a field that no current drives, as of magnets, behind those of the coils: it is in every result. */
 typedef struct fieldmap {
     int n_coils;
     int degree;
@@ -36,6 +37,7 @@ typedef struct fieldmap {
     const char *names;
     const double *block;
     void *owned;
+    int constant;
 } fieldmap;
 
 /* What a status means. */
@@ -131,13 +133,18 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     memcpy(&name_bytes, raw + 28, 4);
     memcpy(&count, raw + 32, 8);
     if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
-    if (version != 1u) return FIELDMAP_VERSION;
+    if (version != 1u && version != 2u) return FIELDMAP_VERSION;
     if (total > size) return FIELDMAP_TRUNCATED;
     if (total < size || name_bytes % 8u != 0 || name_bytes > size - FIELDMAP_NAMES) return FIELDMAP_DAMAGED;
     if (count > (size - FIELDMAP_NAMES - name_bytes) / 8 || count * 8 != size - FIELDMAP_NAMES - name_bytes)
         return FIELDMAP_DAMAGED;
     if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
     status = fieldmap_check_block(map, (const double *)(const void *)(raw + FIELDMAP_NAMES + name_bytes), count);
+    if (status == FIELDMAP_OK && version == 2u) {
+        map->constant = 1;
+        map->n_coils -= 1;
+        if (map->n_coils < 1) status = FIELDMAP_DAMAGED;
+    }
     for (i = 0; i < name_bytes; i++) ended += raw[FIELDMAP_NAMES + i] == 0;
     if (status == FIELDMAP_OK && ended < (size_t)map->n_coils) status = FIELDMAP_DAMAGED;
     map->names = (const char *)(raw + FIELDMAP_NAMES);
@@ -320,14 +327,14 @@ static inline int fieldmap_superpose(
     const double *set;
     int status, k;
     if (map == NULL || map->block == NULL || point == NULL) return FIELDMAP_ARGUMENT;
-    if (currents == NULL && map->n_coils != 1) return FIELDMAP_ARGUMENT;
+    if (currents == NULL && map->n_coils + map->constant != 1) return FIELDMAP_ARGUMENT;
     status = fieldmap_locate(map, point, local, &cell);
     if (status != FIELDMAP_OK) return status;
     size = (size_t)((map->degree + 1) * (map->degree + 1));
-    set = map->block + FIELDMAP_HEADER + cell * (size_t)map->n_coils * size;
+    set = map->block + FIELDMAP_HEADER + cell * (size_t)(map->n_coils + map->constant) * size;
     for (m = 0; m < size; m++) c[m] = 0.0;
-    for (k = 0; k < map->n_coils; k++, set += size) {
-        double ampere = currents == NULL ? 1.0 : currents[k];
+    for (k = 0; k < map->n_coils + map->constant; k++, set += size) {
+        double ampere = currents == NULL || k == map->n_coils ? 1.0 : currents[k];
         if (!isfinite(ampere)) return FIELDMAP_NOT_FINITE;
         for (m = 0; m < size; m++) c[m] += ampere * set[m];
     }
@@ -418,10 +425,12 @@ static inline int fieldmap_at(const fieldmap *map, const double *currents, field
     block[FIELDMAP_SETS] = 1.0;
     set = map->block + FIELDMAP_HEADER;
     for (n = 0; n < places; n++)
-        for (k = 0; k < map->n_coils; k++, set += size)
-            for (m = 0; m < size; m++) block[FIELDMAP_HEADER + n * size + m] += currents[k] * set[m];
+        for (k = 0; k < map->n_coils + map->constant; k++, set += size)
+            for (m = 0; m < size; m++)
+                block[FIELDMAP_HEADER + n * size + m] += (k == map->n_coils ? 1.0 : currents[k]) * set[m];
     *fixed = *map;
     fixed->n_coils = 1;
+    fixed->constant = 0;
     fixed->names = NULL;
     fixed->block = block;
     fixed->owned = block;

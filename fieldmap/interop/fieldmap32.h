@@ -32,7 +32,11 @@ typedef FM32_REAL fm32_real;
 
 enum { FM32_OK = 0, FM32_OUTSIDE = 1, FM32_NOT_FINITE = 2, FM32_ARGUMENT = 3 };
 
-/* A map. coefficients: of all cells, of all coils, (degree + 1)^2 numbers each. */
+/* This file knows maps with a field that no current drives. */
+#define FM32_CONSTANT_FIELD 1
+
+/* A map. coefficients: of all cells, of all coils, (degree + 1)^2 numbers each; constant: 1 if there is one more set
+ * behind those of the coils, of a field that no current drives: it is in every result. */
 typedef struct {
     int32_t coils;
     int32_t degree;
@@ -43,6 +47,7 @@ typedef struct {
     float local[3];
     float per_length;
     const float *coefficients;
+    int32_t constant;
 } fm32_map;
 
 /* Whether a number is one: infinity less itself is not. */
@@ -213,6 +218,7 @@ static inline int32_t fm32_field(
     fm32_real c[FM32_MAX_SIZE];
     fm32_real local[3];
     int32_t status = FM32_ARGUMENT;
+    const int32_t sets = map->coils + map->constant;
     int32_t cell = 0;
     int32_t k;
     int32_t i;
@@ -222,7 +228,7 @@ static inline int32_t fm32_field(
     for (i = 0; i < 9; i++) {
         gradient[i] = (fm32_real)0.0f;
     }
-    if ((map->degree >= 3) && (map->degree <= FM32_MAX_DEGREE) && ((currents != NULL) || (map->coils == 1))) {
+    if ((map->degree >= 3) && (map->degree <= FM32_MAX_DEGREE) && ((currents != NULL) || (sets == 1))) {
         status = fm32_locate(map, point, local, &cell);
     }
     for (k = 0; (k < map->coils) && (currents != NULL); k++) {
@@ -232,13 +238,13 @@ static inline int32_t fm32_field(
     }
     if (status == FM32_OK) {
         const int32_t size = (map->degree + 1) * (map->degree + 1);
-        const float *set = &map->coefficients[(size_t)cell * (size_t)map->coils * (size_t)size];
+        const float *set = &map->coefficients[(size_t)cell * (size_t)sets * (size_t)size];
         for (i = 0; i < size; i++) {
             c[i] = (fm32_real)0.0f;
         }
-        for (k = 0; k < map->coils; k++) {
+        for (k = 0; k < sets; k++) {
             fm32_real ampere = (fm32_real)1.0f;
-            if (currents != NULL) {
+            if ((currents != NULL) && (k < map->coils)) {
                 ampere = currents[k];
             }
             for (i = 0; i < size; i++) {

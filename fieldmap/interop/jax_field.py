@@ -49,7 +49,15 @@ def jax_field(field: FieldMap | MapAtCurrents) -> "JaxField":
     if saturates(field):
         assert field.info.reduced_model is not None
         weights = _ReducedIron(jax, field.info.reduced_model).weights
+    elif not field.proportional:
+        weights = _with_constant(jax)
     return JaxField(jax, _Polynomials(jax, unit_block(field)), weights)
+
+
+def _with_constant(jax: ModuleType) -> Callable[[Any], Any]:
+    """Weights (coils + 1,) of currents (coils,): that of the field that no current drives is 1."""
+    jnp = jax.numpy
+    return lambda currents: jnp.concatenate([currents, jnp.ones(1, currents.dtype)])
 
 
 class JaxField:
@@ -281,11 +289,11 @@ class _ReducedIron:
         self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
 
     def weights(self, currents: Any) -> Any:
-        """(coils + fields,): the currents (coils,), then those of the iron's fields."""
+        """(coils + fields,): the currents (coils,), then those of the iron's fields, then 1 for a background if any."""
         lax, jnp, model = self._jax.lax, self._jnp, self._model
         distances = (((currents - model.known_currents) / self._range) ** 2).sum(axis=1)
         nearest = lax.stop_gradient(jnp.asarray(model.known_amplitudes, currents.dtype)[distances.argmin()])
-        source = (model.source @ currents).reshape(-1, 3)
+        source = (model.source @ currents + (model.fixed if model.fixed.size else 0.0)).reshape(-1, 3)
 
         def solve_linear(of: Callable[[Any], Any], right: Any) -> Any:
             return jnp.linalg.solve(self._jax.jacfwd(of)(jnp.zeros_like(right)), right)
@@ -296,7 +304,8 @@ class _ReducedIron:
             lambda _, a: self._newton(a, source),
             solve_linear,
         )
-        return jnp.concatenate([currents, model.output @ amplitudes])
+        constant = jnp.ones(int(model.fixed.size > 0), currents.dtype)
+        return jnp.concatenate([currents, model.output @ amplitudes, constant])
 
     def _residual(self, a: Any, source: Any) -> tuple[Any, Any, Any, Any]:
         """R (r,); w m (p,), w (db/dh - b/h) / h^2 (p,) and h (p, 3), of which the tangent is made."""

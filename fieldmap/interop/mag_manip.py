@@ -125,8 +125,9 @@ def write_mag_manip(
 ) -> Path:
     """Write a map for mag_manip, on as many nodes as `sample_for_mag_manip` takes.
 
-    Raises InputError for a map of saturating iron without currents, because that model superposes its coils, for
-    currents that do not fit, and for a spacing that is not positive.
+    Raises InputError for a map of saturating iron without currents, because that model superposes its coils, for one
+    with a field that no current drives, which it cannot hold, for currents that do not fit, and for a spacing that is
+    not positive.
     """
     return sample_for_mag_manip(field, spacing, currents).write(path)
 
@@ -141,6 +142,11 @@ def sample_for_mag_manip(
     (n_coils,), A, the one field of these: the program's current is its factor. Raises InputError as `write_mag_manip`
     does.
     """
+    if field.fixed_sources:
+        must_hold = "must be a map of coils alone: mag_manip gives no field at zero currents"
+        received = f"a field that no current drives, of {', '.join(field.fixed_sources)}"
+        remedy = "add that field yourself, and write a map of the device without it"
+        raise InputError(Problem("sample_for_mag_manip(field)", must_hold, received, remedy))
     if currents is None and not field.proportional:
         must_hold = "must be given for a map of saturating iron: mag_manip adds the fields of coils"
         remedy = "give currents, or --currents on the command line"

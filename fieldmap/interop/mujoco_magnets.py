@@ -69,7 +69,10 @@ class MagnetForces:
     ) -> None:
         mujoco = require("mujoco", "mujoco", "MagnetForces")
         self._mujoco, self._field = mujoco, field
-        self._currents = np.array(coil_currents(currents, field.coil_names), dtype=np.float64)
+        amperes = np.array(coil_currents(currents, field.coil_names), dtype=np.float64)
+        # What the kernel takes: the currents, and 1 for a field that no current drives.
+        self._weights = np.append(amperes, np.ones(int(not field.proportional)))
+        self._currents = self._weights[: len(amperes)]
         self._offset = np.array(offset, dtype=np.float64)
         self._bodies: list[tuple[int, FiniteMagnet | Array]] = []
         for name, magnet in magnets.items():
@@ -174,7 +177,7 @@ class _Compiled:
         # Kept here because the task holds nothing but addresses.
         self._block = np.ascontiguousarray(block)
         self._dipoles, self._rows = np.reshape(np.array(dipoles, float), (-1, 6)), np.array(rows, np.int64)
-        self._place, self._origin, self._currents = np.zeros(3), magnets._offset.copy(), magnets._currents
+        self._place, self._origin, self._weights = np.zeros(3), magnets._offset.copy(), magnets._weights
         task = self._task = np.zeros(at.SIZE, np.int64)
         task[at.APPLY] = ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0
         data = mujoco.MjData(model)
@@ -182,14 +185,14 @@ class _Compiled:
             task[where] = _offset_of(data, array)
         for where, array in (
             (at.BLOCK, self._block),
-            (at.CURRENTS, self._currents),
+            (at.CURRENTS, self._weights),
             (at.DIPOLES, self._dipoles),
             (at.BODIES, self._rows),
             (at.PLACE, self._place),
             (at.ORIGIN, self._origin),
         ):
             task[where] = array.ctypes.data
-        task[at.BLOCK_SIZE], task[at.COILS] = len(self._block), len(self._currents)
+        task[at.BLOCK_SIZE], task[at.COILS] = len(self._block), len(self._weights)
         task[at.DIPOLE_COUNT], task[at.BODY_COUNT] = len(self._dipoles), len(self._rows)
         task[at.MUTUAL] = int(magnets._mutual)
         self._before = 0
@@ -236,7 +239,7 @@ def _callback() -> Any:
 
 def _kernel_block(field: FieldMap) -> Array | None:
     """Coefficients for the compiled kernels, or None where these do not give the field."""
-    if not field.proportional:
+    if not field.affine:
         return None
     try:
         return np.asarray(field.compiled()[1])

@@ -19,8 +19,9 @@ class Samples(Record):
     """A field on the nodes of a grid: at currents (n_coils,), A, or coil by coil where they are None.
 
     points (n, 3), m, z fastest; flux_density (n, 3), T, and gradient (n, 3, 3), T/m, at these currents; coil by coil
-    (n, n_coils, 3) and (n, n_coils, 3, 3) per ampere. reference (n_coils,), A: currents at which a map is stated, 1 for
-    any other field. title, device: what a map records, or "".
+    (n, n_coils, 3) and (n, n_coils, 3, 3) per ampere, and constant: B (n, 3) and gradient (n, 3, 3) with all currents
+    off, where something else makes a field, whose names are in fixed_sources. reference (n_coils,), A: currents at
+    which a map is stated, 1 for any other field. title, device: what a map records, or "".
     """
 
     coil_names: tuple[str, ...]
@@ -32,6 +33,8 @@ class Samples(Record):
     reference: Array
     title: str
     device: str
+    constant: tuple[Array, Array] | None = None
+    fixed_sources: tuple[str, ...] = ()
 
     @property
     def currents_in_words(self) -> str:
@@ -63,6 +66,9 @@ def sample(
         flux, slope = source.unit_field(points), source.unit_gradient(points)
     else:
         flux, slope = source.field_and_gradient(points, amperes)
+    constant = None
+    if amperes is None and not source.proportional:
+        constant = source.constant_field(points), source.constant_gradient(points)
     info = source.info if isinstance(source, FieldMap) else None
     return Samples(
         tuple(source.coil_names),
@@ -74,6 +80,8 @@ def sample(
         np.array(np.broadcast_to(1.0 if info is None else info.reference_current, len(source.coil_names))),
         "" if info is None else info.provenance.title,
         device if info is None else info.provenance.device_name,
+        constant,
+        () if info is None else info.fixed_sources,
     )
 
 

@@ -176,7 +176,7 @@ def lifted(
     """
     point = check_position(require_box(source), [0.0, 0.0, height], "the magnet's centre")
     first = 1.0
-    if source.is_map and not source.field.proportional:
+    if source.is_map and not source.field.affine:
         from fieldmap.lookup import FieldMap
 
         assert isinstance(source.field, FieldMap)

@@ -13,6 +13,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.device import recorded_device
 from fieldmap.device.measured import measured_on
 from fieldmap.device.model import Device, Payload
+from fieldmap.errors import OutsideMapError
 from fieldmap.io.field_source import existing_map
 from fieldmap.levitation.comparison import (
     ForceFit,
@@ -36,12 +37,14 @@ NO_SATURATION = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MiddleField(Record):
-    """Bz, T, and dBz/dz, T/m, in the middle of the box (3,), m: for 1 A in each coil alone and in all, or at the
-    reference currents of a map of saturating iron."""
+    """Bz, T, and dBz/dz, T/m, in the middle of the box (3,), m: of 1 A in each coil alone and in all, or at the
+    reference currents of a map of saturating iron; and without any current, where something else makes a field, whose
+    share the numbers of 1 A do not have."""
 
     at: Array
     Bz: tuple[float, ...]
     dBz_dz: tuple[float, ...]
+    without_currents: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,7 @@ class MapSummary(Record):
             device=record.device_name,
             created=record.created,
             coil_names=info.coil_names,
+            fixed_sources=info.fixed_sources,
             solver=record.solver_report,
             grid={"lower": grid.lower, "upper": grid.upper, "spacing": grid.spacing, "shape": grid.shape},
             reference_current=info.reference_current,
@@ -229,12 +233,28 @@ def middle_field(opened: FieldMap) -> MiddleField:
     centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
     alone = np.eye(len(opened.coil_names))
     saturating = opened.info.reduced_model is not None
+    off = _without_currents(opened, centre)
+    if not saturating and not opened.proportional:
+        flux = opened.unit_field(centre)[:, 2].tolist()
+        slope = opened.unit_gradient(centre)[:, 2, 2].tolist()
+        return MiddleField(centre, (*flux, sum(flux)), (*slope, sum(slope)), off)
     currents = [opened.info.reference_current] if saturating else [*alone, alone.sum(axis=0)]
     return MiddleField(
         centre,
         tuple(float(opened.field(centre[None, :], i)[0, 2]) for i in currents),
         tuple(float(opened.gradient(centre[None, :], i)[0, 2, 2]) for i in currents),
+        off,
     )
+
+
+def _without_currents(opened: FieldMap, point: Array) -> tuple[float, float] | None:
+    """Bz and dBz/dz with all currents off; None where nothing else makes a field, or the map does not know."""
+    if not opened.fixed_sources:
+        return None
+    try:
+        return float(opened.constant_field(point)[2]), float(opened.constant_gradient(point)[2, 2])
+    except OutsideMapError:
+        return None
 
 
 def _saturates(text: str) -> bool:

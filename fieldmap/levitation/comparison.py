@@ -71,7 +71,9 @@ def lift_by_height(
     """
     rows = []
     for reading, height in _heights(field, payload.magnet_offset, machine):
-        share = None if largest is None else _lift_share(field, payload, height, largest)
+        # Beside a field that no current drives, a negative current may lift, and some may lift less than none.
+        driven = not getattr(field, "fixed_sources", ())
+        share = _lift_share(field, payload, height, largest) if driven and largest is not None else None
         too_weak = share is not None and 0.0 < share < 1.0
         try:
             # From the largest current down: no step of the search leaves a field that holds the answer.

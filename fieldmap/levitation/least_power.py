@@ -14,7 +14,7 @@ from fieldmap.typing import Array
 _WEAKEST = 1e-3
 # Share of a wanted force that coils may leave or put elsewhere and still count as pushing that way.
 _LEFT = 0.1
-# Share of the largest current over which the force of saturating iron is differenced.
+# Share of the largest current over which the force of saturating iron is differenced; without any current, of 1 A.
 _CURRENT_STEP = 0.01
 
 
@@ -24,7 +24,7 @@ def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array)
     By central differences over 1 % of the largest current, which are exact for a field that is proportional to the
     currents, and of second order in the step where iron saturates.
     """
-    steps = _CURRENT_STEP * np.abs(currents).max() * np.eye(len(currents))
+    steps = _CURRENT_STEP * (float(np.abs(currents).max()) or 1.0) * np.eye(len(currents))
     at = point[None, :]
     force = [
         (field.gradient(at, currents + step)[0] - field.gradient(at, currents - step)[0]).T @ moment

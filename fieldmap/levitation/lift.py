@@ -75,10 +75,11 @@ def lift_current(
     field: any `fieldmap.field.Field` that has a box. position (3,): the magnet's centre, m, inside it. shares
     (n_coils,): current of each coil per ampere of common current; 1 in every coil unless given.
 
-    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md.
-    Any other is asked at some four currents, each near the last: at `first` (A, positive), then by proportion, then by
-    the secant, kept inside the bracket once there is one, until |F_z - m g| <= tolerance m g; on_state(common current
-    in A, F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart.
+    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md; of
+    one that adds what no current drives, i carries what that leaves of the weight, and may be zero or negative. Any
+    other is asked at some four currents, each near the last: at `first` (A, positive), then by proportion, then by the
+    secant, kept inside the bracket once there is one, until |F_z - m g| <= tolerance m g; on_state(common current in A,
+    F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart.
 
     Raises InputError for a payload, position, shares, first or tolerance that do not fit, OutsideMapError for a
     position or current beyond the field, Infeasible where the field does not lift, NotConverged after MAX_STATES.
@@ -95,6 +96,8 @@ def lift_current(
     point = check_position(require_bounds(source), position, "lift_current(position)")
     if source.proportional:
         return _by_proportion(source, carried, point, weights)
+    if source.affine:
+        return _beside_constant(source, carried, point, weights, first)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
 
@@ -134,6 +137,34 @@ def _by_proportion(field: Field, payload: Payload, point: Array, shares: Array) 
         field=field.field(point[None, :], current * shares)[0],
         assumptions=(
             "linear: field and force are proportional to the currents (no saturation)",
+            "the magnet is a vertical point dipole at its centre",
+        ),
+    )
+
+
+def _beside_constant(
+    field: Field, payload: Payload, point: Array, shares: Array, first: float
+) -> LiftCurrent:
+    """Of a field that is the sum of its coils' fields and a constant. first: the common current at which the moment
+    that is pulled up is chosen, as of saturating iron."""
+    off = field.constant_gradient(point[None, :])[0]
+    per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point[None, :])[0])
+    direction_of_lift(point, payload.moment, per_ampere)
+    direction = direction_of_lift(point, payload.moment, off + first * per_ampere)
+    up = np.array([0.0, 0.0, direction * payload.moment])
+    by_coils, without = dipole_force(up, per_ampere), dipole_force(up, off)
+    current = float((payload.mass * GRAVITY - without[2]) / by_coils[2])
+    at = Balance(field, current * shares, payload.mass, payload.moment, up)
+    return LiftCurrent(
+        current=current,
+        currents=current * shares,
+        position=point,
+        force=at.magnetic_force(point[None, :])[0],
+        force_per_ampere=by_coils,
+        stiffness=at.stiffness(point),
+        field=field.field(point[None, :], current * shares)[0],
+        assumptions=(
+            "linear: a field that no current drives, and fields in proportion to the currents (no saturation)",
             "the magnet is a vertical point dipole at its centre",
         ),
     )

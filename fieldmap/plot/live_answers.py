@@ -86,12 +86,17 @@ class LiveMap:
         return np.array([*(0.5 * (lower + upper))[:2], np.clip(height, lower[2], upper[2])])
 
     def _start(self, height: float) -> Array:
-        """The map's reference currents; in a linear map as many times as carries the weight at a height."""
+        """The map's reference currents; in a linear map as many times as carries the weight at a height, beside what no
+        current drives."""
         reference = np.array(self.field_map.info.reference_current, dtype=float)
         if self.field_map.info.reduced_model is not None:
             return reference
         slope = self.field_map.gradient(self._place(height), reference)[2, 2]
-        return reference * self.weight / (self._payload.moment * abs(slope)) if slope else reference
+        if self.field_map.proportional:
+            return reference * self.weight / (self._payload.moment * abs(slope)) if slope else reference
+        off = self.field_map.constant_gradient(self._place(height))[2, 2]
+        wanted = np.copysign(self.weight / self._payload.moment, slope)
+        return reference * (wanted - off) / (slope - off) if slope != off else reference
 
     def currents(self, values: ArrayLike) -> Array:
         """Currents (n_coils,), A, at the values of `controls`."""

@@ -26,7 +26,8 @@ def write_vti(
     field without nodes of its own needs. device: its name, where the field is no map that records it.
 
     At fixed currents the arrays are `B_T` (n, 3) and `gradB_T_per_m` (n, 9), otherwise `B_COIL_T_per_A` and
-    `gradB_COIL_T_per_m_A` of every coil. Lengths in m. The field data say which device, frame and currents it is.
+    `gradB_COIL_T_per_m_A` of every coil, and `B_no_current_T` and `gradB_no_current_T_per_m` of what no current drives,
+    if there is such a field. Lengths in m. The field data say which device, frame and currents it is.
     Raises InputError for currents that do not fit, for saturating iron without any, and for a path that does not end in
     .vti or cannot be written. The file appears complete or not at all.
     """
@@ -55,6 +56,9 @@ def map_image(
         for k, name in enumerate(samples.coil_names):
             image.point_data[f"B_{name}_T_per_A"] = flux[order, k]
             image.point_data[f"gradB_{name}_T_per_m_A"] = slope[order, k].reshape(-1, 9)
+        if samples.constant is not None:
+            image.point_data["B_no_current_T"] = samples.constant[0][order]
+            image.point_data["gradB_no_current_T_per_m"] = samples.constant[1][order].reshape(-1, 9)
     else:
         image.point_data["B_T"] = flux[order]
         image.point_data["gradB_T_per_m"] = slope[order].reshape(-1, 9)

@@ -120,12 +120,12 @@ def _machine_at_operating_point(
         superposes = not saturates(opened)
         field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)
         machine = machine_of(scenario, device, body, field, allocation)
-        return machine, _first_point(scenario, machine, guess)
+        return machine, _first_point(scenario, machine, opened, guess)
     currents, operating_point = guess, None
     for _ in range(12):
         field = linearised(opened, currents, keys.scale)
         machine = machine_of(scenario, device, body, field, allocation)
-        operating_point = _first_point(scenario, machine, currents)
+        operating_point = _first_point(scenario, machine, opened, currents)
         change = float(np.abs(operating_point.currents - currents).max())
         currents = operating_point.currents
         if change < 1e-6:
@@ -140,9 +140,12 @@ def _machine_at_operating_point(
     )
 
 
-def _first_point(scenario: Scenario, machine: Machine, currents: Array) -> OperatingPoint:
+def _first_point(scenario: Scenario, machine: Machine, opened: FieldMap, currents: Array) -> OperatingPoint:
     divided = isinstance(machine.allocation, ParametrisedAllocation)
     level = float(np.mean(currents) if divided else np.abs(currents).max())
+    if not divided and opened.fixed_sources:
+        lift = machine.allocation.voltages([1.0, 0.0, 0.0])
+        level = float(currents @ lift / (lift @ lift))
     guess = [level / machine.drive.amplifier.gain, 0.0, 0.0]
     return operating_point_at(scenario, machine, scenario.start_depth_mm, guess)
 

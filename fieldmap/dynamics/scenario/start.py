@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.currents import IndependentCurrents
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import (
     ControlAllocation,
@@ -107,12 +108,29 @@ def starting_currents(
         currents = _least_power(scenario, opened, body, point)
     if divided:
         return currents, lift_and_directions(scenario.contents.control.division_n)
+    if opened.fixed_sources:
+        return currents, _beside_constant(scenario, device, opened, body, point, currents)
     largest = float(np.abs(currents).max())
     gain = 1.0 if device.driver is None else device.driver.gain
     force = force_per_ampere(opened, body.magnet.moments.sum(axis=0), point, currents)
     allocation = least_power_allocation(force, currents / largest, largest / gain)
     _check_idle(scenario, allocation.idle)
     return currents, allocation
+
+
+def _beside_constant(
+    scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody, point: Array, currents: Array
+) -> ControlAllocation:
+    """The allocation where something that no current drives lifts, too: the currents that carry the body may be zero or
+    take away, so that its scale is that of the currents which would carry the weight alone."""
+    force = force_per_ampere(opened, body.magnet.moments.sum(axis=0), point, currents)
+    shares = lift_shares(force)
+    scale = scenario.contents.field.scale
+    largest = body.mass * body.gravity / float(scale * force[2] @ shares)
+    gain = 1.0 if device.driver is None else device.driver.gain
+    allocation = least_power_allocation(force, shares, largest / gain)
+    _check_idle(scenario, allocation.idle)
+    return allocation
 
 
 def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
@@ -126,7 +144,10 @@ def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: A
         raise Infeasible(
             scenario.error("start", found.must_hold, found.received, found.remedy).problems[0]
         ) from None
-    return np.asarray(shares * body.mass * body.gravity / (force[2] @ shares))
+    weight = body.mass * body.gravity
+    if opened.fixed_sources:
+        weight -= scenario.contents.field.scale * float(moment @ opened.constant_gradient(point)[:, 2])
+    return np.asarray(shares * weight / (force[2] @ shares))
 
 
 def _equal(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
@@ -134,8 +155,15 @@ def _equal(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) 
     coils, scale = len(opened.coil_names), scenario.contents.field.scale
     domain = division_domain(opened)
     levels = np.linspace(domain[0][0], domain[1][0], 9) if domain else np.linspace(0.3, 3.0, 10)
+    reduced = opened.info.reduced_model
+    if opened.fixed_sources and not domain and isinstance(opened.parametrisation, IndependentCurrents):
+        # What no current drives may lift enough by itself, or too much.
+        assert reduced is not None
+        levels = np.linspace(float(reduced.lower.max()), float(reduced.upper.min()), 25)
     moment, weight = body.magnet.moment * scale, body.mass * body.gravity
     lift = np.array([moment * opened.gradient(point, np.full(coils, i))[2, 2] for i in levels])
+    if opened.fixed_sources and lift[0] > lift[-1]:
+        levels, lift = levels[::-1], lift[::-1]
     if lift.max() < weight:
         share = f"{lift.max() / weight:.2g} of the weight at most"
         must = f"equal currents of {levels[0]:.3g} to {levels[-1]:.3g} A must carry the body at the start"

@@ -17,9 +17,10 @@ from fieldmap.kernels.map.lookup import superposed_at
 from fieldmap.kernels.map.map_block import INSIDE
 
 # Where things stand in a task: addresses of MuJoCo's model and of its function mj_applyFT; offsets in its data of the
-# pointers to xpos, xmat and qfrc_passive; address and size of the map's block, of the currents, of the dipoles (k, 6),
-# of the bodies; whether magnets act on each other; status of the first point that was not in the map, number of its
-# magnet, and address of three numbers for that point; address of the map's origin in the world (3).
+# pointers to xpos, xmat and qfrc_passive; address and size of the map's block, of the currents (and 1 for a field that
+# no current drives), of the dipoles (k, 6), of the bodies; whether magnets act on each other; status of the first point
+# that was not in the map, number of its magnet, and address of three numbers for that point; address of the map's
+# origin in the world (3).
 MODEL, APPLY, XPOS, XMAT, PASSIVE, BLOCK, BLOCK_SIZE, CURRENTS, COILS = range(9)
 DIPOLES, DIPOLE_COUNT, BODIES, BODY_COUNT, MUTUAL, STATUS, AT_FAULT, PLACE, ORIGIN, SIZE = range(9, 19)
 # Of BODIES (b, 4): number of the body in MuJoCo, its first dipole, the one after its last; its first degree of freedom

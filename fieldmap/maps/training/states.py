@@ -36,11 +36,17 @@ def sequence(domain: CurrentDomain, first: int, count: int) -> Array:
     return domain.parametrisation.within(domain.lower, domain.upper, spread[first : first + count])
 
 
-def training_signals(domain: CurrentDomain, count: int, images: Sequence[StateImage]) -> Array:
+def training_signals(
+    domain: CurrentDomain, count: int, images: Sequence[StateImage], off: bool = False
+) -> Array:
     """Signals (count, d) of the states to train on: `sequence`, but every fourth has the currents half way between its
     own and those of an image. There the iron's symmetric parts are magnetised alike, and the field may turn sharply
-    when the currents leave that plane; a sequence that fills the box meets no such place but its middle."""
+    when the currents leave that plane; a sequence that fills the box meets no such place but its middle. off: the
+    second is that without currents, if the domain has it and the first is another."""
     signals = sequence(domain, 0, count)
+    without = np.zeros(domain.parametrisation.coil_count)
+    if off and count > 1 and domain.holds(without) and domain.middle.any():
+        signals[1] = domain.parametrisation.nearest(without).values
     for k in range(_ON_MIRROR - 1, count, _ON_MIRROR):
         own = domain.parametrisation.currents(signals[k])
         others = [image.currents(own) for image in images]

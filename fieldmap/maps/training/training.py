@@ -118,18 +118,19 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     """States to train on, of a sequence that fills the domain; no more once the model has predicted the last of them as
     accurately as planned. They were not among those that it knew, so that they say how good it is."""
     plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
-    signals = training_signals(domain, plan.states, solving.solver.images)
+    off = bool(solving.solver.device.fixed_sources)
+    signals = training_signals(domain, plan.states, solving.solver.images, off)
     currents = domain.parametrisation.currents(signals)
     directions = [reaches(domain, values) for values in signals]
     needed = states_needed([], [], plan)
     first = solving.training([Wanted(0, currents[0], None, directions[0])], needed)[0]
     if first is not None:
         training.add(currents[0], first)
-    # The others begin from the one in the middle, if that carries any current, and follow its tangents.
+    # The others begin from the one in the middle, if there is any field in it, and follow its tangents.
     span = domain.upper - domain.lower
 
     def begin(k: int) -> Array | None:
-        if first is None or not currents[0].any():
+        if first is None or not (off or currents[0].any()):
             return None
         steps = (signals[k] - signals[0]) / (REACH * span)
         return np.asarray(first.potential + first.tangents @ steps)
