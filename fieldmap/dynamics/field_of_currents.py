@@ -25,11 +25,13 @@ FEWEST_CELLS = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldOfCurrents(Record):
-    """block: coefficients of the fields; numbers: how their weights follow the currents; assumptions."""
+    """block: coefficients of the fields; numbers: how their weights follow the currents; assumptions; constant: whether
+    something that no current drives makes a field, too."""
 
     block: Array
     numbers: Superposition
     assumptions: tuple[str, ...]
+    constant: bool = False
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
@@ -83,7 +85,7 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     """
     check_positive("superposed", scale=scale)
     _, block = field_map.compiled()
-    return FieldOfCurrents(block, _superposed(scale), _calibration(scale))
+    return FieldOfCurrents(block, _superposed(scale), _calibration(scale), bool(field_map.fixed_sources))
 
 
 def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> FieldOfCurrents:
@@ -96,7 +98,8 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
     block = tangent_block(field_map, amperes)
     about = ", ".join(f"{value:.3g}" for value in amperes)
     note = f"saturating iron, linearised about the currents {about} A"
-    return FieldOfCurrents(block, _superposed(scale), (note, *_calibration(scale)))
+    constant = bool(field_map.fixed_sources)
+    return FieldOfCurrents(block, _superposed(scale), (note, *_calibration(scale)), constant)
 
 
 def tabled(
@@ -111,7 +114,8 @@ def tabled(
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
     note = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
     numbers = Superposition(TABLED, float(scale), table.arrays)
-    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)))
+    constant = bool(field_map.fixed_sources)
+    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant)
 
 
 def _superposed(scale: float) -> Superposition:

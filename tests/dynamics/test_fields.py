@@ -167,3 +167,55 @@ def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_
         (tmp_path / f"{name}.toml").write_text(text)
         assert main(["simulate", str(tmp_path / f"{name}.toml"), "--map", str(tmp_path / "device.toml")]) == 1
     assert taken == [("solved", "loop_and_coarse_sphere"), ("solved", None)]
+
+
+def test_a_table_of_saturating_iron_has_the_background(saturating):
+    """The weight of a background is 1 in the table, beside the division and beyond it, too."""
+    from dataclasses import replace
+
+    from fieldmap.currents import divide_currents
+    from fieldmap.dynamics.field_of_currents import tabled
+    from fieldmap.kernels.motion.currents import find_weights
+    from fieldmap.lookup import interpolate
+    from fieldmap.store import MapData
+
+    plain = saturating()
+    info = plain.info
+    form = plain.at(np.full(6, 1.5))
+    points = info.grid.points()
+    clipped = np.clip(points, plain.lower, plain.upper)
+    shape = info.grid.shape
+    unit = [plain._evaluator.at(row) for row in np.eye(9)]
+    flux, slope = np.empty((10, len(points), 3)), np.empty((10, len(points), 3, 3))
+    for k, one in enumerate(unit):
+        one.field_and_gradient(clipped, np.ones((1, 1)), flux[k], slope[k])
+    flux[9], slope[9] = [1e-3, 2e-3, 3e-3], 0.0
+    model = info.reduced_model
+    fixed = np.tile([1e-3, 2e-3, 3e-3], len(model.weights))
+    data = MapData(
+        info.grid,
+        info.coil_names,
+        info.reference_current,
+        flux_density=flux.reshape(10, *shape, 3),
+        gradient=slope.reshape(10, *shape, 3, 3),
+        reduced_model=replace(model, fixed=fixed),
+        fixed_sources=("background",),
+        constant_field=True,
+    )
+    opened = interpolate(data, outside_currents="evaluate", tabulate_currents=True)
+    exact = interpolate(data, outside_currents="evaluate")
+    rng = np.random.default_rng(4)
+    inside = rng.uniform(plain.lower, plain.upper, (20, 3))
+    for u, x, y in ((1.5, 0.0, 0.0), (1.3, 0.2, -0.1), (2.6, 0.1, 0.0)):
+        currents = divide_currents(np.array([u]), np.array([x]), np.array([y]), 1.25)[0]
+        b = exact.field(inside, currents)
+        assert opened.field(inside, currents) == pytest.approx(b, abs=2e-3 * np.abs(b).max())
+        field = tabled(opened)
+        weights = np.empty(10)
+        find_weights(*field.numbers, currents, weights)
+        assert weights[9] == pytest.approx(1.0, abs=1e-13)
+    # The background magnetises the iron as well: the iron's weights are others than without.
+    currents = divide_currents(np.array([1.5]), np.array([0.0]), np.array([0.0]), 1.25)[0]
+    difference = exact.field(inside, currents) - plain.field(inside, currents)
+    assert np.abs(difference - [1e-3, 2e-3, 3e-3]).max() > 1e-6
+    assert form.coil_names == opened.coil_names

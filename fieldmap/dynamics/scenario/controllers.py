@@ -111,7 +111,9 @@ def _limits(keys: CoupledKeys | FeedforwardKeys, machine: Machine) -> tuple[Arra
     """Lowest and highest lift, V, x and y signals: as given, or what suits the allocation."""
     divided, amplifier = isinstance(machine.allocation, ParametrisedAllocation), machine.drive.amplifier
     lift, signal = (10.0, 0.4) if divided else (amplifier.largest_current / amplifier.gain, 1.0)
-    lower = [0.0, -signal, -signal] if keys.lower is None else keys.lower
+    # Beside what no current drives, the coils may have to take lift away.
+    least = -lift if machine.magnetic.constant and not divided else 0.0
+    lower = [least, -signal, -signal] if keys.lower is None else keys.lower
     upper = [lift, signal, signal] if keys.upper is None else keys.upper
     return np.array(lower), np.array(upper)
 
