@@ -45,7 +45,7 @@ def jax_field(field: FieldMap | MapAtCurrents) -> "JaxField":
     jax = require("jax", "jax", "jax_field")
     if isinstance(field, MapAtCurrents):
         return JaxField(jax, _Polynomials(jax, field.compiled()[1]), None, fixed=True)
-    weights = None
+    weights: Callable[[Any], Any] | None = None
     if saturates(field):
         assert field.info.reduced_model is not None
         weights = _ReducedIron(jax, field.info.reduced_model).weights

@@ -144,7 +144,7 @@ def _first_point(scenario: Scenario, machine: Machine, opened: FieldMap, current
     divided = isinstance(machine.allocation, ParametrisedAllocation)
     level = float(np.mean(currents) if divided else np.abs(currents).max())
     if not divided and opened.fixed_sources:
-        lift = machine.allocation.voltages([1.0, 0.0, 0.0])
+        lift = machine.allocation.voltages(np.array([1.0, 0.0, 0.0]))
         level = float(currents @ lift / (lift @ lift))
     guess = [level / machine.drive.amplifier.gain, 0.0, 0.0]
     return operating_point_at(scenario, machine, scenario.start_depth_mm, guess)
