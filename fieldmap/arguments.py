@@ -1,5 +1,7 @@
 """What functions ask of the numbers they are given: finite, positive, of a certain shape. Raises InputError."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 
 import numpy as np

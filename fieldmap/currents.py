@@ -11,6 +11,8 @@ class that derives from `CurrentParametrisation` and is decorated with `register
 Depends on: errors, arguments, kernels, numpy.
 """
 
+from __future__ import annotations
+
 import itertools
 import json
 from abc import ABC, abstractmethod

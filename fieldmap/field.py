@@ -24,6 +24,8 @@ A controller needs to know of a field, or of the map that holds it:
   that numba compiles, without Python objects.
 """
 
+from __future__ import annotations
+
 import functools
 import importlib
 from abc import ABC, abstractmethod

@@ -7,6 +7,8 @@ v (7,) = reference (3), measured position (3), 1; positions in m in the frame of
 (`simulate_loop`) and that of a magnet on a map (`fieldmap.dynamics.simulate_closed_loop`) take the same controllers.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -77,7 +79,7 @@ class Controller(Protocol):
         """None for a controller whose outputs go to the coils as they are; for one whose outputs are forces the
         `fieldmap.kernels.motion.inverse.Inverse` of a run that begins at a state (13,)."""
 
-    def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> "ControllerBlock":
+    def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
         """The one block, from what is seen to outputs, that it is about an operating point. sensed (3,), m: the sensed
         point there; stiffness (3, 3), N/m: minus the slope of the magnet's force by its place, per_output (3, m): by
         the outputs."""
@@ -113,7 +115,7 @@ class ControllerBlock(Record):
     def inverse(self, state: Array) -> None:
         """None: the outputs go to the coils as they are."""
 
-    def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> "ControllerBlock":
+    def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
         """Itself, everywhere."""
         return self
 

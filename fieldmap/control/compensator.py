@@ -1,5 +1,7 @@
 """Compensation of the dip in height when a body moves sideways: a short push of the vertical reference."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -4,6 +4,8 @@ Plain arrays, so that they go straight into scipy.signal or python-control: a tr
 denominator), highest power first, a state space is (A, B, C, D). `to_control` makes systems of python-control.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -45,7 +47,7 @@ class TransferFunction(NamedTuple):
         """Roots of the denominator."""
         return np.roots(self.denominator)
 
-    def to_control(self, Ts: float | None = None) -> "python_control.TransferFunction":
+    def to_control(self, Ts: float | None = None) -> python_control.TransferFunction:
         """A transfer function of python-control, in s, or in q with a sampling time Ts, s.
 
         Raises FieldmapError where python-control is not installed.
@@ -76,7 +78,7 @@ class StateSpace(NamedTuple):
         states: Sequence[str] | None = None,
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
-    ) -> "python_control.StateSpace":
+    ) -> python_control.StateSpace:
         """A state space of python-control, continuous, or sampled with a sampling time Ts, s; with names, if given.
 
         Raises FieldmapError where python-control is not installed.

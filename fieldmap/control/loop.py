@@ -6,6 +6,8 @@ product a sample, for many runs at once; the other one integrates a rigid body i
 samples and ends at events.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 

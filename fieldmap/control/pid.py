@@ -1,5 +1,7 @@
 """The sampled PID controller as it runs, and as a transfer function."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Linear plants of a levitated body about its equilibrium: from a map's forces, or from the lumped model."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -166,7 +168,7 @@ class MapPlant(Record):
         """All three axes: states x, y, z and their velocities, inputs the signals, outputs x, y, z."""
         return levitated_plant(self.mass, self.stiffness, self.force_per_signal, self.damping)
 
-    def to_control(self) -> "python_control.StateSpace":
+    def to_control(self) -> python_control.StateSpace:
         """`model` as a state space of python-control, with names. Raises FieldmapError where that is not installed."""
         axes = ("x", "y", "z")
         states = (*axes, *(f"velocity_{axis}" for axis in axes))

@@ -1,5 +1,7 @@
 """Optimal state feedback on estimated states, with an integrator and a term that carries the weight."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,6 +4,8 @@ C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans
 every integral here is a block of one exponential.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np

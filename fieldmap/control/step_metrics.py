@@ -1,5 +1,7 @@
 """What a step response is judged by: one definition, used everywhere."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A field that is everywhere and that nothing in the device drives: uniform, or with a uniform gradient."""
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
 

@@ -1,6 +1,7 @@
 """Base of the data classes that users make machines of: wrong arguments are told like wrong keys of a file."""
 
 import dataclasses
+import inspect
 from abc import ABCMeta
 from functools import cache
 from typing import Any
@@ -12,6 +13,9 @@ from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import closest
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+# As annotations, and as their texts.
+_ARRAYS = (Array, Array | None, "Array", "Array | None")
 
 
 class _TellsWrongArguments(ABCMeta):
@@ -27,6 +31,13 @@ class _TellsWrongArguments(ABCMeta):
             if not problems:
                 raise
             raise InputError(*problems) from error
+
+    @property
+    def __signature__(cls) -> inspect.Signature:
+        """What `help` and editors show: the arguments of the data class, not of the check in front of it."""
+        whole = inspect.signature(cls.__init__)
+        own = list(whole.parameters.values())[1:]
+        return whole.replace(parameters=own, return_annotation=inspect.Signature.empty)
 
 
 def _take_arrays(made: Any) -> None:
@@ -45,7 +56,7 @@ def _take_arrays(made: Any) -> None:
 
 @cache
 def _arrays_of(cls: type[Any]) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(cls) if field.type in (Array, Array | None))
+    return tuple(field.name for field in dataclasses.fields(cls) if field.type in _ARRAYS)
 
 
 def _problems(cls: type, arguments: tuple[Any, ...], named: dict[str, Any]) -> list[Problem]:

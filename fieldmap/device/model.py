@@ -3,6 +3,8 @@
 Made in Python or read from a file by `fieldmap.device.read_device`, a `Device` is checked by the same rules.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 from collections.abc import Mapping
@@ -187,7 +189,7 @@ class Device(Made):
         """All that was read to make it: the file, and name and text (or hash) of each that it names."""
         return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))
 
-    def replace(self, **changes: Any) -> "Device":
+    def replace(self, **changes: Any) -> Device:
         """The device with other values, checked anew; its text is that of `to_toml`. Sources of numbers that are gone
         go with them.
 

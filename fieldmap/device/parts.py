@@ -4,6 +4,8 @@ Coils and materials have folders of their own, `fieldmap.device.coils` and `fiel
 checked when a `Device` is made of the parts.
 """
 
+from __future__ import annotations
+
 import contextlib
 import math
 from collections.abc import Callable, Sequence
@@ -116,7 +118,7 @@ class Body(Movable, Made):
             self,
             name: str,
             material: str,
-            parts: "Shape | Part | Sequence[Shape | Part]",
+            parts: Shape | Part | Sequence[Shape | Part],
             mesh_size: float,
             edge_size: float | None = None,
         ) -> None: ...
@@ -126,7 +128,7 @@ class Body(Movable, Made):
         parts = tuple(Part(one) if isinstance(one, SHAPES) else one for one in given)
         object.__setattr__(self, "parts", parts)
 
-    def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> "Body":
+    def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Body:
         parts = tuple(
             replace(part, shape=_reflected(part.shape, mirror_axis), placement=change(part.placement))
             for part in self.parts

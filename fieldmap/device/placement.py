@@ -4,6 +4,8 @@ Things are moved, turned and mirrored by their keys, whether they stand in a fil
 same numbers to the last bit.
 """
 
+from __future__ import annotations
+
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,7 +36,7 @@ class Placement(Made):
     position: Array = field(default_factory=lambda: np.zeros(3))
     rotation: Array = field(default_factory=lambda: np.eye(3))
 
-    def keys(self) -> "PlacementKeys":
+    def keys(self) -> PlacementKeys:
         """The keys of a file that give this placement."""
         return PlacementKeys(
             position_mm=[in_unit(float(x), MILLI) for x in np.asarray(self.position)],

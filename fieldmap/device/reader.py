@@ -1,5 +1,7 @@
 """Read a device file and the material files that it names, check all of it, and make the frozen Device in SI units."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Mapping
 from pathlib import Path

@@ -4,6 +4,8 @@ By a current parametrisation, or by a matrix, which for any number of coils can 
 docs/theory/dynamics.md (47)..(49).
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 

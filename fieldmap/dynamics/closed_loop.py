@@ -4,6 +4,8 @@ The controller, the instruments and what a run records are those of `fieldmap.co
 same controllers on a linear plant.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

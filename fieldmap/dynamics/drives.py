@@ -1,5 +1,7 @@
 """Amplifiers and windings: from the controller's voltages to currents, as compiled loops take them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

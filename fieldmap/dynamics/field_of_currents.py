@@ -3,6 +3,8 @@
 Linear iron: the coils' fields. Saturating iron: linearised about currents, or a table over a current parametrisation.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

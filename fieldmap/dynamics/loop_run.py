@@ -1,5 +1,7 @@
 """A recorded closed-loop run, how it ended, and its signals as named arrays for files and tables."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A levitation machine as data: the field of the currents, body, coils, sensors, control allocation, surroundings."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions

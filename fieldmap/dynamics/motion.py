@@ -1,5 +1,7 @@
 """Motion at currents that do not change: by the compiled steps, and by an adaptive integrator that judges them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Protocol
 

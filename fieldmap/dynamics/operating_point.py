@@ -1,5 +1,7 @@
 """The operating point of a machine: the state and the outputs at which forces and torques balance."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product

@@ -1,5 +1,7 @@
 """A rigid body with a magnet in it, as data."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np

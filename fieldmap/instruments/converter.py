@@ -1,5 +1,7 @@
 """Analogue-to-digital and digital-to-analogue converters: their absolute accuracy, and what they make of a signal."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The frame of two crossed position sensors, and the frame of the machine."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A scanning position sensor with an analogue output."""
 
+from __future__ import annotations
+
 import warnings
 from dataclasses import dataclass
 

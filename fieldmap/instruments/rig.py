@@ -1,5 +1,7 @@
 """Instruments as blocks of a simulation: what the controller sees, and what current flows."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -13,6 +13,8 @@ Layout, in the byte order of the machine that writes:
         float64   the block of fieldmap.kernels.map.map_block
 """
 
+from __future__ import annotations
+
 import struct
 import zlib
 from os import PathLike

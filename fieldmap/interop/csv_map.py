@@ -6,6 +6,8 @@
 Lines that begin with # are remarks. Numbers are written so that they read back the same, to the last bit.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path

@@ -4,6 +4,8 @@ The unit is the C source fmu.c and fieldmap.h, which lie beside this module, com
 map's flat file as its resource: no Python at run time. Value references are positions in one array, see fmu.c.
 """
 
+from __future__ import annotations
+
 import os
 import platform
 import shutil
@@ -98,7 +100,7 @@ def write_fmu(
     field: FieldMap | MapAtCurrents,
     path: str | PathLike[str],
     magnet: FiniteMagnet | ArrayLike = (0.0, 0.0, 1.0),
-    body: "RigidBody | None" = None,
+    body: RigidBody | None = None,
     *,
     version: int = 2,
     binary: bool = True,
@@ -168,7 +170,7 @@ def _identifier(path: Path) -> str:
     return plain if plain[:1].isalpha() else f"fmu_{plain}"
 
 
-def _variables(coils: Sequence[str], middle: Array, body: "RigidBody | None") -> list[_Variable]:
+def _variables(coils: Sequence[str], middle: Array, body: RigidBody | None) -> list[_Variable]:
     def vector(
         first: int, name: str, causality: str, unit: str, about: str, start: ArrayLike | None = None
     ) -> list[_Variable]:
@@ -206,7 +208,7 @@ def _variables(coils: Sequence[str], middle: Array, body: "RigidBody | None") ->
     return found
 
 
-def _of_body(vector: Callable[..., list[_Variable]], body: "RigidBody") -> list[_Variable]:
+def _of_body(vector: Callable[..., list[_Variable]], body: RigidBody) -> list[_Variable]:
     zero = np.zeros(3)
     found = vector(_VELOCITY, "velocity", "output", "m/s", "of the body's centre", zero)
     found += vector(_ANGULAR, "angular_velocity", "output", "rad/s", "in the frame of the body", zero)
@@ -235,7 +237,7 @@ def _numbers_header(
     coils: int,
     magnet: FiniteMagnet,
     seat: Array,
-    body: "RigidBody | None",
+    body: RigidBody | None,
     variables: list[_Variable],
 ) -> str:
     """fmu_model.h: what fmu.c is compiled with; @TOKEN@ stands for the token."""

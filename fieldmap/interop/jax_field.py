@@ -4,6 +4,8 @@ The formulas are those of the compiled kernels: `fieldmap.kernels.map.cell_harmo
 recurrence of `fieldmap.kernels.map.solid_harmonics` for one polynomial of the whole box.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from math import prod
 from types import ModuleType
@@ -32,7 +34,7 @@ _of_cell: Callable[..., Any] = getattr(
 )
 
 
-def jax_field(field: FieldMap | MapAtCurrents) -> "JaxField":
+def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     """The field of an opened map as pure functions for JAX.
 
     field: a map opened with kind="harmonic" or "global", or one at fixed currents, `m.at(currents)`, whose functions
@@ -72,7 +74,7 @@ class JaxField:
     def __init__(
         self,
         jax: ModuleType,
-        polynomials: "_Polynomials",
+        polynomials: _Polynomials,
         weights: Callable[[Any], Any] | None,
         fixed: bool = False,
     ) -> None:
@@ -433,7 +435,7 @@ class JaxEvaluator:
             slope[:] = whole
         return outside
 
-    def at(self, weights: Array) -> "JaxEvaluator":
+    def at(self, weights: Array) -> JaxEvaluator:
         """See `fieldmap.lookup.Evaluator`."""
         return self if self._fixed is not None else JaxEvaluator(self._form, np.array(weights))
 

@@ -7,6 +7,8 @@ The motion is that of `fieldmap.dynamics`, a compiled call a step. Without a map
 iron in a ring above a magnet of 11 g.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from importlib import import_module
 from os import PathLike

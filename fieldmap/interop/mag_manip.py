@@ -18,6 +18,8 @@ in the wheel mag_manip 3.0.0:
   (interpolate_regular.h:153, interpolate_regular.cpp:77), so the faces are rounded outwards.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike

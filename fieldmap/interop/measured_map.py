@@ -5,6 +5,8 @@ Without currents and iron in the box the field of every coil is the gradient of 
 the gradient that was not measured.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Measured flux densities: a table of places, currents and readings, and its CSV file."""
 
+from __future__ import annotations
+
 import contextlib
 import csv
 import math

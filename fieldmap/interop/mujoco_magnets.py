@@ -5,6 +5,8 @@ Where the map allows, the callback is compiled: MuJoCo calls it without Python. 
 to version, so where its data keeps an array is found by looking for the address that its Python binding tells.
 """
 
+from __future__ import annotations
+
 import ctypes
 from collections.abc import Mapping
 from functools import cache
@@ -138,7 +140,7 @@ class MagnetForces:
         if self._error is not None:
             raise self._error
 
-    def __enter__(self) -> "MagnetForces":
+    def __enter__(self) -> MagnetForces:
         self._error = None
         self._before = self._mujoco.get_mjcb_passive()
         if self._compiled is None:

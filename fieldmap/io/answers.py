@@ -1,5 +1,7 @@
 """What is asked of a named field: B at points with force and torque, where a magnet floats, what current lifts it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, cast, get_args

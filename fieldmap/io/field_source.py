@@ -1,5 +1,7 @@
 """From a name to a field: what lies behind it, read and checked before anything is solved."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -140,7 +142,7 @@ def find_source(
 
 def solve_device(
     device: Device, options: IronOptions, progress: Progress | None = None
-) -> "LinearSolution | NonlinearSolver":
+) -> LinearSolution | NonlinearSolver:
     """The field of a device: its linear solution, or a solver of states. Raises InputError and GeometryError."""
     # Attributes of the package, so that a test or a program may replace them.
     from fieldmap import iron

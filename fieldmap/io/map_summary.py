@@ -1,5 +1,7 @@
 """What a map file holds: device, grid, field in the middle, how exact it is, and what it says beside measurements."""
 
+from __future__ import annotations
+
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """Linear iron that carries more than iron can: a linear solution knows no saturation, so somebody must look."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """What a designer asks of a machine at given currents: windings, inductances, forces, flux densities, heat."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """What a solved state rests on, in words: assumptions, iron beyond saturation, iron beyond its B-H law."""
 
+from __future__ import annotations
+
 from fieldmap.device.model import Device
 from fieldmap.field import FieldAtCurrents
 from fieldmap.iron.beyond_saturation import bodies_beyond_saturation

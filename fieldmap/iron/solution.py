@@ -5,6 +5,8 @@ or has hysteresis (`HysteresisSolver.step`): fields, flux densities, forces, sec
 gradients G[..., i, j] = dB_i/dx_j in T/m, points (n, 3) or (3,) in m, global frame.
 """
 
+from __future__ import annotations
+
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -249,7 +251,7 @@ class LinearSolution(BaseField):
         constant = " and ".join(name for name, there in fixed if there)
         return (*coils, constant) if constant else coils
 
-    def at(self, currents: Currents) -> "LinearState":
+    def at(self, currents: Currents) -> LinearState:
         """The state at these currents. Raises InputError for currents that do not fit the coils."""
         amperes = np.array(coil_currents(currents, self.coil_names))
         weights = np.append(amperes, 1.0) if self.has_constant else amperes

@@ -3,6 +3,8 @@
 docs/theory/equilibrium.md. SI units, frame of the field.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

@@ -1,5 +1,7 @@
 """The place of a levitated magnet followed in a parameter: current ratio, control signal, depth, current level."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -157,7 +159,7 @@ def equilibrium_at(
     raise NoEquilibrium(Problem(where, f"{what} must vanish near", received, remedy))
 
 
-def _square(along: "_Along", q: Array) -> Array:
+def _square(along: _Along, q: Array) -> Array:
     """Derivative of the residual by the unknowns: by place from the stiffness, by level from a difference."""
     if not along.hold_height:
         return along.slope(q, 0.0)

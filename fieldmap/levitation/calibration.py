@@ -3,6 +3,8 @@
 What is fitted is said by name, with its covariance and the readings before and after; docs/theory/equilibrium.md (15).
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

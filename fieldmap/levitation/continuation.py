@@ -4,6 +4,8 @@
    Theory (ed. P. H. Rabinowitz), Academic Press, 1977, 359-384.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

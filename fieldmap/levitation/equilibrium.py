@@ -1,5 +1,7 @@
 """The point at which the magnetic force carries the weight: search and result (docs/theory/equilibrium.md)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 

@@ -1,5 +1,7 @@
 """Functions of earlier versions, which fields of every kind have replaced. They warn, and go with the next release."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

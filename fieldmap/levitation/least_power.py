@@ -1,6 +1,8 @@
 """Currents of least power that lift a magnet, or push it along one axis and nowhere else: docs/theory/dynamics.md (47),
 (48)."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

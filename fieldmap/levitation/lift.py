@@ -1,5 +1,7 @@
 """The current that carries the weight at a given point."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,5 +1,7 @@
 """How far an equilibrium moves with each coil's current: the implicit function theorem."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import Any
 

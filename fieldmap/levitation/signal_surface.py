@@ -1,5 +1,7 @@
 """Where a magnet comes to rest over two direction signals."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """All points of a horizontal window at which the horizontal force on a magnet vanishes, and a count that says so."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 

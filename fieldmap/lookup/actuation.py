@@ -4,6 +4,8 @@ docs/theory/actuation.md. Rows are components, columns coils; for fields that ar
 one that no current drives, whose share is the matrix's `constant`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,7 +57,7 @@ class Actuation(Record):
         """How many independent combinations of the rows the currents command."""
         return self.matrix.shape[1] - self.null_space.shape[1]
 
-    def largest(self, directions: ArrayLike, limits: "Limits") -> Array:
+    def largest(self, directions: ArrayLike, limits: Limits) -> Array:
         """Largest component (k,) along directions (k, rows) that currents within the limits give.
 
         The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix, and direction .

@@ -1,5 +1,7 @@
 """From currents to the weights of a map's fields, where the iron saturates: Newton's method on the reduced model."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,7 +41,7 @@ class _Path:
         continued(currents, self.currents, self.amplitudes, weights, nodes, start)
         return start, self.factor.copy()
 
-    def further(self, currents: Array, amplitudes: Array, factor: Array) -> "_Path":
+    def further(self, currents: Array, amplitudes: Array, factor: Array) -> _Path:
         """With one state more."""
         kept = 1 - _PASSED
         return _Path(

@@ -1,5 +1,7 @@
 """Weights of a saturating map's fields over the signals of a current division, tabulated: microseconds, not Newton."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

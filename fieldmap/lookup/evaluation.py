@@ -4,6 +4,8 @@ An `Evaluator` turns coefficients, points and weights into fields; `CompiledEval
 it shapes are checked, batches are shared among threads, and points outside the box become an error.
 """
 
+from __future__ import annotations
+
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -66,7 +68,7 @@ class Evaluator(Protocol):
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
         """flux (n, n_fields, 3) and slope (n, n_fields, 3, 3) of every field at weight 1, or (n, n_fields, 0, 0)."""
 
-    def at(self, weights: Array) -> "Evaluator":
+    def at(self, weights: Array) -> Evaluator:
         """The sum of the fields at weights (n_fields,), an evaluator of one field whose weight is 1."""
 
     def one_point(self) -> tuple[Callable[..., int], Any]:
@@ -99,7 +101,7 @@ class CompiledEvaluator:
         """See `Evaluator`."""
         return int(kernels.evaluate_units(self._unit, points, flux, slope))
 
-    def at(self, weights: Array) -> "ContractedEvaluator":
+    def at(self, weights: Array) -> ContractedEvaluator:
         """See `Evaluator`."""
         block = contract(self._unit, weights, set_size(self._unit))
         own = self._potential_unit is self._unit
@@ -140,7 +142,7 @@ class ContractedEvaluator:
         """See `Evaluator`."""
         return self.field_and_gradient(points, _ONE, flux[:, 0], slope[:, 0])
 
-    def at(self, weights: Array) -> "ContractedEvaluator":
+    def at(self, weights: Array) -> ContractedEvaluator:
         """See `Evaluator`: there is nothing left to sum."""
         return self
 
@@ -333,7 +335,7 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         """The field as a magpylib source, NaN outside the map: see `fieldmap.field.BaseFieldAtCurrents.as_magpylib`."""
         return magpylib_source(self, self.bounds, self.outlines, **options)
 
-    def outlines(self) -> "tuple[Outline, ...]":
+    def outlines(self) -> tuple[Outline, ...]:
         """The box of the map."""
         from fieldmap.device.drawing import box_outline
 

@@ -1,5 +1,7 @@
 """Opened maps: field, gradient and wrench at any point of a map, for any currents."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import cached_property
 from os import PathLike
@@ -267,7 +269,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
             self._last = (key, fixed)
         return fixed
 
-    def outlines(self) -> "tuple[Outline, ...]":
+    def outlines(self) -> tuple[Outline, ...]:
         """The box of the map; windings and iron, as convex shapes, of the device that the map was made of."""
         from fieldmap.device.drawing import body_outlines, box_outline, winding_outline
         from fieldmap.device.reader import recorded_device
@@ -421,7 +423,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         about = (self._evaluator, self.coil_names, self._model)
         return currents_of_model(*about, position, demand, limits, weight, start)
 
-    def to_xarray(self, currents: Any = None) -> "xarray.Dataset":
+    def to_xarray(self, currents: Any = None) -> xarray.Dataset:
         """B and gradient on the nodes, with coordinates, units and attributes: an xarray.Dataset.
 
         At currents (n_coils,), A: `flux_density` (x, y, z, component), T, `gradient` (x, y, z, component, direction) =

@@ -6,6 +6,8 @@ about the magnet's centre. A uniformly magnetised sphere is a point dipole exact
 over balls are their values at the centre; cylinders and blocks take products of Gauss rules, as fine as the field asks.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any

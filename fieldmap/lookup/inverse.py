@@ -1,5 +1,7 @@
 """What is asked of the currents at a place, as rows on flux density and gradient."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -6,6 +6,8 @@ gives (that of a background is 1); what is here are these weights, their slopes,
 touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f - J_f . i0) B_f.
 """
 
+from __future__ import annotations
+
 from weakref import WeakKeyDictionary
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Force on a soft iron sphere in any field: induced dipole and quadrupole."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

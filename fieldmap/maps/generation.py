@@ -1,5 +1,7 @@
 """From a recipe to a map file: check, solve, evaluate part by part, bound the error, write."""
 
+from __future__ import annotations
+
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence

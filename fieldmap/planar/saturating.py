@@ -1,5 +1,7 @@
 """A planar device with saturating iron at given currents: the energy of its triangles, and Newton's method."""
 
+from __future__ import annotations
+
 import time
 from dataclasses import dataclass
 
@@ -216,7 +218,7 @@ class PlanarState(PlanarFieldAtCurrents):
     potential: Array
     report: PlanarReport
 
-    def at(self, currents: Currents) -> "PlanarState":
+    def at(self, currents: Currents) -> PlanarState:
         """This state. Raises InputError for other currents than its own."""
         if not np.array_equal(planar_currents(self.device, currents), self.currents):
             raise InputError(

@@ -1,5 +1,7 @@
 """Solved planar devices: the field at fixed currents, and the solution that is linear in them."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -89,7 +91,7 @@ class PlanarSolution(Record):
         """Names in current order."""
         return self.device.coil_names
 
-    def at(self, currents: Currents) -> "LinearPlanarState":
+    def at(self, currents: Currents) -> LinearPlanarState:
         """The field at these currents. Raises InputError for currents that do not fit the coils."""
         return LinearPlanarState(self.device, planar_currents(self.device, currents), self)
 

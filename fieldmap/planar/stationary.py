@@ -1,5 +1,7 @@
 """Where the horizontal force on a lifted vertical dipole vanishes: all such points of a window, at one height."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """The field of coils alone: no iron, every coil's field proportional to its current."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Flux density and gradient of a device's coils, per ampere: checked input, placement, turns, polarity."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

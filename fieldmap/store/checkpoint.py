@@ -15,6 +15,8 @@ follows and its lengths, then key, `about` and the names, types and shapes of th
 piece is on the disk before `put` returns. One that a kill has cut, or whose SHA-256 is another, counts as absent.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 import os
@@ -95,7 +97,7 @@ class Checkpoint:
             self._file.close()
             raise
 
-    def __enter__(self) -> "Checkpoint":
+    def __enter__(self) -> Checkpoint:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,5 +1,7 @@
 """The archive of states that `fieldmap.store.Checkpoint` has replaced. It warns, and goes with the next release."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +41,7 @@ class StateArchive:
         self.path = Path(path)
         self._checkpoint = Checkpoint(path, fingerprint)
 
-    def __enter__(self) -> "StateArchive":
+    def __enter__(self) -> StateArchive:
         return self
 
     def __exit__(self, *_: object) -> None:

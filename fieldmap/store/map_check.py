@@ -1,5 +1,7 @@
 """Everything that can be verified about a map file without what made it; all problems at once."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field

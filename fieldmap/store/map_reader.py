@@ -4,6 +4,8 @@ What is taken from a file are objects at hard links and arrays that are wholly i
 nothing else. All of it is checked before memory is asked for or a number is read.
 """
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Iterator

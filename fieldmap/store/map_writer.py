@@ -3,6 +3,8 @@
 The file is written whole, to another name first. Until then chunks lie in a `Checkpoint` beside it, TARGET.partial.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -138,7 +140,7 @@ class MapWriter:
         self.chunks = chunks_of(info.grid)
         self.resumed = len(self.chunks) - len(self.missing)
 
-    def __enter__(self) -> "MapWriter":
+    def __enter__(self) -> MapWriter:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,5 +1,7 @@
 """Saturating iron on few modes, as data: what a map needs to turn currents into weights of its fields."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, fields
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Recorded runs of a simulation as HDF5: one group a run, arrays with units, and how each run ended."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Iterable, Mapping

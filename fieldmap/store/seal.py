@@ -5,6 +5,8 @@ anywhere. So nothing is opened that is not, byte for byte, what was written. Oth
 stands behind the end of an HDF5 file is not read. One that changes the file cuts the seal off.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 from pathlib import Path

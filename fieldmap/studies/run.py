@@ -1,5 +1,7 @@
 """Solve all variants of a study and write its data set, with what earlier runs have done."""
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any

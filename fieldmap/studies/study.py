@@ -1,5 +1,7 @@
 """A study as data: variants of a device, sets of currents, and what is recorded of each."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from pathlib import Path

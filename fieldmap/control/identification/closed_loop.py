@@ -4,6 +4,8 @@ The loop is u = C (r - y), y = P u + noise; y is what the sensor says. Three way
 with the controller known (indirect), from r, u and y without it (two-stage).
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter

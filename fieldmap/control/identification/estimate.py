@@ -1,5 +1,7 @@
 """The structure of a model that is to be identified."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

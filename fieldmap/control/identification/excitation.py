@@ -1,5 +1,7 @@
 """Pseudo-random binary signals: maximal length shift registers of any order."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import max_len_seq

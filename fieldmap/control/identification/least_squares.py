@@ -1,5 +1,7 @@
 """Least squares on records of input and output, plain and modified: docs/theory/identification.md (3), (5), (6)."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,5 +1,7 @@
 """Units in the headings of CSV columns."""
 
+from __future__ import annotations
+
 import csv
 import math
 import re
@@ -87,7 +89,7 @@ class Log(Record):
         count = len(next(iter(self.signals.values())))
         return self.start + self.Ts * np.arange(count, dtype=np.float64)
 
-    def deviations(self, *, rest: int) -> "Log":
+    def deviations(self, *, rest: int) -> Log:
         """The same record from the mean of its first `rest` samples, in which the rig must be at rest."""
         count = self.time.size
         if not 1 <= rest < count:

@@ -1,5 +1,7 @@
 """Estimators that model the noise as well: generalised least squares and ARMAX."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

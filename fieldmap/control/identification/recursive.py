@@ -1,5 +1,7 @@
 """Recursive least squares: an estimate after every sample, in compiled code."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

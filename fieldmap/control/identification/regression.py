@@ -8,6 +8,8 @@ solved by rotations of the columns beside y: no normal equations, whose conditio
 large already for poles near q = 1. Arrays are (runs, samples).
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np

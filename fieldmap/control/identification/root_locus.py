@@ -1,5 +1,7 @@
 """Closed-loop poles over the controller's gain, each followed along its branch."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any

@@ -1,5 +1,7 @@
 """First and second order models from step responses, and metrics of noisy ones."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

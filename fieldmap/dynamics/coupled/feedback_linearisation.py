@@ -1,5 +1,7 @@
 """Feedback linearisation: a regulator of a free mass whose forces the inverse map makes: theory/dynamics.md (44)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

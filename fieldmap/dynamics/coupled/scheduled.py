@@ -1,5 +1,7 @@
 """One controller made of several over the height of the reference, between which it is linear."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

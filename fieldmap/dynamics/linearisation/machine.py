@@ -1,5 +1,7 @@
 """The motion of a machine, linear about an operating point: docs/theory/dynamics.md (31)..(33)."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -75,14 +77,14 @@ class LinearMachine(Record):
         """(A, B, C, D), as fieldmap.control and scipy.signal take them."""
         return StateSpace(self.A, self.B, self.C, self.D)
 
-    def to_control(self) -> "python_control.StateSpace":
+    def to_control(self) -> python_control.StateSpace:
         """A state space of python-control with the names of states, inputs and outputs: u to y, without the loads w.
 
         Raises FieldmapError where python-control is not installed.
         """
         return self.model.to_control(None, self.states, self.inputs, self.outputs)
 
-    def only(self, names: tuple[str, ...]) -> "LinearMachine":
+    def only(self, names: tuple[str, ...]) -> LinearMachine:
         """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
         names = tuple(_current_name(name) for name in names)
         for name in names:

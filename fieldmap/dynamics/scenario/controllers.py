@@ -1,5 +1,7 @@
 """Controllers of a scenario, one for each axis or one for all, and feed-forward."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Map, device and machine of a scenario: field, body, coils, sensors, surroundings."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Where a scenario begins: the magnet's place, the currents that carry it, the operating point at a depth."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

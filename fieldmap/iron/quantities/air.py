@@ -1,5 +1,7 @@
 """Points: which element contains them, those in the air, and means over a body."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,5 +1,7 @@
 """Forces and torques on bodies and coils, and the connected pieces of iron on which a force is defined."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -78,7 +80,7 @@ class _Share:
     coils: Mask
     faces: Mask
 
-    def others(self) -> "_Share":
+    def others(self) -> _Share:
         return _Share(~self.coils, ~self.faces)
 
 

@@ -1,5 +1,7 @@
 """Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -132,7 +134,7 @@ class HysteresisSolver:
             lambda x: unit_flux_densities(coils, x), self._mesh.symmetry
         )
 
-    def with_pinning(self, pinning: Pinning) -> "HysteresisSolver":
+    def with_pinning(self, pinning: Pinning) -> HysteresisSolver:
         """The same device and mesh with other pinning."""
         other = object.__new__(HysteresisSolver)
         other.device, other.pinning = self.device, pinning
@@ -140,7 +142,7 @@ class HysteresisSolver:
         other._notes = self._notes
         return other
 
-    def pinned(self, pinning: Pinning) -> "HysteresisSolver":
+    def pinned(self, pinning: Pinning) -> HysteresisSolver:
         """Old name of `with_pinning`."""
         warn_renamed("HysteresisSolver.pinned", "HysteresisSolver.with_pinning")
         return self.with_pinning(pinning)

@@ -1,5 +1,7 @@
 """A device with linear iron, solved for one ampere in every coil, and for what no current drives."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Saturating iron: a device meshed once, and its states at given currents."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -141,7 +143,7 @@ class NonlinearSolver(BaseField):
         self,
         currents: Currents,
         tolerance: float = 1e-3,
-        start: "NonlinearSolution | Array | None" = None,
+        start: NonlinearSolution | Array | None = None,
     ) -> NonlinearSolution:
         """A new state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
         (n,)) or from zero; not kept for `at`.
@@ -291,7 +293,7 @@ class NonlinearSolver(BaseField):
         return Complement(self._iron)
 
     @cached_property
-    def _coarser(self) -> "NonlinearSolver":
+    def _coarser(self) -> NonlinearSolver:
         return NonlinearSolver(self.device, self._refinement / _COARSER, symmetry=self._symmetry)
 
     def _report(

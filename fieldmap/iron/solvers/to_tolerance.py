@@ -1,5 +1,7 @@
 """Linear iron on a mesh that is refined until the estimated error is small enough."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -133,7 +135,7 @@ class Level(Record):
         points: Array,
         tolerance: float,
         stages: Stages,
-    ) -> "Level":
+    ) -> Level:
         """Solve for all sources in both forms, or in the flux form alone where there are flux barriers."""
         names = ("potential", "flux") if chosen_form("auto", properties) == "potential" else ("flux",)
         forms = tuple(form_on(iron, name) for name in names)

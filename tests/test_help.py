@@ -1,0 +1,42 @@
+"""What `help` and editors show of the public functions: names of arguments and types as people write them."""
+
+import inspect
+from dataclasses import fields, is_dataclass
+
+import pytest
+
+import fieldmap as fm
+from fieldmap.iron import LinearSolution, NonlinearSolver
+from fieldmap.lookup import FieldMap
+from fieldmap.sources import CoilSet
+
+LONGEST = 700
+
+
+def signatures():
+    for name in fm.__all__:
+        one = getattr(fm, name)
+        if callable(one) and not inspect.isabstract(one):
+            yield name, one
+    for one in (FieldMap, LinearSolution, NonlinearSolver, CoilSet, fm.Device, fm.Body):
+        for name, method in inspect.getmembers(one, inspect.isfunction):
+            if not name.startswith("_"):
+                yield f"{one.__name__}.{name}", method
+
+
+@pytest.mark.parametrize(
+    ("name", "one"), [*signatures()], ids=lambda value: value if isinstance(value, str) else ""
+)
+def test_a_signature_is_read_in_one_glance(name, one):
+    text = str(inspect.signature(one))
+    assert len(text) <= LONGEST
+    assert "_typing" not in text
+    assert "*arguments" not in text
+    assert inspect.getdoc(one)
+
+
+@pytest.mark.parametrize("name", [name for name in fm.__all__ if is_dataclass(getattr(fm, name))])
+def test_a_part_of_a_machine_shows_its_dimensions(name):
+    one = getattr(fm, name)
+    if not inspect.isabstract(one):
+        assert list(inspect.signature(one).parameters) == [field.name for field in fields(one) if field.init]
