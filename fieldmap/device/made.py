@@ -35,7 +35,7 @@ class _TellsWrongArguments(ABCMeta):
     @property
     def __signature__(cls) -> inspect.Signature:
         """What `help` and editors show: the arguments of the data class, not of the check in front of it."""
-        whole = inspect.signature(cls.__init__)
+        whole = inspect.signature(cls.__init__)  # type: ignore[misc]
         own = list(whole.parameters.values())[1:]
         return whole.replace(parameters=own, return_annotation=inspect.Signature.empty)
 
