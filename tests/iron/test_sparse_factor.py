@@ -92,6 +92,7 @@ def test_sums_over_elements_are_those_of_dense_matrices():
         vector[numbers] += part
     entries = sums.entries(matrices)
     assert sums.matrix(entries).toarray() == pytest.approx(dense, rel=1e-14)
+    assert (np.diff(sums.matrix(entries).tocoo().coords[0] * 12 + sums.matrix(entries).indices) > 0).all()
     assert sums.vector(vectors) == pytest.approx(vector, rel=1e-14)
     assert entries[sums.diagonal] == pytest.approx(np.diag(dense), rel=1e-14)
     assert sums.entries_of(sums.matrix(entries)) == pytest.approx(entries, rel=0)

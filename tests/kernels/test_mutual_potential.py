@@ -56,3 +56,17 @@ def test_scales_with_inverse_length():
     points, nodes = square(2)
     small, large = faces_of(points, nodes), faces_of(10 * points, nodes)
     assert large.mutual_potential() * 10 == pytest.approx(small.mutual_potential(), rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0])
+def test_far_pairs_are_the_sum_over_their_points_to_thirteen_digits(size):
+    """Three points of each triangle, whose distances are inverted in single precision and then corrected."""
+    rng = np.random.default_rng(5)
+    centres = size * 40 * rng.permutation(40)[:, None] * [1.0, 0.3, 0.2]
+    points = (centres[:, None] + size * rng.random((40, 3, 3))).reshape(-1, 3)
+    faces = faces_of(points, np.arange(120).reshape(40, 3))
+    at = faces.rule_points(2)[0]
+    off = ~np.eye(40, dtype=bool)
+    distance = np.linalg.norm(at[:, None, :, None] - at[None, :, None, :], axis=-1)[off]
+    exact = (1 / distance).mean(axis=(1, 2)) / (4 * np.pi)
+    np.testing.assert_allclose(faces.mutual_potential()[off], exact, rtol=2e-13)

@@ -16,6 +16,7 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.mesh.chamber import MeshSymmetry
+from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.kernels.iron import quadratic_potential as kernel
@@ -69,7 +70,7 @@ class NodalElements(Record):
         """Number the nodes of a mesh."""
         corner_count = len(mesh.points)
         ends = np.sort(mesh.tets[:, _PAIRS].reshape(-1, 2), axis=1)
-        edges, number = np.unique(ends, axis=0, return_inverse=True)
+        edges, _, number, _ = distinct_rows(ends)
         nodes = np.column_stack([mesh.tets, corner_count + number.reshape(-1, 6)])
         triangles = faces.nodes[faces.surface]
         sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]], axis=2)

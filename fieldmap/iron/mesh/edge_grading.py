@@ -11,6 +11,7 @@ so neighbours agree without being asked.
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.typing import Index
 
 Points = NDArray[np.float64]
@@ -41,8 +42,8 @@ def sharp_edges(points: Points, tets: Index, candidates: Index, midpoints: tuple
     coarse polygon is kinked where the surface is smooth; parabolas through the midpoints are not.
     """
     faces = np.sort(tets[:, _OPPOSITE_FACES].reshape(-1, 3), axis=1)
-    faces, count = np.unique(faces, axis=0, return_counts=True)
-    faces = faces[count == 1]
+    found = distinct_rows(faces)
+    faces = found.rows[found.count == 1]
     sides = faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
     opposite = faces[:, [2, 1, 0]].ravel()
     key = _key(sides, len(points))
@@ -54,7 +55,7 @@ def sharp_edges(points: Points, tets: Index, candidates: Index, midpoints: tuple
     kinked = sides[pair[cosine < np.cos(_SHARP_ANGLE)]]
     wanted = np.sort(candidates, axis=1)
     is_candidate = np.isin(_key(kinked, len(points)), _key(wanted, len(points)))
-    return np.unique(kinked[is_candidate], axis=0)
+    return distinct_rows(kinked[is_candidate]).rows
 
 
 def _leaving(points, sides, opposite, midpoints):
@@ -108,7 +109,7 @@ def _edges_too_thick(points, tets, sharp, layer, ratio):
     """
     singular = np.zeros(len(points), bool)
     singular[sharp] = True
-    ends = np.unique(np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1), axis=0)
+    ends = distinct_rows(np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1)).rows
     leaves = singular[ends[:, 0]] ^ singular[ends[:, 1]]
     ends = ends[leaves]
     at = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
@@ -131,7 +132,7 @@ def _separate(points, tets, parent, sharp):
         bad[corner] |= is_sharp.reshape(-1, 6)[corner]
         if not bad.any():
             return points, tets, parent, sharp
-        marked = np.unique(ends[bad.ravel()], axis=0)
+        marked = distinct_rows(ends[bad.ravel()]).rows
         points, tets, parent, sharp = _bisect(points, tets, parent, sharp, marked)
 
 
@@ -180,7 +181,7 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     singular = np.zeros(n, bool)
     singular[sharp] = True
     count = singular[tets].sum(axis=1)
-    ends = np.unique(np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1), axis=0)
+    ends = distinct_rows(np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1)).rows
     ends = ends[singular[ends[:, 0]] ^ singular[ends[:, 1]]]
     start = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
     stop = ends.sum(axis=1) - start

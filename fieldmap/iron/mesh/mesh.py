@@ -17,6 +17,7 @@ from fieldmap.device.model import Device, Sphere
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, glue_chamber
+from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
 from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
 from fieldmap.iron.symmetry import find_symmetry
@@ -99,7 +100,7 @@ def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
     """The chamber's points after rounding, and its sharp edges: both are seen on the whole, where walls are inside."""
     copies, count = ChamberCopies(chamber, points), len(points)
     everything, all_tets = copies.all_points(), copies.tets(tets)
-    ends, first = np.unique(np.sort(copies.nodes(midpoints[0]), axis=1), axis=0, return_index=True)
+    ends, first, _, _ = distinct_rows(np.sort(copies.nodes(midpoints[0]), axis=1))
     all_midpoints = ends, copies.vectors(midpoints[1])[first]
     sharp = sharp_edges(everything, all_tets, copies.nodes(edges), all_midpoints)
     rounded = equal_volume_vertices(everything, all_tets, copies.bodies(body), *all_midpoints)
@@ -219,7 +220,7 @@ def _edge_midpoints(nodes, curved):
     """Element edges (k, 2), sorted, and their midpoints (k, 3) on the true surface, from ten-node tetrahedra."""
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
     ends = np.sort(nodes[:, pairs].reshape(-1, 2), axis=1)
-    ends, first = np.unique(ends, axis=0, return_index=True)
+    ends, first, _, _ = distinct_rows(ends)
     return ends, curved[nodes[:, 4:10].reshape(-1)[first]]
 
 
@@ -231,7 +232,7 @@ def surface_outlines(mesh: IronMesh) -> tuple[Outline, ...]:
     outlines = []
     for number, name in enumerate(mesh.body_names):
         sides = mesh.tets[mesh.body == number][:, _SIDES].reshape(-1, 3)
-        _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+        _, first, _, count = distinct_rows(np.sort(sides, axis=1))
         nodes, triangles = np.unique(sides[first[count == 1]], return_inverse=True)
         outlines.append(Outline(name, "iron", mesh.points[nodes], triangles.reshape(-1, 3)))
     return tuple(outlines)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.records import Record
 
@@ -36,7 +37,7 @@ def build_faces(mesh: IronMesh) -> Faces:
     """Number and orient the faces of a mesh."""
     tets = mesh.tets
     flat = np.sort(tets[:, _LOCAL_FACES].reshape(-1, 3), axis=1)
-    nodes, inverse, count = np.unique(flat, axis=0, return_inverse=True, return_counts=True)
+    nodes, _, inverse, count = distinct_rows(flat)
     tet_faces = inverse.reshape(-1, 4)
     sign = _outward_sign(mesh, nodes, tet_faces)
     surface = np.flatnonzero(count == 1)

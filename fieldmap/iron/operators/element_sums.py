@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.operators.sparse_cholesky import Elimination, SparseFactor
+from fieldmap.kernels.iron.sparse_pattern import sparse_pattern
 from fieldmap.typing import Array, Index
 
 
@@ -15,11 +16,10 @@ class ElementSums:
 
     def __init__(self, unknowns: Index, count: int) -> None:
         self._unknowns, self._count = np.ascontiguousarray(unknowns).ravel(), count
-        width = unknowns.shape[1]
-        rows, columns = np.repeat(unknowns, width, axis=1).ravel(), np.tile(unknowns, (1, width)).ravel()
-        self._keys, self._place = np.unique(rows * count + columns, return_inverse=True)
-        pointer = np.searchsorted(self._keys, np.arange(count + 1) * count)
-        self._index, self._pointer = (self._keys % count).astype(np.int32), pointer.astype(np.int32)
+        pointer, columns, place = sparse_pattern(np.ascontiguousarray(unknowns, np.int64), count)
+        self._keys = np.repeat(np.arange(count), np.diff(pointer)) * count + columns
+        self._place = place.ravel()
+        self._index, self._pointer = columns.astype(np.int32), pointer.astype(np.int32)
 
     @cached_property
     def diagonal(self) -> Index:
@@ -37,7 +37,7 @@ class ElementSums:
 
     def entries(self, elements: Array) -> Array:
         """Entries of the sum of element matrices (e, k, k)."""
-        return np.asarray(np.bincount(self._place.ravel(), elements.ravel(), len(self._keys)), float)
+        return np.asarray(np.bincount(self._place, elements.ravel(), len(self._keys)), float)
 
     def entries_of(self, matrix: csr_matrix) -> Array:
         """Entries of a matrix (n, n) whose own lie within the pattern."""

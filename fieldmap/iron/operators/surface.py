@@ -58,13 +58,18 @@ class ChargedFaces(Record):
             self.radii[chosen],
         )
 
-    def mutual_potential_with(self, others: "ChargedFaces", symmetric: bool) -> Array:
+    def mutual_potential_with(
+        self, others: "ChargedFaces", symmetric: bool, out: Array | None = None
+    ) -> Array:
         """Block (n, n) of W: mean potentials on these triangles of unit charges on as many others.
 
-        symmetric: it is known that the block is; half of it is computed.
+        symmetric: it is known that the block is; half of it is computed. out: where it goes, if not into new memory.
         """
         one, other = self.kernel_geometry(), others.kernel_geometry()
-        return mutual_potential(one, self._far_points(), other, others._far_points(), NEAR_RADII, symmetric)
+        # NumPy asks for large pages, numba does not.
+        block = np.empty((len(self.areas),) * 2) if out is None else out
+        mutual_potential(one, self._far_points(), other, others._far_points(), NEAR_RADII, symmetric, block)
+        return block
 
     def kernel_geometry(self) -> tuple[Array, ...]:
         """What the kernels of mutual potentials take of one set of triangles; last the points and weights of the outer

@@ -117,15 +117,15 @@ def _blocks(
     count = len(faces)
     own = surface.part(faces[:, 0])
     blocks = [np.zeros((m.shape[1] * count,) * 2) for m in representations]
-    diagonal = np.zeros(count)
+    diagonal, block = np.zeros(count), np.empty((count, count))
     for c, back in enumerate(inverse):
         if back < c:
             continue
-        block = own.mutual_potential_with(surface.part(faces[:, c]), symmetric=back == c)
+        own.mutual_potential_with(surface.part(faces[:, c]), back == c, block)
         if c == 0:
             diagonal = block.diagonal().copy()
 
-        def add(number: int, c: int = c, back: int = back, block: Array = block) -> None:
+        def add(number: int, c: int = c, back: int = back) -> None:
             matrices, total = representations[number], blocks[number]
             view = total.reshape(matrices.shape[1], count, matrices.shape[1], count)
             for j, k in np.ndindex(matrices.shape[1:]):

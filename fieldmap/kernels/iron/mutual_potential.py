@@ -19,19 +19,30 @@ def _mean_potential(points, weights, corners, normal):
     return total
 
 
+@njit(cache=True, fastmath=True, inline="always")
+def _inverse_distance(dx, dy, dz):
+    """1/sqrt of a sum of squares: in single precision, which costs a fraction, and one step of Newton's method."""
+    # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
+    square = dx * dx + dy * dy + dz * dz + 1e-30
+    guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+    return guess * (1.5 - 0.5 * square * guess * guess)
+
+
 @njit(cache=True, fastmath=True)
 def _far_row(i, stop, far, other_far, sums):
     """Fill sums (3 stop,) with the sum of 1/|p - q| over the three points p of triangle i, for the points q of the
     other set's triangles below `stop`. No branches over contiguous arrays: the compiler turns it into vector code."""
-    for q in range(3 * stop):
-        sums[q] = 0.0
     x, y, z = other_far[0], other_far[1], other_far[2]
-    for p in range(3 * i, 3 * i + 3):
-        px, py, pz = far[0, p], far[1, p], far[2, p]
-        for q in range(3 * stop):
-            dx, dy, dz = px - x[q], py - y[q], pz - z[q]
-            # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
-            sums[q] += 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz + 1e-60)
+    a, b, c = 3 * i, 3 * i + 1, 3 * i + 2
+    ax, ay, az = far[0, a], far[1, a], far[2, a]
+    bx, by, bz = far[0, b], far[1, b], far[2, b]
+    cx, cy, cz = far[0, c], far[1, c], far[2, c]
+    for q in range(3 * stop):
+        sums[q] = (
+            _inverse_distance(ax - x[q], ay - y[q], az - z[q])
+            + _inverse_distance(bx - x[q], by - y[q], bz - z[q])
+            + _inverse_distance(cx - x[q], cy - y[q], cz - z[q])
+        )
 
 
 @njit(cache=True, fastmath=True, inline="always")
@@ -73,9 +84,9 @@ def _fill_row(i, stop, one, other, reach, sums, w):
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def mutual_potential(one, one_far, other, other_far, reach, symmetric):
-    """W (n, n) in 1/m: W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set
-    of unit charge on triangle j of the other; for one set symmetric, positive definite.
+def mutual_potential(one, one_far, other, other_far, reach, symmetric, w):
+    """Fill w (n, n), 1/m, with W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the
+    one set of unit charge on triangle j of the other; for one set symmetric, positive definite.
 
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
@@ -84,7 +95,6 @@ def mutual_potential(one, one_far, other, other_far, reach, symmetric):
     use the `touch` rule, whose outer integrand has a kink. symmetric: the lower triangle is computed and copied.
     """
     n = one[2].size
-    w = np.empty((n, n))
     # Rows k and n - 1 - k together cost the same for every k, so the threads share a triangle evenly.
     for k in prange((n + 1) // 2):
         sums = np.empty(3 * n)
@@ -98,7 +108,6 @@ def mutual_potential(one, one_far, other, other_far, reach, symmetric):
         for i in prange(n):
             for j in range(i + 1, n):
                 w[i, j] = w[j, i]
-    return w
 
 
 _INVERSE_36PI = _INVERSE_4PI / 9.0
