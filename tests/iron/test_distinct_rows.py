@@ -17,7 +17,7 @@ def test_the_same_as_unique_along_an_axis(width):
 def test_no_rows():
     found = distinct_rows(np.zeros((0, 2), np.int64))
     assert found.rows.shape == (0, 2)
-    assert found.number.size == found.first.size == found.count.size == 0
+    assert found.number.size == found.first.size == found.times.size == 0
 
 
 def test_numbers_that_do_not_fit_into_one():

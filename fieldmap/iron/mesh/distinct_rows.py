@@ -8,12 +8,12 @@ from fieldmap.typing import Index
 
 
 class DistinctRows(NamedTuple):
-    """rows (m, k), sorted; first, count (m,): where each is first and how often; number (n,): of each row given."""
+    """rows (m, k), sorted; first, times (m,): where each is first and how often; number (n,): of each row given."""
 
     rows: Index
     first: Index
     number: Index
-    count: Index
+    times: Index
 
 
 def distinct_rows(rows: Index) -> DistinctRows:
@@ -23,7 +23,7 @@ def distinct_rows(rows: Index) -> DistinctRows:
     largest, and sorting takes a tenth of the time. Raises OverflowError where that number has more than 63 bits.
 
     >>> found = distinct_rows(np.array([[1, 2], [0, 5], [1, 2]]))
-    >>> found.rows.tolist(), found.first.tolist(), found.number.tolist(), found.count.tolist()
+    >>> found.rows.tolist(), found.first.tolist(), found.number.tolist(), found.times.tolist()
     ([[0, 5], [1, 2]], [1, 0], [1, 0, 1], [1, 2])
     """
     base = int(rows.max(initial=0)) + 1
@@ -31,7 +31,7 @@ def distinct_rows(rows: Index) -> DistinctRows:
     if base**width > 2**63:
         raise OverflowError(f"{width} numbers below {base} do not fit into 63 bits")
     digits = base ** np.arange(width - 1, -1, -1, dtype=np.int64)
-    keys, first, number, count = np.unique(
+    keys, first, number, times = np.unique(
         rows.astype(np.int64) @ digits, return_index=True, return_inverse=True, return_counts=True
     )
-    return DistinctRows(keys[:, None] // digits % base, first, number, count)
+    return DistinctRows(keys[:, None] // digits % base, first, number, times)

@@ -43,7 +43,7 @@ def sharp_edges(points: Points, tets: Index, candidates: Index, midpoints: tuple
     """
     faces = np.sort(tets[:, _OPPOSITE_FACES].reshape(-1, 3), axis=1)
     found = distinct_rows(faces)
-    faces = found.rows[found.count == 1]
+    faces = found.rows[found.times == 1]
     sides = faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
     opposite = faces[:, [2, 1, 0]].ravel()
     key = _key(sides, len(points))
