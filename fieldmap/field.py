@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
-from fieldmap.records import short, shortened
+from fieldmap.records import count_of, short, shortened
 from fieldmap.typing import Array
 
 Bounds: TypeAlias = tuple[Array, Array]
@@ -280,7 +280,9 @@ class BaseField(TakesPoints, ABC):
     """What every field can do once it has `coil_names`, `field` and `gradient`."""
 
     def __repr__(self) -> str:
-        return shortened(f"{type(self).__name__}({len(self.coil_names)} coils: {', '.join(self.coil_names)})")
+        return shortened(
+            f"{type(self).__name__}({count_of(len(self.coil_names), 'coil', 'coils')}: {', '.join(self.coil_names)})"
+        )
 
     @property
     @abstractmethod

@@ -76,6 +76,15 @@ def one_line(record: object) -> str:
     return shortened(f"{type(record).__name__}({values})")
 
 
+def count_of(number: int, singular: str, plural: str) -> str:
+    """A number with its noun: "1 body", "2 bodies".
+
+    >>> count_of(1, "body", "bodies"), count_of(0, "body", "bodies")
+    ('1 body', '0 bodies')
+    """
+    return f"{number:,} {singular if number == 1 else plural}"
+
+
 def tuple_line(named: Any) -> str:
     """A named tuple in one line, as `one_line` has data classes.
 

@@ -51,7 +51,8 @@ def check(
 
 
 def _device_page(contents: "DeviceContents") -> Iterator["Section"]:
-    from fieldmap.cli.printing import assumption_lines, count_of, facts, heading
+    from fieldmap.cli.printing import assumption_lines, facts, heading
+    from fieldmap.records import count_of
 
     yield heading(contents.device.name, contents.device.title)
     yield _body_table(contents) if contents.bodies else None
@@ -112,7 +113,8 @@ def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
 
 
 def _map_page(name: str, checked: "MapCheck") -> Iterator["Section"]:
-    from fieldmap.cli.printing import count_of, facts, heading
+    from fieldmap.cli.printing import facts, heading
+    from fieldmap.records import count_of
 
     yield heading(Path(name).name, checked.info.provenance.title)
     yield facts(_map_facts(checked))
@@ -122,7 +124,7 @@ def _map_page(name: str, checked: "MapCheck") -> Iterator["Section"]:
 
 
 def _map_facts(checked: "MapCheck") -> Iterator[tuple[str, str]]:
-    from fieldmap.cli.printing import count_of
+    from fieldmap.records import count_of
     from fieldmap.store.map_check import DIVERGENCE_AND_CURL, TOTAL, VALUES_AND_GRADIENTS
 
     info, source = checked.info, checked.info.provenance

@@ -62,7 +62,7 @@ def _page(summary: "MapSummary", pictures: "Sequence[MapPicture]") -> "Iterator[
 
 
 def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
-    from fieldmap.cli.printing import count_of
+    from fieldmap.records import count_of
 
     info, record, grid = summary.info, summary.info.provenance, summary.info.grid
     names, solver = info.coil_names, info.provenance.solver_report

@@ -96,15 +96,6 @@ def place(point: Iterable[float], decimals: int = 3) -> str:
     return "(" + ", ".join(f"{round(1e3 * float(x), decimals) + 0.0:g}" for x in point) + ") mm"
 
 
-def count_of(number: int, singular: str, plural: str) -> str:
-    """A number with its noun: "1 body", "2 bodies".
-
-    >>> count_of(1, "body", "bodies"), count_of(0, "body", "bodies")
-    ('1 body', '0 bodies')
-    """
-    return f"{number:,} {singular if number == 1 else plural}"
-
-
 def without_noise(values: ArrayLike) -> Array:
     """The values; those below 1e-9 of the largest, which rounding leaves, as zeros.
 

@@ -129,7 +129,8 @@ def _page(scenario: str, written: list[Path], simulation: "Simulation") -> "Iter
 
 
 def _facts(batch: "Batch") -> "Table":
-    from fieldmap.cli.printing import count_of, facts
+    from fieldmap.cli.printing import facts
+    from fieldmap.records import count_of
 
     rest, contents = batch.experiment.operating_point, batch.experiment.scenario.contents
     amperes = ", ".join(f"{value:.4g}" for value in rest.currents)

@@ -188,8 +188,8 @@ FORMS_IN_WORDS = {
 
 
 def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
-    from fieldmap.cli.printing import count_of
     from fieldmap.iron.notes import law_range
+    from fieldmap.records import count_of
 
     report = summary.report
     words = FORMS_IN_WORDS.get(report.form, report.form)

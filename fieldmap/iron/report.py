@@ -9,7 +9,7 @@ from fieldmap.deprecated import warn_renamed
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
 from fieldmap.iron.operators.assembled import AssembledIron
-from fieldmap.records import Record
+from fieldmap.records import Record, count_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,7 +63,7 @@ class SolverReport(Record):
     def card_rows(self) -> dict[str, str]:
         """What it is, size and error, for a card in a notebook."""
         return {
-            "iron": f"{self.magnetic_bodies} magnetic bodies, symmetry: {self.symmetry}",
+            "iron": f"{count_of(self.magnetic_bodies, 'magnetic body', 'magnetic bodies')}, symmetry: {self.symmetry}",
             "size": f"{self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.matrix_bytes / 1e6:.0f} MB",
             "error": "not estimated" if self.error is None else str(self.error),
             "residual": f"{self.residual:.1e} after {self.iterations} iterations",
@@ -74,9 +74,10 @@ class SolverReport(Record):
     def __str__(self) -> str:
         steps = ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items())
         peak = "" if self.largest_flux_density is None else f", iron up to {self.largest_flux_density:.2f} T"
+        bodies = count_of(self.magnetic_bodies, "magnetic body", "magnetic bodies")
         return (
             f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
-            f"faces, {self.magnetic_bodies} magnetic bodies{peak}; {self.iterations} iterations to "
+            f"faces, {bodies}{peak}; {self.iterations} iterations to "
             f"{self.residual:.1e}{self.steps_text}{self._outside()}; symmetry: {self.symmetry}; "
             f"{self.total_seconds:.1f} s ({steps})"
         )

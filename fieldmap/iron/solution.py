@@ -26,7 +26,7 @@ from fieldmap.iron.quantities.air import checked_points, containing_element, mea
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
-from fieldmap.records import card, shortened
+from fieldmap.records import card, count_of, shortened
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
@@ -220,10 +220,12 @@ class LinearSolution(BaseField):
         return self.has_remanence or self.background is not None
 
     def __repr__(self) -> str:
-        return shortened(f"<LinearSolution of {len(self.coils)} coils: {self.report}>")
+        return shortened(f"<LinearSolution of {count_of(len(self.coils), 'coil', 'coils')}: {self.report}>")
 
     def _repr_html_(self) -> str:
-        return card(f"LinearSolution of {len(self.coils)} coils", self.report.card_rows())
+        return card(
+            f"LinearSolution of {count_of(len(self.coils), 'coil', 'coils')}", self.report.card_rows()
+        )
 
     @property
     def proportional(self) -> bool:

@@ -40,7 +40,7 @@ from fieldmap.lookup.evaluation import (
     single_row,
 )
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
-from fieldmap.records import card
+from fieldmap.records import card, count_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map
 from fieldmap.typing import Array
 
@@ -528,7 +528,8 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
             f"{low * 1e3:g} to {high * 1e3:g}" for low, high in zip(self.lower, self.upper, strict=True)
         )
         size = self._info.grid.size
-        return f"FieldMap({self.kind}, {len(self.coil_names)} coils, box {corners} mm, {size} nodes)"
+        coils = count_of(len(self.coil_names), "coil", "coils")
+        return f"FieldMap({self.kind}, {coils}, box {corners} mm, {size} nodes)"
 
 
 def _never(*_: object) -> int:
