@@ -195,7 +195,7 @@ def _unit(
     from fieldmap.lookup import open_map
 
     (fmi, moment, device, sources), opened = what, open_map(existing_map(source), *how)
-    require_currents(not opened.proportional, currents, f"{source} --to fmu")
+    require_currents(not opened.affine, currents, f"{source} --to fmu")
     body = None
     if device is not None:
         payload = read_device(device).payload
@@ -225,7 +225,7 @@ def _of_map(
     opened: FieldMap = open_map(existing_map(source), *how)
     amperes = parse_currents(currents, opened.coil_names) if currents else None
     if to in ("c", "c32"):
-        require_currents(not opened.proportional, currents, f"{source} --to {to}")
+        require_currents(not opened.affine, currents, f"{source} --to {to}")
         write = write_c_files if to == "c" else write_c32_files
         return write(opened if amperes is None else opened.at(amperes), output)
     return (_writer(to)(opened, output, amperes, spacing),)

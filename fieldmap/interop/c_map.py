@@ -10,7 +10,7 @@ Layout, in the byte order of the machine that writes:
     28  uint32    size of the names
     32  uint64    number of float64 numbers
     40  names     UTF-8, each ended by a zero byte; zeros up to a multiple of 8
-        float64   the block of fieldmap.kernels.map.map_block
+        float64   the block of fieldmap.kernels.map.map_block; number 18 is 1 in version 2, 0 in version 1
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from fieldmap.store.whole_files import write_whole
 
 VERSION, WITH_CONSTANT = 1, 2
 _MOST_CONSTANTS = 1_000_000
+# Where the block, whose checksum the file has, says what the version says.
+_CONSTANT = 18
 
 
 def c_header() -> Path:
@@ -167,6 +169,8 @@ def plain_block(block: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:
+    block = block.copy()
+    block[_CONSTANT] = float(constant)
     text = b"".join(name.encode() + b"\0" for name in names)
     text += bytes(-len(text) % 8)
     tail = struct.pack("=IQ", len(text), len(block)) + text + block.tobytes()

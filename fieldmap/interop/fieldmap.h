@@ -70,7 +70,7 @@ static inline uint32_t fieldmap_checksum(const unsigned char *bytes, size_t size
 enum {
     FIELDMAP_KIND = 0, FIELDMAP_RULE = 1, FIELDMAP_SETS = 2, FIELDMAP_DEGREE = 3, FIELDMAP_LOWER = 4,
     FIELDMAP_INVERSE = 7, FIELDMAP_CELLS = 10, FIELDMAP_LOCAL = 13, FIELDMAP_LENGTH = 16,
-    FIELDMAP_PER_LENGTH = 17, FIELDMAP_HEADER = 24, FIELDMAP_NAMES = 40
+    FIELDMAP_PER_LENGTH = 17, FIELDMAP_CONSTANT = 18, FIELDMAP_HEADER = 24, FIELDMAP_NAMES = 40
 };
 
 /* A whole number from low to high, or -1. NaN fails every comparison. */
@@ -140,6 +140,8 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
         return FIELDMAP_DAMAGED;
     if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
     status = fieldmap_check_block(map, (const double *)(const void *)(raw + FIELDMAP_NAMES + name_bytes), count);
+    /* What the version says stands under the checksum as well. */
+    if (status == FIELDMAP_OK && map->block[FIELDMAP_CONSTANT] != (version == 2u ? 1.0 : 0.0)) status = FIELDMAP_DAMAGED;
     if (status == FIELDMAP_OK && version == 2u) {
         map->constant = 1;
         map->n_coils -= 1;
@@ -423,6 +425,7 @@ static inline int fieldmap_at(const fieldmap *map, const double *currents, field
     if (block == NULL) return FIELDMAP_NO_MEMORY;
     memcpy(block, map->block, FIELDMAP_HEADER * sizeof(double));
     block[FIELDMAP_SETS] = 1.0;
+    block[FIELDMAP_CONSTANT] = 0.0;
     set = map->block + FIELDMAP_HEADER;
     for (n = 0; n < places; n++)
         for (k = 0; k < map->n_coils + map->constant; k++, set += size)

@@ -61,6 +61,11 @@ def test_c_readers_of_before_refuse_it(data, tmp_path):
     """Their only question before the numbers is whether the version is 1."""
     raw = write_c_map(interpolate(data), tmp_path / "field.fmap").read_bytes()
     assert int.from_bytes(raw[12:16], "little") == 2
+    # Nor does a reader of now take it for one of coils alone.
+    (tmp_path / "other.fmap").write_bytes(raw[:12] + (1).to_bytes(4, "little") + raw[16:])
+    done, program = compiled(AT, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert subprocess.run([program, tmp_path / "other.fmap"], check=False).returncode == 1
     driven = MapData(
         data.grid,
         data.coil_names,

@@ -46,7 +46,13 @@ def model():
         upper=np.full(5, 4.0),
         output=np.eye(2),
     )
-    return SimpleNamespace(model=data, amplitudes=lambda currents: 1.5 * np.tanh(MIX @ currents))
+    return fake(data, lambda currents: 1.5 * np.tanh(MIX @ currents))
+
+
+def fake(data, amplitudes):
+    return SimpleNamespace(
+        model=data, amplitudes=amplitudes, fields_beside_coils=2, of_state=lambda found: data.output @ found
+    )
 
 
 def unit_rows(block, demand):
@@ -87,7 +93,7 @@ def test_a_start_close_by_leads_to_the_same_currents(block, model):
     demand = demand_of([0.1, -0.2, 0.5], [0.0, 0.1, 0.4], None, None, None)
     cold = currents_of_model(block, NAMES, model, POSITION, demand, None, np.ones(5), None)
     calls = []
-    counting = SimpleNamespace(model=model.model, amplitudes=lambda i: calls.append(0) or model.amplitudes(i))
+    counting = fake(model.model, lambda i: calls.append(0) or model.amplitudes(i))
     warm = currents_of_model(block, NAMES, counting, POSITION, demand, None, np.ones(5), cold + 1e-3)
     many = len(calls)
     again = currents_of_model(block, NAMES, counting, POSITION, demand, None, np.ones(5), [3.0, -3, 3, -3, 3])
