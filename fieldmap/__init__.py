@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import MagnetBlock as MagnetBlock
     from fieldmap.device.model import MagnetCylinder as MagnetCylinder
     from fieldmap.device.model import MagnetSphere as MagnetSphere
+    from fieldmap.device.model import MagpylibCoil as MagpylibCoil
     from fieldmap.device.model import Marrocco as Marrocco
     from fieldmap.device.model import Part as Part
     from fieldmap.device.model import PathCoil as PathCoil
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import Section as Section
     from fieldmap.device.model import Sphere as Sphere
     from fieldmap.device.model import StepFile as StepFile
+    from fieldmap.device.model import TriangleSurface as TriangleSurface
     from fieldmap.device.model import WorkspaceBox as WorkspaceBox
     from fieldmap.device.model import WorkspaceCylinder as WorkspaceCylinder
     from fieldmap.device.model import placed as placed
@@ -77,6 +79,7 @@ _PARTS = (
     "MagnetBlock",
     "MagnetCylinder",
     "MagnetSphere",
+    "MagpylibCoil",
     "Marrocco",
     "Part",
     "PathCoil",
@@ -90,6 +93,7 @@ _PARTS = (
     "Section",
     "Sphere",
     "StepFile",
+    "TriangleSurface",
     "WorkspaceBox",
     "WorkspaceCylinder",
     "placed",

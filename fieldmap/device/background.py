@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
+from fieldmap.device.air_sources import AirSource
 from fieldmap.device.made import Made
 from fieldmap.typing import Array
 
@@ -31,20 +34,37 @@ def gradient_tensor(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Background(Made):
-    """A flux density that no current of the device drives, as that of the earth or of a large magnet far away.
+    """A flux density that no current of the device drives, as that of the earth or of magnets that nothing changes.
 
-    B(x) = flux_density + gradient (x - centre): flux_density (3,) in T; gradient dB_i/dx_j in T/m, (3, 3), symmetric
-    and without trace as outside of all currents, or its five entries dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz; None for a
-    uniform field; centre (3,) in m. It magnetises the iron of the device, and it acts on everything in it.
+    B(x) = flux_density + gradient (x - centre) + the fields of `sources`: flux_density (3,) in T; gradient dB_i/dx_j in
+    T/m, (3, 3), symmetric and without trace as outside of all currents, or its five entries dBx/dx, dBx/dy, dBx/dz,
+    dBy/dy, dBy/dz; None for a uniform field; centre (3,) in m; sources: magnets of fixed magnetisation and other
+    sources in air (`fieldmap.device.air_sources`), which must not overlap with bodies, and on which no force is known.
+    It magnetises the iron of the device, and it acts on everything in it.
 
     >>> earth = Background([0.0, 20e-6, -44e-6])
     >>> print(earth.field(np.zeros((1, 3)))[0].tolist())
     [0.0, 2e-05, -4.4e-05]
     """
 
-    flux_density: Array
+    flux_density: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
     gradient: Array | None = None
     centre: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+    sources: tuple[AirSource, ...] = ()
+
+    def __post_init__(self) -> None:
+        given = (self.sources,) if isinstance(self.sources, AirSource) else tuple(self.sources)
+        object.__setattr__(self, "sources", given)
+
+    @classmethod
+    def from_magpylib(cls, model: Any, **options: Any) -> Self:
+        """Of a magpylib source or Collection: see `fieldmap.sources.from_magpylib.background_of`."""
+        return importlib.import_module("fieldmap.sources.from_magpylib").background_of(model, **options)
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether a file cannot hold it: an object of a class that is not among magpylib's kinds."""
+        return any(source.live is not None for source in self.sources)
 
     @property
     def tensor(self) -> Array:
@@ -53,15 +73,25 @@ class Background(Made):
 
     def field(self, points: Array) -> Array:
         """B (n, 3) at points (n, 3), T."""
-        return self.flux_density + (points - self.centre) @ self.tensor.T
+        field = self.flux_density + (points - self.centre) @ self.tensor.T
+        for source in self.sources:
+            field += source.flux_density(points)
+        return field
 
     def field_and_gradient(self, points: Array) -> tuple[Array, Array]:
         """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
-        return self.field(points), np.tile(self.tensor, (len(points), 1, 1))
+        field = self.flux_density + (points - self.centre) @ self.tensor.T
+        gradient = np.tile(self.tensor, (len(points), 1, 1))
+        for source in self.sources:
+            more, slope = source.flux_density_and_gradient(points)
+            field, gradient = field + more, gradient + slope
+        return field, gradient
 
     def is_kept_by(self, matrix: Array, offset: Array) -> bool:
         """Whether it is its own image under x -> matrix x + offset, an orthogonal matrix: flux density is an axial
         vector, B'(M x + t) = det(M) M B(x)."""
+        if self.sources:  # their symmetry is not looked at
+            return bool(np.array_equal(matrix, np.eye(3)) and not np.any(offset))
         handedness = np.sign(np.linalg.det(matrix))
         # A linear function is known by its values at four points; the last three, a metre from the first.
         places = np.vstack([np.zeros(3), np.eye(3)])

@@ -7,8 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils import Coil
-from fieldmap.device.parts import Body, Box, ExtrudedPolygon, Part, RevolvedProfile, Ring, Sphere
+from fieldmap.device.parts import (
+    Body,
+    Box,
+    ExtrudedPolygon,
+    Part,
+    RevolvedProfile,
+    Ring,
+    Sphere,
+    TriangleSurface,
+)
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -57,7 +67,9 @@ class Outline(Record):
 
 
 def winding_outline(coil: Coil) -> Outline:
-    """The surface of a winding."""
+    """The surface of a winding; filaments as thin tubes, sheets as they are."""
+    if not coil.has_winding:
+        return _filaments_outline(coil)
     path = coil.winding()
     pieces = path.outline(0.0, _ROUND)
     line, normal = (np.concatenate([piece[k] for piece in pieces]) for k in range(2))
@@ -73,6 +85,72 @@ def winding_outline(coil: Coil) -> Outline:
     ]
     points = local @ np.asarray(coil.placement.rotation).T + coil.placement.position
     return Outline(coil.name, "coil", points, np.concatenate(halves))
+
+
+def _filaments_outline(coil: Coil) -> Outline:
+    parts = [source_outline(source) for source in coil.filaments]
+    shifts = np.cumsum([0, *(len(part.points) for part in parts)])
+    triangles = [part.triangles + shift for part, shift in zip(parts, shifts, strict=False)]
+    points = np.concatenate([part.points for part in parts])
+    placed = points @ np.asarray(coil.placement.rotation).T + coil.placement.position
+    return Outline(coil.name, "coil", placed, np.concatenate(triangles))
+
+
+def source_outline(source: AirSource) -> Outline:
+    """A current or magnet of magpylib's kinds: filaments as thin tubes, sheets as they are, magnets as convex shapes.
+    Of objects of other classes a point, as three equal ones."""
+    triangles = np.array([[0, 1, 2]])
+    if source.kind == "Circle":
+        points, triangles = _tube(source.diameter / 2 * _circle(3 * _ROUND))  # type: ignore[operator]
+    elif source.kind == "Polyline":
+        points, triangles = _tube(np.asarray(source.vertices))
+    elif source.kind in ("TriangleSheet", "TriangleStrip", "TriangularMesh"):
+        points = np.asarray(source.vertices)
+        row = np.arange(len(points) - 2)[:, None] + [0, 1, 2]
+        triangles = row if source.faces is None else np.asarray(source.faces)
+    else:
+        points = _magnet_points(source)
+        if len(points) > 3:
+            triangles = ConvexHull(points).simplices.astype(np.int64)
+    placed = points @ np.asarray(source.placement.rotation).T + source.placement.position
+    return Outline(source.kind, "coil" if source.is_current else "magnet", placed, triangles)
+
+
+def _magnet_points(source: AirSource) -> Array:
+    if source.vertices is not None:
+        return np.asarray(source.vertices)
+    if source.kind == "Cuboid":
+        half = np.asarray(source.dimension) / 2
+        return half * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    if source.kind == "Sphere":
+        part = Part(Sphere(source.diameter / 2))  # type: ignore[operator]
+        return part_points(part)
+    if source.kind in ("Cylinder", "CylinderSegment"):
+        size = np.asarray(source.dimension)
+        radii = [size[0] / 2] if source.kind == "Cylinder" else size[:2]
+        first, last = (0.0, 360.0) if source.angles is None else source.angles
+        angles = np.radians(np.linspace(first, last, _ROUND + 1))
+        flat = [[r * math.cos(a), r * math.sin(a)] for r in radii for a in angles]
+        return np.array([[x, y, side * size[-1] / 2] for x, y in flat for side in (-1, 1)])
+    return np.zeros((3, 3))
+
+
+def _circle(count: int) -> Array:
+    angle = np.linspace(0.0, 2 * math.pi, count + 1)
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count + 1)])
+
+
+def _tube(line: Array) -> tuple[Array, Index]:
+    """Prisms of three sides around the segments of a line (n, 3), a hundredth of its extent thick."""
+    start, end = line[:-1], line[1:]
+    along = end - start
+    side = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    side *= 0.01 * np.ptp(line, axis=0).max() / np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(along / np.linalg.norm(along, axis=1, keepdims=True), side)
+    ring = [math.cos(a) * side + math.sin(a) * other for a in np.radians([0.0, 120.0, 240.0])]
+    points = np.stack([place + offset for place in (start, end) for offset in ring], axis=1).reshape(-1, 3)
+    prism = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5], [0, 2, 1], [3, 4, 5]])
+    return points, (6 * np.arange(len(start))[:, None, None] + prism).reshape(-1, 3)
 
 
 def body_outlines(bodies: tuple[Body, ...], magnets: tuple[str, ...] = ()) -> tuple[Outline, ...]:
@@ -107,6 +185,8 @@ def part_points(part: Part) -> Array:
         local = [
             [x, y, z] for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (0, shape.size[2])
         ]
+    elif isinstance(shape, TriangleSurface):
+        local = np.asarray(shape.points).tolist()
     elif isinstance(shape, ExtrudedPolygon):
         local = [[x, y, z] for x, y in shape.points for z in (0.0, shape.height)]
     else:
@@ -133,6 +213,8 @@ def _profile(shape: object) -> Iterator[tuple[float, float]]:
 
 def coil_points(coil: Coil) -> Array:
     """Points (n, 3), m, of the outer edges of a winding."""
+    if not coil.has_winding:
+        return winding_outline(coil).points
     path = coil.winding()
     edge = np.concatenate([points for points, _ in path.outline(path.turning * path.thickness / 2, _ROUND)])
     local = np.concatenate(

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from fieldmap.device import parts as model
+from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil, coil_choices
 from fieldmap.device.cross_checks import cross_findings
@@ -84,9 +85,20 @@ class DeviceData:
             elif hasattr(thing, attribute):
                 self.paths[(*location, key)] = f"{path}.{attribute}"
                 value = _in_unit(getattr(thing, attribute), unit)
+                if isinstance(value, list) and value and isinstance(value[0], AirSource):
+                    value = self.sources(value, (*location, key), f"{path}.{attribute}")
                 if value is not None and (type(value), value) != (type(about.default), about.default):
                     data[key] = value
         return data
+
+    def sources(self, sources: list[Any], location: Location, path: str) -> list[dict[str, Any]]:
+        """Tables of currents and magnets of magpylib's kinds."""
+        tables = []
+        for k, source in enumerate(sources):
+            place: Location = (*location, k)
+            table = self.table(source, AirSourceKeys, place, f"{path}[{k}]")
+            tables.append(table | self.placement(source.placement, place, f"{path}[{k}].placement"))
+        return tables
 
     def placement(self, place: object, location: Location, path: str) -> dict[str, Any]:
         """position_mm and rotation_deg."""
@@ -138,7 +150,9 @@ def device_data(device: Any, whole: bool = True) -> DeviceData:
         ("workspace", device.workspace, _WORKSPACES),
     )
     for key, thing, kinds in singles:
-        if thing is not None:
+        if getattr(thing, "unwritten", False):
+            made.unwritten.append(key)
+        elif thing is not None:
             made.data[key] = _of_kind(made, thing, kinds, (key,), key)
     if whole:
         _sections_and_references(made, device)
@@ -240,7 +254,7 @@ def _coils(made: DeviceData, coils: Sequence[Coil]) -> None:
             made.refuse(location, path, f"must be one of {_classes(Coil)}", coil)
             continue
         keys = coil_choices().get(getattr(coil, "kind", ""))
-        if keys is None:
+        if keys is None or getattr(coil, "unwritten", False):
             made.unwritten.append(coil.name)
             continue
         table = made.table(coil, keys, location, path)

@@ -6,6 +6,7 @@ Made in Python or read from a file by `fieldmap.device.read_device`, a `Device` 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,7 @@ from typing import Any, Self
 from fieldmap.device.background import Background as Background
 from fieldmap.device.coils import Coil as Coil
 from fieldmap.device.coils.circular import CircularCoil as CircularCoil
+from fieldmap.device.coils.magpylib import MagpylibCoil as MagpylibCoil
 from fieldmap.device.coils.path import PathCoil as PathCoil
 from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil as RoundedRectangleCoil
 from fieldmap.device.keys import checked_data, device_data
@@ -45,6 +47,7 @@ from fieldmap.device.parts import Section as Section
 from fieldmap.device.parts import Shape as Shape
 from fieldmap.device.parts import Sphere as Sphere
 from fieldmap.device.parts import StepFile as StepFile
+from fieldmap.device.parts import TriangleSurface as TriangleSurface
 from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
@@ -147,6 +150,20 @@ class Device(Made):
         for name, value in (defaults | values).items():
             object.__setattr__(device, name, value)
         return device
+
+    @classmethod
+    def from_magpylib(cls, model: Any, **options: Any) -> Self:
+        """The device of a magpylib source or Collection: see `fieldmap.sources.from_magpylib.device_of`.
+
+        Currents become coils, objects with a susceptibility or B-H curve iron, magnets without one a background.
+        """
+        return importlib.import_module("fieldmap.sources.from_magpylib").device_of(model, **options)
+
+    @property
+    def nominal_currents(self) -> dict[str, float]:
+        """Currents of the model that coils come from, A, by name: of those that know it."""
+        known = {coil.name: getattr(coil, "nominal_current", None) for coil in self.coils}
+        return {name: current for name, current in known.items() if current is not None}
 
     def _repr_html_(self) -> str:
         from fieldmap.device.drawing import small_picture

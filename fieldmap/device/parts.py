@@ -22,7 +22,7 @@ from fieldmap.device.polygons import reflected_polygon
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
 from fieldmap.inputs.tables import read_only
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 # ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
 
@@ -81,8 +81,20 @@ class StepFile(Made):
     scale: float = 1e-3
 
 
-Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile
-SHAPES = (Cylinder, Ring, Box, Sphere, ExtrudedPolygon, RevolvedProfile, StepFile)
+@dataclass(frozen=True, eq=False, repr=False)
+class TriangleSurface(Made):
+    """Solid inside a closed surface: triangles (m, 3) are numbers of `points` (n, 3), in m, from 0.
+
+    Each edge belongs to two triangles, which run along it in opposite ways; seen from outside, corners run
+    counter-clockwise.
+    """
+
+    points: Array
+    triangles: Index
+
+
+Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile | TriangleSurface
+SHAPES = (Cylinder, Ring, Box, Sphere, ExtrudedPolygon, RevolvedProfile, StepFile, TriangleSurface)
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,6 +158,10 @@ def _reflected(shape: Shape, axis: int | None) -> Shape:
     if isinstance(shape, StepFile):
         remedy = "make the mirrored solid in the program that wrote the file"
         raise InputError(Problem("mirrored", "a shape that can be mirrored", "a STEP file", remedy))
+    if isinstance(shape, TriangleSurface):
+        points = np.array(shape.points, dtype=float)
+        points[:, axis] *= -1
+        return replace(shape, points=points, triangles=np.asarray(shape.triangles)[:, ::-1])
     if isinstance(shape, ExtrudedPolygon):
         return replace(shape, points=read_only(reflected_polygon(shape.points.tolist(), axis)))
     return shape

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.device.drawing import Outline, winding_outline
+from fieldmap.device.drawing import Outline, source_outline, winding_outline
 from fieldmap.device.model import Background, Coil, Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coil_currents
@@ -146,7 +146,12 @@ class SolvedState(BaseFieldAtCurrents):
     def outlines(self) -> tuple[Outline, ...]:
         """The surfaces of bodies and windings."""
         bodies = () if self.mesh is None else surface_outlines(self.mesh)
-        return bodies + tuple(winding_outline(coil) for coil in self.coils)
+        fixed = () if self.background is None else self.background.sources
+        return (
+            *bodies,
+            *(winding_outline(coil) for coil in self.coils),
+            *(source_outline(source) for source in fixed),
+        )
 
     @abstractmethod
     def _field_of_charges(self, x: Array) -> Array:
@@ -434,7 +439,7 @@ class PotentialSolution(SolvedState):
         iron = self.state.iron
         g = iron.faces.field_and_gradient(x, iron.density)[1][0]
         if self.background is not None:
-            g += self.background.tensor
+            g += self.background.field_and_gradient(x)[1]
         for coil, current in zip(self.coils, self.currents, strict=True):
             g += current * unit_flux_density_and_gradient(coil, x)[1]
         return g

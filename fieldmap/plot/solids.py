@@ -9,6 +9,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.device.coils import Coil
+from fieldmap.device.drawing import winding_outline
 from fieldmap.device.model import (
     Body,
     Box,
@@ -110,6 +111,9 @@ def middle_line(coil: Coil) -> tuple[Array, Array]:
 
 def winding_surface(coil: Coil) -> pv.PolyData:
     """The winding as a solid, global frame, mm."""
+    if not coil.has_winding:
+        outline = winding_outline(coil)
+        return pv.PolyData.from_regular_faces(MM * outline.points, outline.triangles)  # type: ignore[arg-type]
     line, normal = middle_line(coil)
     half_width, half_height = 0.5 * MM * coil.winding().thickness, 0.5 * MM * coil.height
     section = [(-half_width, -half_height), (half_width, -half_height)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from fieldmap.device.coils import Coil
 from fieldmap.records import Record
+from fieldmap.sources.air_sources import current_elements_of
 from fieldmap.typing import Array
 
 # Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
@@ -36,7 +37,9 @@ class WindingRule(Record):
 
 
 def current_elements(coil: Coil) -> WindingRule:
-    """Points in a winding with their current elements J dV per ampere."""
+    """Points in a winding, or on a coil's filaments and sheets, with their current elements J dV per ampere."""
+    if not coil.has_winding:
+        return _filaments(coil)
     path = coil.winding()
     spacing = min(path.thickness, path.height) / _PER_SIDE
     across, axial = (_count(side, spacing, _MOST_ACROSS) for side in (path.thickness, path.height))
@@ -45,6 +48,16 @@ def current_elements(coil: Coil) -> WindingRule:
     flat, tangent = (np.concatenate([part[k] for part in parts]) for k in range(2))
     vectors = np.column_stack([tangent, np.zeros(len(tangent))]) / path.thickness
     return _stacked(coil, _gauss(axial, -path.height / 2, path.height / 2), flat, vectors)
+
+
+def _filaments(coil: Coil) -> WindingRule:
+    pairs = [current_elements_of(source) for source in coil.filaments]
+    points, vectors = (np.concatenate([pair[k] for pair in pairs]) for k in range(2))
+    turn = np.asarray(coil.placement.rotation, dtype=float).T
+    places = points @ turn + coil.placement.position
+    return WindingRule(
+        np.ascontiguousarray(places), np.ascontiguousarray(coil.turns * coil.polarity * vectors @ turn)
+    )
 
 
 def flux_elements(coil: Coil) -> WindingRule:

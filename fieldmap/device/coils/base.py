@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, ValidationInfo
 
+from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.placement import Movable, Placement, PlacementKeys
 from fieldmap.inputs.tables import MILLI, Length, Positive, broken, text_like
@@ -45,6 +46,17 @@ class Coil(Movable):
     placement: Placement
     resistance: float | None
     inductance: float | None
+
+    @property
+    def filaments(self) -> tuple[AirSource, ...]:
+        """Currents on lines and sheets, local frame, per ampere-turn, of a coil that has these in the place of a
+        winding."""
+        return ()
+
+    @property
+    def has_winding(self) -> bool:
+        """Whether there is a winding of rectangular section; without one there is no solid, and no inductance."""
+        return not self.filaments
 
     def reflected(self, axis: int) -> Self:
         """The winding seen in a mirror across local axis 0 or 1; the same where it is symmetric."""

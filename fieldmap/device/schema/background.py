@@ -1,10 +1,12 @@
 """The field that nothing in the device drives, [background]."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, field_validator
 
+from fieldmap.device.air_sources import AirSourceKeys
 from fieldmap.device.background import Background
 from fieldmap.inputs.tables import MILLI, Point, Table, Vector, broken, read_only
 
@@ -25,7 +27,11 @@ _SHAPE = "gradient_mT_per_m is five numbers dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/
 class BackgroundKeys(Table):
     """A uniform flux density, with a uniform gradient or without."""
 
-    flux_density_mT: Vector = Field(description="[x, y, z] of the flux density at the centre")
+    attributes: ClassVar[Mapping[str, str]] = {"source": "sources"}
+
+    flux_density_mT: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="[x, y, z] of the flux density at the centre"
+    )
     gradient_mT_per_m: list[Any] | None = Field(
         default=None,
         description="[dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz], or all nine as three rows; 0 if left out",
@@ -33,6 +39,10 @@ class BackgroundKeys(Table):
     )
     centre_mm: Point = Field(
         default=[0.0, 0.0, 0.0], description="[x, y, z] of the point at which the flux density is stated"
+    )
+    source: list[AirSourceKeys] = Field(
+        default=[],
+        description="[[background.source]] tables: magnets of fixed magnetisation, and other sources",
     )
 
     @field_validator("gradient_mT_per_m")
@@ -61,4 +71,7 @@ class BackgroundKeys(Table):
     def to_model(self) -> Background:
         """In SI."""
         gradient = None if self.gradient_mT_per_m is None else read_only(self.gradient_mT_per_m, MILLI)
-        return Background(read_only(self.flux_density_mT, MILLI), gradient, read_only(self.centre_mm, MILLI))
+        sources = tuple(source.to_model() for source in self.source)
+        return Background(
+            read_only(self.flux_density_mT, MILLI), gradient, read_only(self.centre_mm, MILLI), sources
+        )

@@ -15,6 +15,7 @@ from fieldmap.device.schema.shapes import (
     RingKeys,
     SphereKeys,
     StepFileKeys,
+    TriangleSurfaceKeys,
 )
 from fieldmap.inputs.tables import MILLI, Length, Name, Table, broken, chosen_by, chosen_with
 
@@ -71,6 +72,10 @@ class StepFilePart(PartKeys, StepFileKeys):
     """Solids of a STEP file."""
 
 
+class TriangleSurfacePart(PartKeys, TriangleSurfaceKeys):
+    """Solid inside a closed surface of triangles."""
+
+
 SHAPE_KEYS: dict[type[model.Shape], type[Table]] = {
     model.Cylinder: CylinderKeys,
     model.Ring: RingKeys,
@@ -79,6 +84,7 @@ SHAPE_KEYS: dict[type[model.Shape], type[Table]] = {
     model.ExtrudedPolygon: ExtrudedPolygonKeys,
     model.RevolvedProfile: RevolvedProfileKeys,
     model.StepFile: StepFileKeys,
+    model.TriangleSurface: TriangleSurfaceKeys,
 }
 
 AnyPart = Annotated[
@@ -88,7 +94,8 @@ AnyPart = Annotated[
     | Annotated[SpherePart, Tag("sphere")]
     | Annotated[ExtrudedPolygonPart, Tag("extruded_polygon")]
     | Annotated[RevolvedProfilePart, Tag("revolved_profile")]
-    | Annotated[StepFilePart, Tag("step_file")],
+    | Annotated[StepFilePart, Tag("step_file")]
+    | Annotated[TriangleSurfacePart, Tag("triangle_surface")],
     chosen_by("shape"),
 ]
 
@@ -157,6 +164,10 @@ class StepFileBody(InlineBody, StepFileKeys):
     """Solids of a STEP file."""
 
 
+class TriangleSurfaceBody(InlineBody, TriangleSurfaceKeys):
+    """Solid inside a closed surface of triangles."""
+
+
 class CompositeBody(BodyKeys):
     """A body of several parts, added and cut in order."""
 
@@ -192,6 +203,7 @@ AnyBody = Annotated[
     | Annotated[ExtrudedPolygonBody, Tag("extruded_polygon")]
     | Annotated[RevolvedProfileBody, Tag("revolved_profile")]
     | Annotated[StepFileBody, Tag("step_file")]
+    | Annotated[TriangleSurfaceBody, Tag("triangle_surface")]
     | Annotated[CompositeBody, Tag(SEVERAL_PARTS)],
     chosen_with(_kind_of_body, "shape"),
 ]

@@ -5,8 +5,9 @@ Local frame of every shape: axis along z, base in the plane z = 0, centred in x 
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from fieldmap.device import parts as model
@@ -17,7 +18,10 @@ from fieldmap.device.dimensions import (
     require_larger_radius,
     require_simple,
 )
-from fieldmap.inputs.tables import MILLI, Length, Size, Table, Text, broken, read_only
+from fieldmap.device.surfaces import surface_fault
+from fieldmap.inputs.tables import MILLI, Length, Point, Size, Table, Text, broken, read_only
+
+Triple = Annotated[list[int], Field(min_length=3, max_length=3)]
 
 
 class CylinderKeys(Table):
@@ -122,3 +126,28 @@ class StepFileKeys(Table):
     def to_shape(self, folder: Path) -> model.StepFile:
         """In SI, with the path made absolute."""
         return model.StepFile((folder / self.file).resolve(), self.unit_mm * MILLI)
+
+
+class TriangleSurfaceKeys(Table):
+    """Solid inside a closed surface of triangles."""
+
+    shape: Literal["triangle_surface"] = Field(description="solid inside a closed surface of triangles")
+    points_mm: list[Point] = Field(min_length=4, description="[[x, y, z], ...] corners")
+    triangles: list[Triple] = Field(
+        min_length=4, description="[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside"
+    )
+
+    @field_validator("triangles")
+    @classmethod
+    def _closed(cls, value: list[list[int]], info: ValidationInfo) -> list[list[int]]:
+        points = info.data.get("points_mm")
+        fault = None if points is None else surface_fault(np.array(points), np.array(value))
+        if fault is not None:
+            raise broken(*fault)
+        return value
+
+    def to_shape(self, folder: Path) -> model.TriangleSurface:
+        """In SI."""
+        return model.TriangleSurface(
+            read_only(self.points_mm, MILLI), np.array(self.triangles, dtype=np.int64)
+        )

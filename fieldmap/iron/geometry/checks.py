@@ -168,7 +168,8 @@ def _examine(device: Device) -> _Findings:
     problems: list[Problem] = []
     built_bodies = _built(problems, label, "body", device.bodies, body_solid)
     bodies = [*_sound(problems, label, built_bodies)]
-    windings = [solid for _, solid in _built(problems, label, "winding", device.coils, winding_solid)]
+    wound = [coil for coil in device.coils if coil.has_winding]
+    windings = [solid for _, solid in _built(problems, label, "winding", wound, winding_solid)]
     overlapping = overlaps_among(bodies)
     problems += (bodies_overlap(label, overlap) for overlap in overlapping)
     if len(bodies) == len(device.bodies) > 0:

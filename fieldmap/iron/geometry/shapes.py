@@ -18,8 +18,10 @@ from fieldmap.device.model import (
     Shape,
     Sphere,
     StepFile,
+    TriangleSurface,
 )
 from fieldmap.device.polygons import polygon_fault, signed_area
+from fieldmap.device.surfaces import crossing_triangles, enclosed_volume, surface_fault
 from fieldmap.iron.geometry.step_files import solid_of_step_file
 from fieldmap.typing import Array
 
@@ -59,6 +61,8 @@ def local_solid(shape: Shape) -> occ.TopoDS_Shape:
             return _revolved(points)
         case StepFile(path, scale):
             return solid_of_step_file(path, scale)
+        case TriangleSurface():
+            return _inside_surface(shape)
 
 
 # ---- the pieces ----
@@ -134,3 +138,23 @@ def _revolved(points: Array) -> occ.TopoDS_Shape:
         raise ValueError(f"the revolved profile touches the axis at one point only (z = {z:g} mm)")
     face = _polygon_face(np.column_stack([corners[:, 0], np.zeros(len(corners)), corners[:, 1]]))
     return occ.Revolve(face, occ.Axis(point(0.0, 0.0, 0.0), occ.Z), 360.0)
+
+
+def _inside_surface(shape: TriangleSurface) -> occ.TopoDS_Shape:
+    """Triangles sewn together; those that lie in one plane become one face."""
+    points, triangles = np.asarray(shape.points, dtype=float), np.asarray(shape.triangles)
+    fault = surface_fault(points, triangles)
+    if fault is not None:
+        raise ValueError(f"{fault[0]}: {fault[1]}")
+    crossing = crossing_triangles(points, triangles)
+    if crossing is not None:
+        raise ValueError(f"the surface must not cut itself: triangles {crossing[0]} and {crossing[1]} do")
+    corners = points * MILLIMETRES
+    faces = [_polygon_face(corners[triangle]) for triangle in triangles]
+    solid = occ.Solid(occ.Sew(faces)).UnifySameDomain()
+    volume = enclosed_volume(corners, triangles)
+    if abs(solid.mass - volume) > 1e-6 * volume:
+        raise ValueError(
+            f"the surface bounds no single solid: {solid.mass:.6g} mm^3 in place of {volume:.6g} mm^3"
+        )
+    return solid

@@ -18,10 +18,11 @@ from fieldmap.device.model import (
     Shape,
     Sphere,
     StepFile,
+    TriangleSurface,
 )
 from fieldmap.iron.symmetry.group import Operation, SymmetryGroup, multiplication_table
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 # Values of cosines and sines that appear in matrices of axes along the coordinates.
 _EXACT = np.array([0.0, 0.5, 1.0, np.sqrt(0.5), np.sqrt(0.75)])
@@ -186,12 +187,27 @@ def _shape_rows(shape: Shape) -> tuple[tuple[object, ...], Array]:
             return ("prism",), _prism(np.asarray(points, dtype=float), height)
         case Sphere(radius):
             return ("sphere",), np.array([[0.0] * 6 + [radius, 0.0]])
+        case TriangleSurface(points, triangles):
+            return ("surface",), _surface_rows(np.asarray(points), np.asarray(triangles))
         case StepFile(path, scale):
             # The solid's own symmetry is not looked at: a frame of three labelled points has none.
             rows = np.zeros((4, 8))
             rows[1:, :3] = np.eye(3) * 0.1
             rows[:, 6] = np.arange(4)
             return ("step", str(path), scale), rows
+
+
+def _surface_rows(points: Array, triangles: Index) -> Array:
+    """The edges of a surface that are no diagonals of plane faces."""
+    corners = points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    order = np.lexsort(np.sort(sides, axis=1).T)
+    one, other = order[::2], order[1::2]
+    bent = np.einsum("kd,kd->k", normals[one // 3], normals[other // 3]) < 1 - 1e-9
+    start, end = points[sides[one[bent]]].transpose(1, 0, 2)
+    return _both_ways(start, end, 0.0, 0.0)
 
 
 def _both_ways(start: Array, end: Array, *scalars: float | Array) -> Array:
@@ -245,7 +261,7 @@ def find_symmetry(device: Device) -> SymmetryGroup:
     6-fold axis z with 6 mirror planes
     """
     iron = [body_item(body, _kind(device, body)) for body in device.bodies]
-    coils = [coil_item(coil) for coil in device.coils]
+    coils = [coil_item(coil) for coil in device.coils if coil.has_winding]
     if not iron:
         return SymmetryGroup((_trivial(device),), np.zeros(3), 0.0, ("no iron",))
     points = np.concatenate([item.points for item in iron])
@@ -360,9 +376,15 @@ def _operation(
 ) -> Operation:
     # The exact matrix is within the tolerance of the found one; twice as much keeps the verdict.
     bodies = _images(iron, matrix, centre, 2 * tolerance)
-    windings = _images(coils, matrix, centre, 2 * tolerance)
+    if len(coils) == len(device.coils):
+        windings = _images(coils, matrix, centre, 2 * tolerance)
+        axes = [coil_axis(coil) for coil in device.coils]
+    else:
+        # The symmetry of filaments and sheets is not looked at: only where nothing moves each is its own image.
+        same = np.array_equal(matrix, _IDENTITY)
+        windings = tuple(range(len(device.coils))) if same else None
+        axes = [np.array([0.0, 0.0, 1.0])] * len(device.coils)
     handedness = np.sign(np.linalg.det(matrix))
-    axes = [coil_axis(coil) for coil in device.coils]
     signs = [] if windings is None else [axes[windings[k]] @ matrix @ axes[k] for k in range(len(axes))]
     offset = centre - matrix @ centre
     offset[np.abs(offset) < 1e-3 * tolerance] = 0.0

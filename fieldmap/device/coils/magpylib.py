@@ -1,0 +1,102 @@
+"""Coils of the currents that magpylib has: loops, polylines, sheets and strips, and any other magpylib source."""
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field
+
+from fieldmap.device.air_sources import AirSource, AirSourceKeys
+from fieldmap.device.coils.base import Coil, CoilKeys
+from fieldmap.device.coils.winding import WindingPath
+from fieldmap.device.placement import Placement
+from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.tables import Positive
+from fieldmap.typing import Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MagpylibCoil(Coil):
+    """Sources that one current drives: B is (current x turns x polarity) times the sum of theirs.
+
+    sources: with their own currents, those for 1 A in the coil. nominal_current: what the coil carries in the model
+    that it comes from, A, if known. Filaments and sheets have no winding of rectangular section: no solid that is
+    checked against the iron, no resistance, no inductance; the force on filaments and sheets is known.
+    """
+
+    kind: ClassVar[str] = "magpylib"
+
+    name: str
+    sources: tuple[AirSource, ...]
+    turns: float = 1.0
+    polarity: int = 1
+    placement: Placement = field(default_factory=Placement)
+    nominal_current: float | None = None
+    resistance: float | None = None
+    inductance: float | None = None
+
+    def __post_init__(self) -> None:
+        given = (self.sources,) if isinstance(self.sources, AirSource) else tuple(self.sources)
+        object.__setattr__(self, "sources", given)
+
+    @classmethod
+    def from_magpylib(cls, name: str, model: Any, **options: Any) -> Self:
+        """Of a magpylib source or Collection: see `fieldmap.sources.from_magpylib.coil_of`."""
+        return importlib.import_module("fieldmap.sources.from_magpylib").coil_of(name, model, **options)
+
+    @property
+    def filaments(self) -> tuple[AirSource, ...]:
+        """The sources."""
+        return self.sources
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether a file cannot hold it: an object of a class that is not among magpylib's kinds."""
+        return any(source.live is not None for source in self.sources)
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """0: there is no winding."""
+        return 0.0
+
+    def winding(self) -> WindingPath:
+        """Raises InputError: there is none."""
+        must_hold, remedy = "a winding of rectangular section is needed", "give a coil of another kind"
+        raise InputError(Problem(f"coil {self.name!r}", must_hold, "magpylib sources", remedy))
+
+    def reflected(self, axis: int) -> Self:
+        """Raises InputError: mirror the model in magpylib."""
+        remedy = "mirror the sources in magpylib"
+        raise InputError(Problem("mirrored", "a coil that can be mirrored", f"coil {self.name!r}", remedy))
+
+    def unit_flux_density(self, points: Array, digits: float) -> Array:
+        """As `Coil.unit_flux_density`; exact, whatever the digits."""
+        return np.sum([source.flux_density(points) for source in self.sources], axis=0)
+
+    def unit_flux_density_and_gradient(self, points: Array, digits: float) -> tuple[Array, Array]:
+        """As `Coil.unit_flux_density_and_gradient`; see `fieldmap.sources.air_sources` for the gradient."""
+        pairs = [source.flux_density_and_gradient(points) for source in self.sources]
+        return np.sum([pair[0] for pair in pairs], axis=0), np.sum([pair[1] for pair in pairs], axis=0)
+
+
+class MagpylibCoilKeys(CoilKeys):
+    """Sources of magpylib's kinds, driven by one current."""
+
+    rank: ClassVar[int] = 90
+    attributes: ClassVar[Mapping[str, str]] = {"source": "sources"}
+
+    kind: Literal["magpylib"] = Field(description="currents of magpylib's kinds, driven together")
+    turns: Positive = Field(default=1.0, description="number of turns: factor of the sources' currents")
+    nominal_current_A: float | None = Field(
+        default=None, description="what the coil carries in the model that it comes from"
+    )
+    source: list[AirSourceKeys] = Field(
+        min_length=1, description="[[coil.source]] tables: with their currents for 1 A in the coil"
+    )
+
+    def to_model(self) -> MagpylibCoil:
+        """In SI."""
+        sources = tuple(source.to_model() for source in self.source)
+        return MagpylibCoil(sources=sources, nominal_current=self.nominal_current_A, **self.common())

@@ -1,0 +1,108 @@
+"""Closed surfaces of triangles: what makes one that bounds a solid, and what is wrong with one that does not."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.typing import Array, Index
+
+_SIDES = ((0, 1), (1, 2), (2, 0))
+_FLAT = 1e-12
+
+
+def surface_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
+    """What must hold, what was received and the remedy, of a surface that bounds no solid; None for one that does.
+
+    points (n, 3) in any unit, triangles (m, 3): numbers of points. Looked at: numbers, repeated corners, open edges,
+    triangles that turn the wrong way, and an enclosed volume that is negative (the surface is inside out). Whether it
+    cuts itself is not looked at here, see `crossing_triangles`.
+
+    >>> corners = np.vstack([np.zeros(3), np.eye(3)])
+    >>> surface_fault(corners, np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])) is None
+    True
+    >>> surface_fault(corners, np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3]]))[1]
+    'an open edge between points 0 and 1 (3 in all)'
+    """
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        wrong = triangles[((triangles < 0) | (triangles >= len(points))).any(axis=1)][0].tolist()
+        return f"triangles are numbers of points, 0 to {len(points) - 1}", f"{wrong}", "number them from 0"
+    sides = np.concatenate([triangles[:, pair] for pair in _SIDES])
+    alike = sides[sides[:, 0] == sides[:, 1]]
+    if len(alike):
+        return (
+            "three different corners in each triangle",
+            f"point {alike[0, 0]} twice",
+            "remove that triangle",
+        )
+    seen, count = np.unique(sides, axis=0, return_counts=True)
+    edges = set(map(tuple, seen.tolist()))
+    lonely = sorted(edge for edge in edges if edge[::-1] not in edges)
+    doubled = seen[count > 1]
+    closed = "a closed surface: each edge belongs to two triangles, which run along it in opposite ways"
+    if len(doubled):
+        one, two = doubled[0].tolist()
+        received = f"two triangles that run the same way from point {one} to {two} ({len(doubled)} in all)"
+        return closed, received, "turn the triangles so that all are counter-clockwise seen from outside"
+    if lonely:
+        one, two = min(tuple(sorted(edge)) for edge in lonely)
+        return (
+            closed,
+            f"an open edge between points {one} and {two} ({len(lonely)} in all)",
+            "close the surface",
+        )
+    volume = enclosed_volume(points, triangles)
+    if volume <= 0:
+        received = f"an enclosed volume of {volume:.4g}"
+        must_hold = "triangles must turn counter-clockwise seen from outside"
+        return must_hold, received, "the surface is inside out: reverse the corners of each triangle"
+    return None
+
+
+def enclosed_volume(points: Array, triangles: Index) -> float:
+    """Volume inside a closed surface: negative where it is inside out."""
+    centred = points - points.mean(axis=0)
+    a, b, c = np.moveaxis(centred[triangles], 1, 0)
+    return float(np.einsum("kd,kd->", a, np.cross(b, c)) / 6)
+
+
+def crossing_triangles(points: Array, triangles: Index) -> tuple[int, int] | None:
+    """Two triangles of a surface that cut each other, away from corners that they share; None where none do.
+
+    An edge of one goes through the inside of the other. Candidates are those whose bounding boxes overlap.
+    """
+    corners = points[triangles]
+    lower, upper = corners.min(axis=1), corners.max(axis=1)
+    order = np.argsort(lower[:, 0], kind="stable")
+    size = float(np.ptp(points, axis=0).max())
+    for place, one in enumerate(order):
+        last = np.searchsorted(lower[order, 0], upper[one, 0], side="right")
+        others = order[place + 1 : last]
+        near = (lower[others] <= upper[one]).all(axis=1) & (upper[others] >= lower[one]).all(axis=1)
+        others = others[near]
+        shares = (triangles[others][:, :, None] == triangles[one]).any(axis=(1, 2))
+        others = others[~shares]
+        if not len(others):
+            continue
+        cut = _edges_cross(np.repeat(corners[one][None], len(others), axis=0), corners[others], size)
+        cut |= _edges_cross(corners[others], np.repeat(corners[one][None], len(others), axis=0), size)
+        if cut.any():
+            return int(one), int(others[np.argmax(cut)])
+    return None
+
+
+def _edges_cross(these: Array, those: Array, size: float) -> NDArray[np.bool_]:
+    """Whether an edge of triangle these[k] (k, 3, 3) goes through the inside of triangle those[k]."""
+    a, b, c = np.moveaxis(those, 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    height = np.einsum("kid,kd->ki", these - a[:, None], normal)
+    height[np.abs(height) < _FLAT * size] = 0.0
+    crosses = np.zeros(len(these), bool)
+    for i, j in _SIDES:
+        through = height[:, i] * height[:, j] < 0
+        share = np.where(through, height[:, i] / np.where(through, height[:, i] - height[:, j], 1.0), 0.0)
+        x = these[:, i] + share[:, None] * (these[:, j] - these[:, i])
+        inside = through
+        for p, q in ((a, b), (b, c), (c, a)):
+            inside = inside & (np.einsum("kd,kd->k", np.cross(q - p, x - p), normal) > _FLAT * size**2)
+        crosses |= inside
+    return crosses

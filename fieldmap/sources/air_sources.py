@@ -1,0 +1,391 @@
+"""Fields of currents and magnets of magpylib's kinds in air: by kernels of this package where there is one.
+
+| kind | flux density | gradient |
+|---|---|---|
+| Circle | loop kernel | loop kernel |
+| Polyline | closed form of each segment (Hanson and Hirshman, Phys. Plasmas 9 (2002) 4410, eq. 8) | its complex step |
+| TriangleSheet, TriangleStrip | mu0 K x field of the charged triangle: kernel of charged faces | the same |
+| Cuboid, Tetrahedron, TriangularMesh, Triangle | charged faces J . n, and J inside | the same |
+| Sphere, Dipole | closed form | closed form |
+| Cylinder magnetised along its axis | current sheet kernel | the same |
+| Cylinder across, CylinderSegment, any other object | magpylib | differences, `differenced` |
+
+On filaments and on sheets flux density and gradient are 0, as in magpylib.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.constants import mu_0
+from scipy.spatial.transform import Rotation
+
+from fieldmap.device.air_sources import OTHER, AirSource
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
+from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
+from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
+from fieldmap.kernels.simplex_rules import triangle_rule
+from fieldmap.typing import Array, Index
+
+STEP = 2e-3
+"""Step of the differences, as a share of the source's size."""
+
+_IMAGINARY = 1e-30
+_ROWS = 20_000
+_ROUND, _ALONG = 720, 12
+
+
+def flux_density(source: AirSource, points: Array) -> Array:
+    """B (n, 3), T, of a source at points (n, 3), m, in the frame in which it is placed; its own current counts."""
+    local, rotation = _local(source, points)
+    return _FIELDS.get(source.kind, _by_magpylib)(source, local, False)[0] @ rotation.T
+
+
+def flux_density_and_gradient(source: AirSource, points: Array) -> tuple[Array, Array]:
+    """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m; see the table of this module for how."""
+    local, rotation = _local(source, points)
+    field, gradient = _FIELDS.get(source.kind, _by_magpylib)(source, local, True)
+    return field @ rotation.T, rotation @ gradient @ rotation.T
+
+
+def _local(source: AirSource, points: Array) -> tuple[Array, Array]:
+    rotation = np.asarray(source.placement.rotation, dtype=float)
+    return np.ascontiguousarray((points - source.placement.position) @ rotation), rotation
+
+
+_None = np.zeros((0, 3, 3))
+
+
+def _circle(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    radius = 0.5 * source.diameter  # type: ignore[operator]
+    if not both:
+        return source.amperes * loop_flux_density(points, radius), _None
+    field, gradient = loop_flux_density_and_gradient(points, radius)
+    return source.amperes * field, source.amperes * gradient
+
+
+# ---- filaments ----
+
+
+def segments_of(source: AirSource) -> tuple[Array, Array]:
+    """First and last points (m, 3) of the segments of a Polyline, without those of no length."""
+    start, end = source.vertices[:-1], source.vertices[1:]  # type: ignore[index]
+    there = (start != end).any(axis=1)
+    return start[there], end[there]
+
+
+def _polyline(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    start, end = segments_of(source)
+    factor = mu_0 * source.amperes / (4 * np.pi)
+    field = np.zeros(points.shape)
+    gradient = np.zeros((len(points), 3, 3)) if both else _None
+    rows = max(1, _ROWS // max(len(start), 1))
+    for first in range(0, len(points), rows):
+        here = slice(first, first + rows)
+        field[here] = factor * _segments(points[here], start, end)
+        for axis in range(3) if both else ():
+            moved = points[here].astype(complex)
+            moved[:, axis] += 1j * _IMAGINARY
+            gradient[here, :, axis] = factor * _segments(moved, start, end).imag / _IMAGINARY
+    return field, gradient
+
+
+def _segments(points: Array, start: Array, end: Array) -> Array:
+    """4 pi / mu0 times B per ampere of all segments, summed; of complex points as well."""
+    one, other = points[:, None] - start, points[:, None] - end
+    far = np.sqrt((one**2).sum(axis=2)) + np.sqrt((other**2).sum(axis=2))
+    product = np.sqrt((one**2).sum(axis=2) * (other**2).sum(axis=2))
+    length = np.linalg.norm(end - start, axis=1)
+    # far^2 - length^2 = 2 (product + one . other): no difference of large numbers.
+    apart = 2 * (product + (one * other).sum(axis=2))
+    cross = np.cross((end - start) / length[:, None], one)
+    on_wire = np.abs(cross.real).max(axis=2) < 1e-15 * length
+    apart = np.where(on_wire, 1.0, apart)
+    size = np.where(on_wire, 0.0, 2 * length * far / (np.where(on_wire, 1.0, product) * apart))
+    return (size[:, :, None] * cross).sum(axis=1)
+
+
+def current_elements_of(source: AirSource) -> tuple[Array, Array]:
+    """Points (n, 3), m, and current elements (n, 3), A m, of a current at its place: the force is sum of elements x B.
+
+    Raises InputError for what is no current of magpylib's kinds.
+    """
+    if source.kind == "Circle":
+        angle = 2 * np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
+        radius = 0.5 * source.diameter  # type: ignore[operator]
+        points = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND)])
+        elements = 2 * np.pi / _ROUND * np.cross([0.0, 0.0, 1.0], points) * source.amperes
+    elif source.kind == "Polyline":
+        start, end = segments_of(source)
+        nodes, weights = np.polynomial.legendre.leggauss(_ALONG)
+        share = 0.5 * (1 + nodes)
+        points = (start[:, None] + share[:, None] * (end - start)[:, None]).reshape(-1, 3)
+        elements = (source.amperes * 0.5 * weights[:, None] * (end - start)[:, None]).reshape(-1, 3)
+    elif source.kind in ("TriangleSheet", "TriangleStrip"):
+        corners, density = sheet_of(source)
+        rule, weights = triangle_rule(4)
+        area = 0.5 * np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+        points = np.einsum("qk,mkd->mqd", rule, corners).reshape(-1, 3)
+        elements = (weights[:, None] * (area[:, None] * density)[:, None]).reshape(-1, 3)
+    else:
+        name = type(source.live).__name__ if source.kind == OTHER else source.kind
+        remedy = "ask for the force on the other bodies and coils"
+        raise InputError(Problem("force, name", "currents whose places are known", f"a {name}", remedy))
+    turn = np.asarray(source.placement.rotation, dtype=float).T
+    return points @ turn + source.placement.position, elements @ turn
+
+
+# ---- triangles: sheets of current, and faces with magnetic charge ----
+
+
+def sheet_of(source: AirSource) -> tuple[Array, Array]:
+    """Corners (m, 3, 3) and current densities (m, 3), A/m, of a TriangleSheet or TriangleStrip."""
+    vertices = source.vertices
+    assert vertices is not None
+    if source.kind == "TriangleStrip":
+        corners = np.stack([vertices[:-2], vertices[1:-1], vertices[2:]], axis=1)
+        along, side = corners[:, 2] - corners[:, 0], corners[:, 1] - corners[:, 0]
+        area = np.linalg.norm(np.cross(side, along), axis=1)
+        flat = area <= 1e-14 * (along**2).sum(axis=1)
+        # The current runs along the side from first to last corner, over the height of the third above it.
+        density = source.amperes * along / np.where(flat, 1.0, area)[:, None]
+        return corners[~flat], density[~flat]
+    corners = vertices[source.faces]
+    normals = _normals(corners)
+    density = np.asarray(source.current_densities, dtype=float)
+    return corners, density - np.einsum("md,md->m", density, normals)[:, None] * normals
+
+
+def _normals(corners: Array) -> Array:
+    twice = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return twice / np.linalg.norm(twice, axis=1, keepdims=True)
+
+
+def _sheet(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    """mu0 times the sum of K x E, with E the field of a triangle of unit charge."""
+    corners, density = sheet_of(source)
+    normals = _normals(corners)
+    field, gradient = np.zeros(points.shape), np.zeros((len(points), 3, 3)) if both else _None
+    on_sheet = _on_triangles(points, corners, normals)
+    for axis in range(3):
+        charge = np.ascontiguousarray(mu_0 * density[:, axis] / (4 * np.pi))
+        unit = np.eye(3)[axis]
+        if both:
+            e, slope = triangles_field_and_gradient(points, corners, normals, charge)
+            gradient += np.cross(unit, slope, axisb=1, axisc=1)
+        else:
+            e = triangles_field(points, corners, normals, charge)
+        field += np.cross(unit, e)
+    field[on_sheet] = 0.0
+    if both:
+        gradient[on_sheet] = 0.0
+    return field, gradient
+
+
+def _on_triangles(points: Array, corners: Array, normals: Array) -> Array:
+    """Whether points (n, 3) lie on one of the triangles, to rounding."""
+    on = np.zeros(len(points), bool)
+    for corner, normal in zip(corners, normals, strict=True):
+        size = np.linalg.norm(corner[1] - corner[0]) + np.linalg.norm(corner[2] - corner[0])
+        near = np.abs((points - corner[0]) @ normal) < 1e-12 * size
+        for k in range(3):
+            inward = np.cross(normal, corner[(k + 1) % 3] - corner[k])
+            near &= (points - corner[k]) @ inward > -1e-12 * size**2
+        on |= near
+    return on
+
+
+def faces_of(source: AirSource) -> Array:
+    """Corners (m, 3, 3) of the surface of a magnet with plane faces, turning outward, or of one Triangle."""
+    if source.kind == "Cuboid":
+        half = 0.5 * np.asarray(source.dimension)
+        return _CUBE[_CUBE_FACES] * half
+    vertices = np.asarray(source.vertices, dtype=float)
+    if source.kind == "Triangle":
+        return vertices[None]
+    if source.kind == "Tetrahedron":
+        volume = np.linalg.det(vertices[1:] - vertices[0])
+        faces = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+        return vertices[faces if volume > 0 else faces[:, ::-1]]
+    corners = vertices[source.faces]
+    volume = np.einsum("md,md->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    return corners if volume > 0 else corners[:, ::-1]
+
+
+_CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_CUBE_FACES: Index = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def _charged(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    """Charges J . n on the faces, and J inside, where B = mu0 H + J."""
+    corners = np.ascontiguousarray(faces_of(source))
+    normals = _normals(corners)
+    polarisation = np.asarray(source.polarization, dtype=float)
+    charge = np.ascontiguousarray(normals @ polarisation / (4 * np.pi))
+    if both:
+        field, gradient = triangles_field_and_gradient(points, corners, normals, charge)
+    else:
+        field, gradient = triangles_field(points, corners, normals, charge), _None
+    if source.kind != "Triangle":
+        field[_inside(points, corners)] += polarisation
+    return field, gradient
+
+
+def _inside(points: Array, corners: Array) -> Array:
+    """Whether points (n, 3) lie inside a closed surface (m, 3, 3): solid angle 4 pi, not 0."""
+    lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    inside = ((points > lower) & (points < upper)).all(axis=1)
+    candidates = np.flatnonzero(inside)
+    rows = max(1, _ROWS // len(corners))
+    for first in range(0, len(candidates), rows):
+        here = candidates[first : first + rows]
+        a, b, c = np.moveaxis(corners - points[here][:, None, None], 2, 0)
+        lengths = [np.linalg.norm(side, axis=2) for side in (a, b, c)]
+        triple = np.einsum("nmd,nmd->nm", a, np.cross(b, c))
+        pairs = [np.einsum("nmd,nmd->nm", *two) for two in ((a, b), (b, c), (c, a))]
+        below = lengths[0] * lengths[1] * lengths[2] + pairs[0] * lengths[2] + pairs[1] * lengths[0]
+        angle = 2 * np.arctan2(triple, below + pairs[2] * lengths[1]).sum(axis=1)
+        inside[here] = np.abs(angle) > 2 * np.pi
+    return inside
+
+
+# ---- balls, dipoles, cylinders ----
+
+
+def _dipole_of(moment: Array, points: Array, both: bool) -> tuple[Array, Array]:
+    """B and gradient of mu0 times a moment (3,), T m^3 (Jackson 5.56); infinite at the dipole."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r2 = (points**2).sum(axis=1)[:, None]
+        along = (points @ moment)[:, None]
+        size = 1 / (4 * np.pi * r2**1.5)
+        field = size * (3 * along * points / r2 - moment)
+        if not both:
+            return field, _None
+        r2, along = r2[:, :, None], along[:, :, None]
+        outer = moment[:, None] * points[:, None, :] + points[:, :, None] * moment
+        bracket = outer + along * np.eye(3) - 5 * along * points[:, :, None] * points[:, None, :] / r2
+        return field, 3 * size[:, :, None] / r2 * bracket
+
+
+def _dipole(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    return _dipole_of(mu_0 * np.asarray(source.moment, dtype=float), points, both)
+
+
+def _sphere(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    radius = 0.5 * source.diameter  # type: ignore[operator]
+    polarisation = np.asarray(source.polarization, dtype=float)
+    field, gradient = _dipole_of(4 / 3 * np.pi * radius**3 * polarisation, points, both)
+    inside = (points**2).sum(axis=1) <= radius**2
+    field[inside] = 2 / 3 * polarisation
+    if both:
+        gradient[inside] = 0.0
+    return field, gradient
+
+
+def _cylinder(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    polarisation = np.asarray(source.polarization, dtype=float)
+    if polarisation[:2].any():
+        return _by_magpylib(source, points, both)
+    diameter, height = np.asarray(source.dimension, dtype=float)
+    turns = polarisation[2] * height / mu_0
+    if not both:
+        return turns * sheet_flux_density(points, 0.5 * diameter, height), _None
+    field, gradient = sheet_flux_density_and_gradient(points, 0.5 * diameter, height)
+    return turns * field, turns * gradient
+
+
+# ---- what magpylib computes ----
+
+
+def magpylib_object(source: AirSource) -> Any:
+    """The source as an object of magpylib at its place, or the object that it is."""
+    import magpylib
+
+    if source.kind == OTHER:
+        return source.live
+    values = {name: getattr(source, name) for name in _VALUES if getattr(source, name) is not None}
+    if source.kind == "CylinderSegment":
+        values["dimension"] = (*source.dimension, *source.angles)  # type: ignore[misc]
+    module = next(m for m in (magpylib.magnet, magpylib.current, magpylib.misc) if hasattr(m, source.kind))
+    rotation = Rotation.from_matrix(source.placement.rotation)
+    return getattr(module, source.kind)(position=source.placement.position, orientation=rotation, **values)
+
+
+_VALUES = (
+    "current",
+    "diameter",
+    "dimension",
+    "vertices",
+    "faces",
+    "current_densities",
+    "polarization",
+    "moment",
+)
+
+
+def size_of(source: AirSource) -> float:
+    """Largest extent of a source, m; of an object of an unknown class 1 mm."""
+    if source.diameter is not None:
+        return float(source.diameter)
+    if source.kind == "CylinderSegment":
+        return float(max(2 * source.dimension[1], source.dimension[2]))  # type: ignore[index]
+    if source.dimension is not None:
+        return float(np.max(source.dimension))
+    if source.vertices is not None:
+        return float(np.ptp(source.vertices, axis=0).max())
+    return 1e-3
+
+
+def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
+    """In the local frame: the object is taken there and back."""
+    rotation, position = np.asarray(source.placement.rotation), source.placement.position
+    thing = magpylib_object(source)
+
+    def field(local: Array) -> Array:
+        values = np.reshape(thing.getB(local @ rotation.T + position), local.shape)
+        if not np.isfinite(values).all():
+            received = f"{int((~np.isfinite(values)).any(axis=1).sum())} of {len(values)} that are not"
+            remedy = "keep to where it is known"
+            raise InputError(
+                Problem(f"magpylib {type(thing).__name__}", "B must be finite", received, remedy)
+            )
+        return values @ rotation
+
+    return field(points), differenced(field, points, STEP * size_of(source)) if both else _None
+
+
+def differenced(field: Callable[[Array], Array], points: Array, step: float) -> Array:
+    """dB_i/dx_j (n, 3, 3) by central differences of fourth order.
+
+    Off by (step / distance from the surface)^4 and by rounding / step: with the step of `STEP` 1e-6 of the gradient a
+    tenth of the size from a magnet, 1e-5 at single points where magpylib's own B is rounded to 1e-8 only.
+    """
+    offsets = np.array([-2.0, -1.0, 1.0, 2.0]) * step
+    weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12 * step)
+    places = points[:, None, None] + offsets[:, None] * np.eye(3)[:, None]
+    values = field(np.ascontiguousarray(places.reshape(-1, 3))).reshape(len(points), 3, 4, 3)
+    return np.einsum("njkd,k->ndj", values, weights)
+
+
+_Fields = Callable[[AirSource, Array, bool], tuple[Array, Array]]
+_FIELDS: dict[str, _Fields] = {
+    "Circle": _circle,
+    "Polyline": _polyline,
+    "TriangleSheet": _sheet,
+    "TriangleStrip": _sheet,
+    "Cuboid": _charged,
+    "Tetrahedron": _charged,
+    "TriangularMesh": _charged,
+    "Triangle": _charged,
+    "Sphere": _sphere,
+    "Dipole": _dipole,
+    "Cylinder": _cylinder,
+}

@@ -1,0 +1,405 @@
+"""A device of a magpylib model: currents become coils, soft objects iron, magnets bodies or a background.
+
+An object is soft, or a magnet that its surroundings change, where it or a Collection that holds it has a
+`susceptibility`, as magpylib-material-response attaches it: J = polarization + susceptibility mu0 H. A material of this
+package in its place, or an object with arrays H and B, stands for a curve. A magnet without any is one of fixed
+magnetisation: its field is part of the background, computed exactly, and nothing changes it.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import magpylib
+import numpy as np
+
+from fieldmap.device.air_sources import CURRENTS, OTHER, AirSource
+from fieldmap.device.background import Background
+from fieldmap.device.coils.magpylib import MagpylibCoil
+from fieldmap.device.materials import Material, keys_of_table
+from fieldmap.device.model import (
+    Body,
+    Box,
+    Cylinder,
+    Device,
+    ExtrudedPolygon,
+    Part,
+    Placement,
+    Ring,
+    Sphere,
+    TriangleSurface,
+)
+from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.document import schema_findings
+from fieldmap.typing import Array
+
+_ATTRIBUTES = {
+    "current": 0,
+    "diameter": 0,
+    "dimension": 1,
+    "vertices": 2,
+    "current_densities": 2,
+    "polarization": 1,
+    "moment": 1,
+}
+"""Axes of an attribute without a path."""
+
+_MESH, _LAYER = 5.0, 4.0
+_SOLIDS = ("Cuboid", "Cylinder", "CylinderSegment", "Sphere", "Tetrahedron", "TriangularMesh")
+
+
+def device_of(
+    model: Any,
+    name: str = "magpylib",
+    title: str = "",
+    materials: Mapping[str, Any] | None = None,
+    mesh_size: float | Mapping[str, float] | None = None,
+    coils: str = "each",
+    **more: Any,
+) -> Device:
+    """The device of a magpylib source, a Collection, or a sequence of them, at the last pose of their paths.
+
+    materials: a material, susceptibility or curve for objects or Collections by their `style.label`; it counts before
+    their own `susceptibility`. mesh_size: largest element edge, m, of all bodies or by label; a fifth of the body's
+    largest extent if not given, and no more than its smallest. coils: "each" makes a coil of every current,
+    "collections" one of all currents that one Collection holds directly, driven together. more: other arguments of
+    `Device`, such as `workspace`.
+
+    Coils and bodies are named by label, or by class and number. A coil's field is that of 1 A;
+    `Device.nominal_currents` are the currents of the model. Sensors are left out. Raises InputError with one Problem
+    for everything that cannot be taken.
+
+    >>> loop = magpylib.current.Circle(current=3.0, diameter=0.04, position=(0, 0, 0.01))
+    >>> core = magpylib.magnet.Cylinder(polarization=(0, 0, 0), dimension=(0.01, 0.02))
+    >>> core.susceptibility = 999.0
+    >>> device = device_of(magpylib.Collection(loop, core))
+    >>> device.nominal_currents, device.bodies[0].name, device.materials["Cylinder 1"].mu_r
+    ({'Circle_1': 3.0}, 'Cylinder 1', 1000.0)
+    """
+    if coils not in ("each", "collections"):
+        remedy = 'give "each" or "collections"'
+        raise InputError(
+            Problem("from_magpylib, coils", 'must be "each" or "collections"', repr(coils), remedy)
+        )
+    found = _Found(dict(materials or {}), mesh_size)
+    groups: dict[int, list[Any]] = {}
+    for thing in _leaves(model):
+        source = _source_of(thing, found.problems)
+        if source is None:
+            continue
+        material = found.material_of(thing)
+        if source.is_current:
+            parent = getattr(thing, "parent", None)
+            together = coils == "collections" and parent is not None
+            groups.setdefault(id(parent) if together else id(thing), []).append((thing, source, together))
+        elif material is None or material == 0.0:
+            found.fixed.append(source)
+        else:
+            found.add_body(thing, source, material)
+    for members in groups.values():
+        found.add_coil(members)
+    unused = set(found.materials) - found.used
+    if unused:
+        received = ", ".join(sorted(unused))
+        remedy = "use the labels of the model (style.label)"
+        found.problems.append(Problem("from_magpylib, materials", "labels of the model", received, remedy))
+    if found.problems:
+        raise InputError(*found.problems)
+    background = more.pop("background", None)
+    if found.fixed:
+        background = Background(sources=tuple(found.fixed)) if background is None else background
+    return Device(
+        name,
+        title,
+        tuple(found.coils),
+        tuple(found.bodies),
+        materials=found.made,
+        background=background,
+        **more,
+    )
+
+
+def coil_of(name: str, model: Any, **options: Any) -> MagpylibCoil:
+    """A coil of a magpylib source, a Collection or a sequence of them, driven together; options are its turns, polarity
+    and the like.
+
+    Currents count with their share of the first current that is not zero, which becomes the nominal current. Of a
+    magnet or any other source the field that it has is that of 1 A. Raises InputError for what is no source.
+    """
+    sources = _sources_of(model)
+    first = next((source.current for source in sources if source.current), None)
+    options = {"nominal_current": first} | options
+    return MagpylibCoil(name, tuple(_per_ampere(source, first) for source in sources), **options)
+
+
+def background_of(model: Any, **options: Any) -> Background:
+    """A background of a magpylib source, a Collection or a sequence of them; options are the other arguments of
+    `Background`. Raises InputError for what is no source."""
+    return Background(sources=tuple(_sources_of(model)), **options)
+
+
+def _sources_of(model: Any) -> list[AirSource]:
+    problems: list[Problem] = []
+    sources = [_source_of(thing, problems) for thing in _leaves(model)]
+    if problems or not sources:
+        none = Problem("from_magpylib, model", "at least one source", "none", "add a source")
+        raise InputError(*(problems or [none]))
+    return [source for source in sources if source is not None]
+
+
+def _per_ampere(source: AirSource, nominal: float | None) -> AirSource:
+    """A source with its share of a current, A; None where no current is known: 1 A in each."""
+    values = {key: getattr(source, key) for key in AirSource.__dataclass_fields__}
+    if source.current is not None:
+        values["current"] = 1.0 if nominal is None else source.current / nominal
+    elif source.current_densities is not None and nominal is not None:
+        values["current_densities"] = source.current_densities / nominal
+    return AirSource(**values)
+
+
+class _Found:
+    """What has been found of a model so far."""
+
+    def __init__(self, materials: dict[str, Any], mesh_size: float | Mapping[str, float] | None) -> None:
+        self.materials, self.mesh_size = materials, mesh_size
+        self.coils: list[MagpylibCoil] = []
+        self.bodies: list[Body] = []
+        self.made: dict[str, Material] = {}
+        self.fixed: list[AirSource] = []
+        self.problems: list[Problem] = []
+        self.used: set[str] = set()
+        self._names: set[str] = set()
+
+    def material_of(self, thing: Any) -> Any:
+        """Susceptibility, curve or material of an object: its own, or that of the nearest Collection with one."""
+        at = thing
+        while at is not None:
+            label = getattr(at.style, "label", None)
+            if label in self.materials:
+                self.used.add(label)
+                return self.materials[label]
+            own = getattr(at, "susceptibility", None)
+            if own is not None:
+                return own
+            at = getattr(at, "parent", None)
+        return None
+
+    def named(self, thing: Any, allowed: str, gap: str) -> str:
+        """A name that nothing else has."""
+        label = getattr(thing.style, "label", None)
+        word = re.sub(allowed, "_", str(label).strip()) if label else ""
+        if word and word not in self._names:
+            self._names.add(word)
+            return word
+        stem, k = word or type(thing).__name__, 1
+        while f"{stem}{gap}{k}" in self._names:
+            k += 1
+        self._names.add(f"{stem}{gap}{k}")
+        return f"{stem}{gap}{k}"
+
+    def add_coil(self, members: list[tuple[Any, AirSource, bool]]) -> None:
+        """Currents that are driven together, each with its share of the first one that is not zero."""
+        first = next((source.current for _, source, _ in members if source.current), None)
+        sources = [_per_ampere(source, first) for _, source, _ in members]
+        thing, _, together = members[0]
+        name = self.named(thing.parent if together else thing, r"[^A-Za-z0-9_]", "_")
+        nominal = 1.0 if first is None and sources[0].kind == "TriangleSheet" else (first or 0.0)
+        self.coils.append(MagpylibCoil(name, tuple(sources), nominal_current=nominal))
+
+    def add_body(self, thing: Any, source: AirSource, material: Any) -> None:
+        """A body of iron, or a magnet that its surroundings change."""
+        label = getattr(thing.style, "label", None) or type(thing).__name__
+        where = f"from_magpylib, {label}"
+        if source.kind not in _SOLIDS:
+            must_hold = f"a susceptibility belongs to one of {', '.join(_SOLIDS)}"
+            self.problems.append(Problem(where, must_hold, f"a {type(thing).__name__}", "remove it"))
+            return
+        name = self.named(thing, r"[^A-Za-z0-9_ +-]", " ")
+        law = _law(name, source, material)
+        if isinstance(law, Problem):
+            self.problems.append(Problem(where, law.must_hold, law.received, law.remedy))
+            return
+        try:
+            parts = _parts(source)
+        except ValueError as error:
+            self.problems.append(
+                Problem(where, "a shape with a volume", str(error), "correct its dimensions")
+            )
+            return
+        size = self._mesh_size(label, source)
+        self.bodies.append(Body(name, self._material(name, law), parts, size, size / _LAYER))
+
+    def _material(self, name: str, law: Material) -> str:
+        """The name under which a law is entered: that of the first body of it."""
+        for known, other in self.made.items():
+            if law is other or (
+                law.role != "magnet" and law.likeness is not None and law.likeness == other.likeness
+            ):
+                return known
+        self.made[name] = law
+        return name
+
+    def _mesh_size(self, label: str, source: AirSource) -> float:
+        given = self.mesh_size.get(label) if isinstance(self.mesh_size, Mapping) else self.mesh_size
+        if given is not None:
+            return float(given)
+        extent = _extent(source)
+        return float(min(extent.max() / _MESH, extent.min()))
+
+
+def _leaves(model: Any) -> Iterable[Any]:
+    """All sources of a Collection, nested ones too, of a sequence, or the source itself; sensors are left out."""
+    if isinstance(model, magpylib.Collection):
+        return list(model.sources_all)
+    if isinstance(model, list | tuple):
+        return [leaf for one in model for leaf in _leaves(one)]
+    if isinstance(model, magpylib.Sensor):
+        return []
+    if not hasattr(model, "getB") or not hasattr(model, "orientation"):
+        received = type(model).__name__
+        remedy = "give a Collection or a list of sources"
+        raise InputError(
+            Problem("from_magpylib, model", "magpylib sources and Collections", received, remedy)
+        )
+    return [model]
+
+
+def _last(thing: Any, name: str) -> Any:
+    """An attribute at the end of the path, None where it is not set."""
+    value = getattr(thing, name, None)
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=float)
+    if array.ndim > _ATTRIBUTES[name]:
+        array = array[-1]
+    return float(array) if array.ndim == 0 else array
+
+
+def _source_of(thing: Any, problems: list[Problem]) -> AirSource | None:
+    """The object as data, at its last pose."""
+    position = np.atleast_2d(thing.position)[-1]
+    rotation = np.atleast_3d(thing.orientation.as_matrix()).reshape(-1, 3, 3)[-1]
+    placement = Placement(np.array(position), np.array(rotation))
+    kind = type(thing).__name__
+    if type(thing).__module__.split(".")[0] != "magpylib" or kind not in (
+        *CURRENTS,
+        *_SOLIDS,
+        "Triangle",
+        "Dipole",
+    ):
+        return AirSource(OTHER, live=thing)
+    values = {name: _last(thing, name) for name in _ATTRIBUTES if hasattr(thing, name)}
+    missing = [name for name, value in values.items() if value is None]
+    if missing:
+        must_hold, received = f"{', '.join(missing)} must be set", "None"
+        label = getattr(thing.style, "label", None) or kind
+        problems.append(Problem(f"from_magpylib, {label}", must_hold, received, "set it in magpylib"))
+        return None
+    if kind == "CylinderSegment":
+        values["dimension"], values["angles"] = values["dimension"][:3], values["dimension"][3:]
+    if "faces" in dir(thing) and kind in ("TriangleSheet", "TriangularMesh"):
+        values["faces"] = np.array(thing.faces, dtype=np.int64)
+    return AirSource(kind, placement, **values)
+
+
+def _law(name: str, source: AirSource, given: Any) -> Material | Problem:
+    """The material that a susceptibility, curve or material stands for; `polarization` is its remanence."""
+    polarisation = np.asarray(source.polarization, dtype=float)
+    remedy = "give a number, a material of fieldmap, or an object with arrays H and B"
+    if isinstance(given, Material):
+        if polarisation.any():
+            received = f"a polarization of {polarisation.tolist()} T"
+            return Problem("", "a curve belongs to an object without polarization", received, "set it to 0")
+        return given
+    curve = [
+        next((getattr(given, key) for key in keys if hasattr(given, key)), None) for keys in ("Hh", "Bb")
+    ]
+    if curve[0] is not None and curve[1] is not None:
+        h, b = (np.asarray(values, dtype=float).ravel() for values in curve)
+        above = h > 0
+        table = {"below": "straight line to the origin", "above": "slope mu0"}
+        return _made(name, "bh_table", H_A_per_m=h[above].tolist(), B_T=b[above].tolist(), **table)
+    try:
+        values = np.asarray(given, dtype=float).ravel()
+    except (TypeError, ValueError):
+        return Problem("", "a susceptibility is a number", repr(given)[:80], remedy)
+    if values.size not in (1, 3) or not np.isfinite(values).all() or np.ptp(values) > 0 or values[0] <= -1:
+        return Problem("", "one susceptibility above -1 for all directions", f"{values.tolist()}", remedy)
+    mu_r = 1.0 + float(values[0])
+    if not polarisation.any():
+        return _made(name, "linear", mu_r=mu_r)
+    world = np.asarray(source.placement.rotation) @ polarisation
+    return _made(name, "permanent_magnet", remanence_T=world.tolist(), mu_r=mu_r)
+
+
+def _made(name: str, kind: str, **keys: Any) -> Material | Problem:
+    """A material by the keys of device files, or what is wrong with them."""
+    table = {"kind": kind} | keys
+    of_kind = keys_of_table(table)
+    assert of_kind is not None
+    findings = schema_findings(of_kind, table)
+    if findings:
+        first = findings[0]
+        return Problem("", first.must_hold, first.received, first.remedy)
+    return of_kind.model_validate(table).to_model(name, {})
+
+
+def _extent(source: AirSource) -> Array:
+    """Extents (3,) of a solid along its local axes, m; of a hollow one the wall counts."""
+    size = source.dimension
+    if source.kind == "Cuboid":
+        return np.asarray(size)
+    if source.kind == "Cylinder":
+        return np.array([size[0], size[0], size[1]])  # type: ignore[index]
+    if source.kind == "CylinderSegment":
+        inner, outer, height = size  # type: ignore[misc]
+        return np.array([2 * outer, outer - inner, height])
+    if source.kind == "Sphere":
+        return np.full(3, source.diameter)
+    return np.ptp(np.asarray(source.vertices), axis=0)
+
+
+def _parts(source: AirSource) -> tuple[Part, ...]:
+    """The shapes of a body: magpylib's are centred, ours stand on z = 0."""
+    at, size = source.placement, source.dimension
+
+    def placed(down: float) -> Placement:
+        return Placement(at.position - np.asarray(at.rotation)[:, 2] * down, at.rotation)
+
+    if source.kind == "Cuboid":
+        x, y, z = map(float, size)  # type: ignore[arg-type]
+        return (Part(Box((x, y, z)), placed(z / 2)),)
+    if source.kind == "Sphere":
+        return (Part(Sphere(source.diameter / 2), at),)  # type: ignore[operator]
+    if source.kind == "Cylinder":
+        diameter, height = map(float, size)  # type: ignore[arg-type]
+        return (Part(Cylinder(diameter / 2, height), placed(height / 2)),)
+    if source.kind == "CylinderSegment":
+        inner, outer, height = map(float, size)  # type: ignore[arg-type]
+        shape = Ring(inner, outer, height) if inner > 0 else Cylinder(outer, height)
+        first, last = source.angles  # type: ignore[misc]
+        whole = Part(shape, placed(height / 2))
+        if last - first >= 360:
+            return (whole,)
+        cut = ExtrudedPolygon(_wedge(outer, last, first + 360), 2 * height)
+        return whole, Part(cut, placed(height), "cut")
+    corners = np.asarray(source.vertices, dtype=float)
+    return (Part(_surface(source, corners), at),)
+
+
+def _wedge(radius: float, first: float, last: float) -> Array:
+    """Polygon (n, 2) that covers the sector of a disk between two angles, deg, and whose sides leave the axis."""
+    count = max(2, int(np.ceil((last - first) / 45.0)) + 1)
+    angles = np.radians(np.linspace(first, last, count))
+    far = 1.2 * radius / np.cos(0.5 * (angles[1] - angles[0]))
+    return np.vstack([np.zeros(2), far * np.column_stack([np.cos(angles), np.sin(angles)])])
+
+
+def _surface(source: AirSource, corners: Array) -> TriangleSurface:
+    if source.kind == "Tetrahedron":
+        volume = np.linalg.det(corners[1:] - corners[0])
+        if volume == 0:
+            raise ValueError("a tetrahedron without volume")
+        faces = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+        return TriangleSurface(corners, faces if volume > 0 else faces[:, ::-1])
+    return TriangleSurface(corners, np.asarray(source.faces))

@@ -1,0 +1,181 @@
+"""Currents and magnets of magpylib's kinds in air: against magpylib, differences, closed forms and energies."""
+
+import magpylib
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fieldmap.device.air_sources import AirSource
+from fieldmap.device.coils.magpylib import MagpylibCoil
+from fieldmap.device.placement import Placement
+from fieldmap.errors import InputError
+from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.air_sources import (
+    STEP,
+    current_elements_of,
+    differenced,
+    flux_density,
+    flux_density_and_gradient,
+    magpylib_object,
+    size_of,
+)
+from fieldmap.sources.from_magpylib import background_of, coil_of
+from fieldmap.sources.winding_rules import current_elements, flux_elements
+
+J = np.array([0.2, -0.3, 1.0])
+CORNERS = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.012, 0], [0, 0, 0.009]])
+ZIGZAG = np.array([[0, 0, 0], [0.01, 0, 0], [0.01, 0.01, 0.005], [0, 0.02, 0], [0, 0, 0]])
+STRIP = np.array([[0, 0, 0], [0, 0.01, 0], [0.01, 0, 0], [0.01, 0.01, 0.003], [0.02, 0, 0]])
+FACES = np.array([[0, 1, 2], [1, 2, 3]])
+BALL = np.random.default_rng(1).normal(size=(40, 3))
+BALL = 0.006 * BALL / np.linalg.norm(BALL, axis=1, keepdims=True)
+magnet, current, misc = magpylib.magnet, magpylib.current, magpylib.misc
+OBJECTS = [
+    current.Circle(current=3.0, diameter=0.02),
+    current.Polyline(current=2.0, vertices=ZIGZAG),
+    current.TriangleStrip(current=2.0, vertices=STRIP),
+    current.TriangleSheet(current_densities=[(100, 30, 0), (50, -50, 0)], vertices=STRIP[:4], faces=FACES),
+    magnet.Cuboid(polarization=J, dimension=(0.01, 0.012, 0.014)),
+    magnet.Cylinder(polarization=(0, 0, 1), dimension=(0.01, 0.012)),
+    magnet.Cylinder(polarization=J, dimension=(0.01, 0.012)),
+    magnet.CylinderSegment(polarization=J, dimension=(0.004, 0.01, 0.012, 30, 140)),
+    magnet.Sphere(polarization=J, diameter=0.01),
+    magnet.Tetrahedron(polarization=J, vertices=CORNERS),
+    magnet.Tetrahedron(polarization=J, vertices=CORNERS[[1, 0, 2, 3]]),
+    magnet.TriangularMesh.from_ConvexHull(points=BALL, polarization=J),
+    misc.Dipole(moment=(0.1, 0.2, 0.3)),
+    misc.Triangle(polarization=J, vertices=CORNERS[:3]),
+]
+IDS = [type(one).__name__ for one in OBJECTS]
+CURRENTS = OBJECTS[:4]
+_DIFFERENCED = OBJECTS[6:8]
+POSITION, TURN = np.array([0.002, -0.001, 0.003]), Rotation.from_rotvec([0.4, -0.3, 0.2])
+
+
+def placed(thing):
+    return thing.copy(position=POSITION, orientation=TURN)
+
+
+def source(thing):
+    return background_of(placed(thing)).sources[0]
+
+
+@pytest.fixture(scope="module")
+def everywhere():
+    """Inside and outside, down to a tenth of a millimetre from surfaces."""
+    return np.random.default_rng(0).uniform(-0.03, 0.03, (300, 3))
+
+
+@pytest.fixture(scope="module")
+def around(everywhere):
+    """Some 5 mm and more from all of them."""
+    return everywhere[np.linalg.norm(everywhere - POSITION, axis=1) > 0.027]
+
+
+@pytest.mark.parametrize("thing", OBJECTS, ids=IDS)
+def test_flux_density_is_that_of_magpylib(thing, everywhere):
+    theirs = placed(thing).getB(everywhere)
+    for ours in (
+        flux_density(source(thing), everywhere),
+        flux_density_and_gradient(source(thing), everywhere)[0],
+    ):
+        error = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
+        assert error.max() < 1e-9
+
+
+@pytest.mark.parametrize("thing", OBJECTS, ids=IDS)
+def test_gradient_is_the_derivative_and_that_of_a_field_in_air(thing, around):
+    one = source(thing)
+    gradient = flux_density_and_gradient(one, around)[1]
+    expected = differenced(
+        placed(thing).getB, around, STEP * size_of(one) * (0.7 if thing in _DIFFERENCED else 1.0)
+    )
+    size = np.abs(gradient).max(axis=(1, 2))
+    error = np.abs(gradient - expected).max(axis=(1, 2)) / size
+    assert np.median(error) < 1e-8
+    assert error.max() < 2e-5  # magpylib's own B strays by 1e-9 at single points
+    rounding = 2e-5 if thing in _DIFFERENCED else 1e-12
+    assert (np.abs(np.trace(gradient, axis1=1, axis2=2)) < rounding * size).all()
+    if not isinstance(thing, current.TriangleStrip | current.TriangleSheet):  # whose currents end somewhere
+        assert (np.abs(gradient - gradient.transpose(0, 2, 1)).max(axis=(1, 2)) < rounding * size).all()
+
+
+def test_differences_are_as_good_as_stated():
+    """Of a cuboid, whose gradient is exact, a tenth of its size from faces and edges: 1e-6 of the gradient."""
+    one = AirSource("Cuboid", dimension=np.array([0.01, 0.01, 0.01]), polarization=J)
+    points = np.array(
+        [[0.006, 0.0, 0.0], [0.002, 0.0061, 0.003], [0.0057, 0.0057, 0.001], [0.0, 0.0, -0.012]]
+    )
+    exact = flux_density_and_gradient(one, points)[1]
+    found = differenced(lambda x: flux_density(one, x), points, STEP * size_of(one))
+    assert (np.abs(found - exact).max(axis=(1, 2)) < 1e-6 * np.abs(exact).max(axis=(1, 2))).all()
+
+
+@pytest.mark.parametrize("thing", OBJECTS, ids=IDS)
+def test_there_and_back(thing):
+    """The object that is made of the data has the field of the one that they were taken from."""
+    points = np.array([[0.02, 0.01, -0.02], [0.0, -0.03, 0.01]])
+    again = magpylib_object(source(thing))
+    assert type(again) is type(thing)
+    assert again.getB(points) == pytest.approx(placed(thing).getB(points), rel=1e-12)
+
+
+@pytest.mark.parametrize("thing", CURRENTS, ids=IDS[:4])
+def test_a_coil_scales_its_currents_and_the_force_on_it_is_magpylibs(thing):
+    """Against getFT of magpylib with a dipole as the source, and turns, polarity and the coil's own place."""
+    place = Placement(np.array([0.01, 0.02, -0.01]), Rotation.from_rotvec([0.0, 0.5, 0.1]).as_matrix())
+    coil = coil_of("c", placed(thing), turns=3.0, polarity=-1, placement=place)
+    assert coil.nominal_current == getattr(thing, "current", None)
+    nominal = coil.nominal_current or 1.0
+    moved = placed(thing).rotate(Rotation.from_matrix(place.rotation), anchor=0).move(place.position)
+    points = np.array([[0.05, 0.01, -0.02], [0.0, -0.05, 0.01]])
+    assert -3 * moved.getB(points) / nominal == pytest.approx(unit_flux_density(coil, points), rel=1e-10)
+    assert unit_flux_density_and_gradient(coil, points)[0] == pytest.approx(unit_flux_density(coil, points))
+    dipole = magpylib.misc.Dipole(moment=(3.0, -1.0, 10.0), position=(0.06, 0.0, 0.05))
+    force, torque = magpylib.getFT(dipole, moved, pivot=(0, 0, 0), meshing=4000)
+    rule = current_elements(coil)
+    pieces = np.cross(rule.vectors, dipole.getB(rule.points))
+    assert -nominal / 3 * pieces.sum(axis=0) == pytest.approx(force, rel=1e-3, abs=1e-3 * np.abs(force).max())
+    turning = np.cross(rule.points, pieces).sum(axis=0)
+    assert -nominal / 3 * turning == pytest.approx(torque, rel=1e-3, abs=1e-3 * np.abs(torque).max())
+
+
+def test_any_source_can_be_a_coil(everywhere):
+    """A magnet and a source of the user's own: what they have is that of 1 A."""
+    uniform = misc.CustomSource(field_func=lambda field, observers: np.array(observers) * [1.0, 1.0, -2.0])
+    group = magpylib.Collection(OBJECTS[4].copy(), uniform)
+    coil = coil_of("both", group)
+    assert coil.nominal_current is None
+    assert unit_flux_density(coil, everywhere) == pytest.approx(group.getB(everywhere), rel=1e-9)
+    gradient = unit_flux_density_and_gradient(coil_of("own", uniform), everywhere)[1]
+    assert gradient == pytest.approx(np.tile(np.diag([1.0, 1.0, -2.0]), (300, 1, 1)), abs=1e-9)
+
+
+def test_currents_of_one_coil_keep_their_shares():
+    one, two = (current.Circle(current=i, diameter=0.02, position=(0, 0, 0.01 * i)) for i in (2.0, -6.0))
+    coil = coil_of("pair", [one, two])
+    assert [part.current for part in coil.sources] == [1.0, -3.0]
+    point = np.array([[0.0, 0.003, 0.1]])
+    both = one.getB(point) + two.getB(point)
+    assert 2.0 * unit_flux_density(coil, point)[0] == pytest.approx(both, rel=1e-12)
+
+
+def test_what_filaments_lack_is_told_by_name():
+    coil = coil_of("loop", OBJECTS[0])
+    with pytest.raises(InputError) as caught:
+        flux_elements(coil)
+    assert caught.value.problems[0].where == "coil 'loop'"
+    with pytest.raises(InputError) as caught:
+        current_elements_of(source(OBJECTS[4]))
+    assert caught.value.problems[0].received == "a Cuboid"
+    with pytest.raises(InputError) as caught:
+        coil_of("nothing", [])
+    assert caught.value.problems[0].where == "from_magpylib, model"
+    assert isinstance(coil, MagpylibCoil)
+
+
+def test_a_field_that_is_not_known_everywhere_is_told():
+    nowhere = misc.CustomSource(field_func=lambda field, observers: np.full(np.shape(observers), np.nan))
+    with pytest.raises(InputError) as caught:
+        unit_flux_density(coil_of("own", nowhere), np.zeros((2, 3)))
+    assert caught.value.problems[0].where == "magpylib CustomSource"
