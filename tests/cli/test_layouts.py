@@ -171,6 +171,7 @@ def summary_of(domain, names, measured=False):
         error_bounds={"harmonic": FieldError(5.6e-6, 7.8e-4)},
         current_error=FieldError(9.8e-6, 7.6e-4),
         reduced_model=SimpleNamespace(domain=domain),
+        fixed_sources=(),
     )
     device = SimpleNamespace(payload=Payload(0.010, 0.8))
     middle = MiddleField(np.array([0.0, 0.0, -0.095]), (0.0123456,), (-0.345678,))

@@ -146,10 +146,10 @@ def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: A
         raise Infeasible(
             scenario.error("start", found.must_hold, found.received, found.remedy).problems[0]
         ) from None
-    weight = body.mass * body.gravity
+    carried = shares * body.mass * body.gravity
     if opened.fixed_sources:
-        weight -= scenario.contents.field.scale * float(moment @ opened.constant_gradient(point)[:, 2])
-    return np.asarray(shares * weight / (force[2] @ shares))
+        carried -= shares * scenario.contents.field.scale * float(moment @ opened.constant_gradient(point)[:, 2])
+    return np.asarray(carried / (force[2] @ shares))
 
 
 def _equal(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
