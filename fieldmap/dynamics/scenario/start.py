@@ -148,7 +148,9 @@ def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: A
         ) from None
     carried = shares * body.mass * body.gravity
     if opened.fixed_sources:
-        carried -= shares * scenario.contents.field.scale * float(moment @ opened.constant_gradient(point)[:, 2])
+        carried -= (
+            shares * scenario.contents.field.scale * float(moment @ opened.constant_gradient(point)[:, 2])
+        )
     return np.asarray(carried / (force[2] @ shares))
 
 
