@@ -9,6 +9,9 @@ from time import monotonic
 
 from fieldmap.typing import Progress
 
+# So many pieces tell what one takes. The first ones, of several threads, may wait for what is compiled: until then
+# what was expected counts too.
+_ENOUGH = 4
 # Of a stage without pieces that takes longer than was expected of it, this share of what it has taken is still to come.
 _MORE = 0.1
 
@@ -24,6 +27,8 @@ class Forecast:
         self._expected = dict(stages)
         self._began = self._stage_began = monotonic()
         self._stage, self._told = "", 0.0
+        # What was expected of the stage before its first piece.
+        self._before = 0.0
         # Pieces of the stage that were done, and when.
         self._pieces: list[tuple[float, float]] = []
 
@@ -44,9 +49,14 @@ class Forecast:
         now = monotonic()
         if stage != self._stage:
             self._stage, self._stage_began, self._pieces = stage, now, [(0.0, now)]
+            self._before = self._expected[stage]
         taken = now - self._stage_began
         if done > 0:
-            self._expected[stage] = taken + (max(count, done) - done) * self._per_piece(done, now)
+            piece = self._per_piece(done, now)
+            if done < _ENOUGH and self._before > 0:
+                share = done / _ENOUGH
+                piece = piece**share * (self._before / max(count, done)) ** (1.0 - share)
+            self._expected[stage] = taken + (max(count, done) - done) * piece
         names = list(self._expected)
         later = sum(self._expected[name] for name in names[names.index(stage) + 1 :])
         own = self._expected[stage] - taken

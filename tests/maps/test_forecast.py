@@ -42,9 +42,25 @@ def test_priors_that_are_right_give_the_time_left(clock):
 
 
 def test_wrong_priors_are_replaced_by_what_pieces_take(clock):
-    told = run(clock, {"a": 4.0, "b": 10.0}, {"a": (8, 5.0), "b": (2, 5.0)})
-    after_one = told[told[:, 0] > 0]
-    assert after_one[:, 1] == pytest.approx(after_one[:, 0] / 50.0)
+    told = run(clock, {"a": 8.0, "b": 10.0}, {"a": (16, 5.0), "b": (2, 5.0)})
+    later = told[5:]
+    assert later[:, 1] == pytest.approx(later[:, 0] / 90.0)
+    # Nearer to the truth with each piece: seconds that were told to be left, over those that were.
+    few = told[1:4]
+    ratio = few[:, 0] * (1 / few[:, 1] - 1) / (90.0 - few[:, 0])
+    assert (np.diff(ratio) > 0).all()
+    assert 0.2 < ratio[0] < ratio[-1] < 1.0
+
+
+def test_first_pieces_that_wait_do_not_count_for_all(clock):
+    """Two threads whose first pieces wait 30 s for a compiler: the time left is told within a factor of two."""
+    told = []
+    tell = Forecast(lambda message, share: told.append((clock.now - 100.0, share)), {"a": 30.0})
+    for k in range(10):
+        tell.at("a", "", k, 10)
+        clock.now += 30.0 if k == 0 else (0.0 if k % 2 else 6.0)
+    first = told[1]
+    assert 0.5 < first[0] * (1 / first[1] - 1) / 24.0 < 2.2
 
 
 def test_the_share_never_falls_though_more_is_to_do_than_was_expected(clock):
@@ -58,7 +74,7 @@ def test_the_share_never_falls_though_more_is_to_do_than_was_expected(clock):
 def test_a_first_piece_that_waits_says_nothing_of_the_later_ones(clock):
     """Once half of the pieces that are done are others."""
     told = []
-    tell = Forecast(lambda message, share: told.append((clock.now - 100.0, share)), {"a": 10.0})
+    tell = Forecast(lambda message, share: told.append((clock.now - 100.0, share)), {"a": 30.0})
     for k in range(20):
         tell.at("a", "", k, 20)
         clock.now += 40.0 if k == 0 else 2.0
