@@ -29,6 +29,7 @@ from fieldmap.field import (
     over_points,
 )
 from fieldmap.interpolants import Form, contract, set_size
+from fieldmap.kernels.map import dipole_wrench as wrench_kernels
 from fieldmap.kernels.map import lookup as kernels
 from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
@@ -168,6 +169,12 @@ def closed_to_new_types(kernel: Callable[..., Any], *example: object) -> Callabl
     return kernel
 
 
+def one_wrench() -> Callable[..., bool]:
+    """Wrench (6,) on a moment (3,) from flux (3,) and slope (3, 3): see the kernel; for float64 arrays alone."""
+    example = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.empty(6)
+    return closed_to_new_types(wrench_kernels.dipole_wrench, *example)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Box(Record):
     """Where a map holds, what a point outside does, and how many threads a large batch may use."""
@@ -270,6 +277,7 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         self._evaluator, self._box = evaluator, box
         self.coil_names, self.currents, self.assumptions = coil_names, currents, assumptions
         self._one, self._data = evaluator.one_point()
+        self._load = one_wrench()
 
     def __repr__(self) -> str:
         return shortened(f"{type(self).__name__}({len(self.coil_names)} coils at {short(self.currents)} A)")
@@ -357,6 +365,15 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
 
     def wrench(self, positions: ArrayLike, moments: ArrayLike) -> Array:
         """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions."""
+        try:
+            if positions.ndim == 1:  # type: ignore[union-attr]
+                flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
+                if self._one(self._data, positions, flux, slope) == 0 and self._load(
+                    flux, slope, moments, load
+                ):
+                    return load
+        except (TypeError, AttributeError, ValueError):
+            pass  # as in `field_and_gradient`
         where, single = checked_vectors("positions", positions)
         flux, slope = self.field_and_gradient(where)
         result = dipole_wrench(flux, slope, moments)
@@ -370,11 +387,12 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         in_chunks(lambda p, *r: evaluate(p, _ONE, *r), points, results, self._box)
 
     def __getstate__(self) -> dict[str, object]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_one", "_data")}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_one", "_data", "_load")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._one, self._data = self._evaluator.one_point()
+        self._load = one_wrench()
 
 
 def single_row(result: Array, out: Array | None) -> Array:

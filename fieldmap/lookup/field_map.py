@@ -36,6 +36,7 @@ from fieldmap.lookup.evaluation import (
     MapAtCurrents,
     default_threads,
     in_chunks,
+    one_wrench,
     result_array,
     single_row,
 )
@@ -138,6 +139,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         # Currents that need a model of the iron take the general path.
         self._one: Callable[..., int] = _never
         self._unit: Any = None
+        self._load = one_wrench()
         if self._model is None and not self._constant:
             self._one, self._unit = self._evaluator.one_point()
 
@@ -385,6 +387,16 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         where B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
         moments (3,) for all positions or (n, 3), A m^2. Singular nowhere in the box.
         """
+        # As in `field_and_gradient`.
+        try:
+            if positions.ndim == 1:  # type: ignore[union-attr]
+                flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
+                if self._one(self._unit, currents, positions, flux, slope) == 0 and self._load(
+                    flux, slope, moments, load
+                ):
+                    return load
+        except (TypeError, AttributeError, ValueError):
+            pass
         where, single = checked_vectors("positions", positions)
         result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
         return result[0] if single else result

@@ -186,6 +186,33 @@ def test_one_point_in_every_dress(coarse, dipoles):
         coarse.field_and_gradient(np.array([1.0, 0.0, 0.0]), CURRENTS)
 
 
+def test_wrench_of_one_dipole_has_the_bits_of_many(coarse, dipoles):
+    points, moment = dipoles.points(40), np.array([0.3, -0.7, 1.1])
+    at = coarse.at(CURRENTS)
+    many, summed = coarse.wrench(points, moment, CURRENTS), at.wrench(points, moment)
+    np.testing.assert_array_equal([coarse.wrench(p, moment, CURRENTS) for p in points], many)
+    np.testing.assert_array_equal([at.wrench(p, moment) for p in points], summed)
+    # F_j = m_i G_ij and T = m x B, by hand.
+    flux, slope = coarse.field_and_gradient(points[0], CURRENTS)
+    np.testing.assert_allclose(many[0, :3], moment @ slope, rtol=1e-13)
+    np.testing.assert_allclose(many[0, 3:], np.cross(moment, flux), rtol=1e-12)
+
+
+def test_wrench_of_one_dipole_in_every_dress(coarse, dipoles):
+    point, moment = dipoles.points(1)[0], np.array([0.3, -0.7, 1.1])
+    expected = coarse.wrench(point, moment, CURRENTS)
+    frozen = moment.copy()
+    frozen.flags.writeable = False
+    for dressed in (list(moment), moment[None], np.repeat(moment, 2)[::2], frozen):
+        np.testing.assert_array_equal(coarse.wrench(point, dressed, CURRENTS), expected)
+        np.testing.assert_allclose(coarse.at(CURRENTS).wrench(list(point), dressed), expected, rtol=1e-12)
+    for wrong in (np.zeros(2), np.zeros((2, 3)), np.array([np.nan, 0.0, 1.0])[:2]):
+        with pytest.raises(InputError, match="moments"):
+            coarse.wrench(point, wrong, CURRENTS)
+    with pytest.raises(OutsideMapError):
+        coarse.wrench(np.array([1.0, 0.0, 0.0]), moment, CURRENTS)
+
+
 @pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])
 def test_threads_give_the_same_bits(dipoles, kind):
     points = dipoles.points(70_000)
