@@ -49,6 +49,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "corrupted_maps": (map_files.corrupted_maps, 100),
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),
+    "killed_workers": (map_files.killed_workers, 400),
     "mag_manip": (mag_manip_program.mag_manip, 240),
     "thesis_statics": (thesis_statics.thesis_statics, 900),
 }

@@ -8,10 +8,12 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
+import psutil
 
 from fieldmap.store import checkpoint_path
 from validation.row import Row
@@ -19,6 +21,8 @@ from validation.row import Row
 CORRUPTED = 1000
 SEEDS = 5
 KILLS = 25
+# Starting workers takes some seconds each time.
+KILLS_OF_RUNS, KILLS_OF_WORKERS = 10, 5
 MODEL = "/fieldmap/reduced_model"
 RECIPES = {
     "linear iron": """
@@ -82,10 +86,16 @@ position_mm = [{x}, 0.0, 10.0]
 """
 # Every run is a process of its own, which tells when it began each step.
 RUN = """
-import sys, time
+import json, sys, time
 from fieldmap.maps import generate
-begin = float(sys.argv[3])
-generate(sys.argv[1], sys.argv[2], progress=lambda text, share: print(f"{time.time() - begin:.3f} {text}", flush=True))
+
+if __name__ == "__main__":
+    begin = float(sys.argv[3])
+
+    def tell(text, share):
+        print(f"{time.time() - begin:.3f} {text}", flush=True)
+
+    generate(sys.argv[1], sys.argv[2], progress=tell, **json.loads(sys.argv[4]))
 """
 
 
@@ -124,8 +134,20 @@ def killed_training() -> Iterator[Row]:
     yield from _killed("saturating iron")
 
 
-def _killed(iron: str) -> Iterator[Row]:
-    begin = time.perf_counter()
+def killed_workers() -> Iterator[Row]:
+    """The same with saturating iron and the processes that solve its states: two of this machine, or two of a dask
+    scheduler. The run is killed ten times; then, while it goes to its end, five of its workers are."""
+    yield from _killed("saturating iron", KILLS_OF_RUNS, "two processes", workers=2)
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        yield from _killed("saturating iron", KILLS_OF_RUNS, "two of a scheduler", scheduler=address)
+
+
+def _killed(iron: str, kills: int = KILLS, by: str = "", **where: Any) -> Iterator[Row]:
+    """A run without a break in one process, and one that is killed, by the processes that `where` names."""
+    begin, case = time.perf_counter(), f"{iron}, {by}" if by else iron
     with tempfile.TemporaryDirectory() as folder:
         recipe, target = Path(folder) / "recipe.toml", Path(folder) / "map.h5"
         recipe.write_text(RECIPES[iron])
@@ -133,12 +155,17 @@ def _killed(iron: str) -> Iterator[Row]:
         _run(recipe, target.with_name("compiles.h5"))
         steps = _run(recipe, target.with_name("whole.h5"))
         pieces = [second for second, text in steps if _is_piece(text)]
-        kills, reached = _kill(recipe, target, pieces[0])
-        resumed = [text for _, text in _run(recipe, target) if "resumed" in text]
+        done, reached = _kill(recipe, target, pieces[0], kills, where)
+        if where:
+            count, steps = _run_while_workers_die(recipe, target, where)
+            yield Row(case, "kills of workers missing of 5", KILLS_OF_WORKERS - count, 0, "the run went on")
+        else:
+            steps = _run(recipe, target)
+        resumed = [text for _, text in steps if "resumed" in text]
         whole, ours = _numbers(target.with_name("whole.h5")), _numbers(target)
         differing = sum(whole[name] != ours.get(name) for name in whole) + abs(len(ours) - len(whole))
     yield Row(
-        f"{iron}, {len(pieces)} pieces, killed {kills} times",
+        f"{case}, {len(pieces)} pieces, killed {done} times",
         "data sets that differ in a bit",
         differing,
         0,
@@ -146,9 +173,9 @@ def _killed(iron: str) -> Iterator[Row]:
         seconds=time.perf_counter() - begin,
     )
     yield Row(
-        f"{iron}, killed",
-        "kills missing of 25",
-        float(KILLS - kills),
+        f"{case}, killed",
+        f"kills missing of {kills}",
+        float(kills - done),
         0,
         "a run that finishes too soon shows less",
     )
@@ -172,13 +199,17 @@ def _is_piece(text: str) -> bool:
     return "nodes, part" in text or text.startswith("state ")
 
 
-def _kill(recipe: Path, target: Path, latest: float) -> tuple[int, list[str]]:
-    """Start the run and kill it, KILLS times, at a random moment: within `latest` seconds, or soon after it began with
-    its first, second or third part, so that the run lasts. In which steps it died, and how often."""
+def _kill(
+    recipe: Path, target: Path, latest: float, kills: int, where: dict[str, Any]
+) -> tuple[int, list[str]]:
+    """Start the run and kill it, `kills` times, at a random moment: within `latest` seconds, or soon after it began
+    with its first, second or third part, so that the run lasts. In which steps it died, and how often."""
     moments, died = random.Random(7), {}
-    for kill in range(KILLS):
+    for kill in range(kills):
         last, left = "starting", moments.randint(1, 3)
-        with subprocess.Popen(_command(recipe, target), stdout=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            _command(recipe, target, where), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        ) as process:
             late = threading.Timer(moments.uniform(0.05, 1.5) * latest, process.kill)
             late.start()
             for line in process.stdout or ():
@@ -192,20 +223,66 @@ def _kill(recipe: Path, target: Path, latest: float) -> tuple[int, list[str]]:
         if process.returncode != -signal.SIGKILL:
             return kill, [*died, "finished before its time"]
         died[last] = died.get(last, 0) + 1
-    return KILLS, [f"{name} {count}" for name, count in died.items()]
+    return kills, [f"{name} {count}" for name, count in died.items()]
 
 
-def _command(recipe: Path, target: Path) -> list[str]:
-    return [sys.executable, "-c", RUN, str(recipe), str(target), f"{time.time()}"]
+def _run_while_workers_die(
+    recipe: Path, target: Path, where: dict[str, Any]
+) -> tuple[int, list[tuple[float, str]]]:
+    """Run to the end and kill a worker after a piece now and then: how many died, and the steps of the run."""
+    moments, killed = random.Random(8), 0
+
+    def kill_one(text: str, process: subprocess.Popen[str]) -> None:
+        nonlocal killed
+        if killed == KILLS_OF_WORKERS or not _is_piece(text) or moments.random() < 0.5:
+            return
+        # Workers of a scheduler are children of this process.
+        parent = psutil.Process() if "scheduler" in where else psutil.Process(process.pid)
+        workers = [child for child in parent.children(recursive=True) if _is_worker(child)]
+        if workers:
+            moments.choice(workers).kill()
+            killed += 1
+
+    steps = _run(recipe, target, where, kill_one)
+    return killed, steps
 
 
-def _run(recipe: Path, target: Path) -> list[tuple[float, str]]:
-    """Seconds and text of each step of a run to its end."""
-    done = subprocess.run(_command(recipe, target), capture_output=True, text=True, check=True)
-    lines = (line.partition(" ") for line in done.stdout.splitlines())
+def _is_worker(process: psutil.Process) -> bool:
+    try:
+        return "spawn_main" in " ".join(process.cmdline())
+    except psutil.Error:
+        return False
+
+
+def _command(recipe: Path, target: Path, where: dict[str, Any]) -> list[str]:
+    program = recipe.with_name("run.py")
+    program.write_text(RUN)
+    return [sys.executable, str(program), str(recipe), str(target), f"{time.time()}", json.dumps(where)]
+
+
+def _run(
+    recipe: Path,
+    target: Path,
+    where: dict[str, Any] | None = None,
+    seen: Callable[[str, subprocess.Popen[str]], None] = lambda text, process: None,
+) -> list[tuple[float, str]]:
+    """Seconds and text of each step of a run to its end; seen(text, process): called after each."""
+    steps = []
+    with subprocess.Popen(
+        _command(recipe, target, where or {}),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        for line in process.stdout or ():
+            second, _, text = line.strip().partition(" ")
+            steps.append((float(second), text))
+            seen(text, process)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
     if checkpoint_path(target).exists():
         raise FileExistsError(checkpoint_path(target))
-    return [(float(second), text) for second, _, text in lines]
+    return steps
 
 
 def _numbers(path: Path) -> dict[str, bytes]:
