@@ -1,4 +1,4 @@
-"""Magnetic fields, gradients and forces of coils with soft iron, without finite elements.
+"""Magnetic fields, gradients and forces of coils with soft iron. Only the iron is meshed, never the air.
 
 The public functions are imported on first use. A simulation that only opens a map therefore
 never loads the mesher or magpylib.

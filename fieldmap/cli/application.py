@@ -159,7 +159,7 @@ def application() -> TyperGroup:
     commands = typer.Typer(
         name="fieldmap",
         cls=Group,
-        help="Fields, gradients and forces of coils with soft iron, without finite elements.",
+        help="Fields, gradients and forces of coils with soft iron. Only the iron is meshed, never the air.",
         epilog=FIRST_STEPS,
         no_args_is_help=True,
         add_completion=True,
@@ -238,4 +238,4 @@ def _common(
         typer.Option("--log", metavar="FILE", callback=_keep_log, help="Append the same to a file."),
     ] = None,
 ) -> None:
-    """Fields, gradients and forces of coils with soft iron, without finite elements."""
+    """Fields, gradients and forces of coils with soft iron. Only the iron is meshed, never the air."""

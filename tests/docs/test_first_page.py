@@ -1,0 +1,96 @@
+"""The first sentences say the same everywhere, and the figures of README.md are those of the pages they come from."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import fieldmap
+from fieldmap.cli.application import application
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+VALIDATION = (ROOT / "docs" / "validation.md").read_text()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+HEADLINES = {
+    "README.md": README,
+    "docs/index.md": (ROOT / "docs" / "index.md").read_text(),
+    "mkdocs.yml": (ROOT / "mkdocs.yml").read_text(),
+    "pyproject.toml": PROJECT["description"],
+    "fieldmap": fieldmap.__doc__ or "",
+    "fieldmap --help": application().help or "",
+}
+
+
+@pytest.mark.parametrize("place", HEADLINES)
+def test_what_is_meshed_is_said_alike(place):
+    """There are finite elements inside the iron: "no finite elements" would be false."""
+    text = HEADLINES[place].lower()
+    assert "only the iron is meshed, never the air" in text
+    assert not re.search(r"\b(?:no|without) finite elements?\b", text)
+
+
+def test_the_licence_is_the_one_that_is_named():
+    licence = (ROOT / "LICENSE").read_text()
+    assert licence.startswith("BSD 3-Clause")
+    assert PROJECT["license"] == "BSD-3-Clause"
+    assert "BSD 3-Clause" in HEADLINES["README.md"]
+    assert "BSD 3-Clause" in HEADLINES["docs/index.md"]
+
+
+def largest(case: str, quantity: str) -> float:
+    """Largest size of a quantity in the rows of docs/validation.md whose case matches."""
+    rows = re.findall(r"^\| (.*?) \| (.*?) \| ([-\d.e+]+) \|", VALIDATION, re.MULTILINE)
+    found = [abs(float(value)) for name, what, value in rows if re.match(case, name) and what == quantity]
+    assert found
+    return max(found)
+
+
+def figure(pattern: str) -> list[float]:
+    """The numbers of README.md at a place that is there once."""
+    found = re.findall(pattern, README)
+    assert len(found) == 1, pattern
+    return [float(number) for number in found[0]]
+
+
+def test_accuracy_is_that_of_the_validation_page():
+    percent = figure(r"B within ([\d.]+) % and its gradient within ([\d.]+) % of independent axisymmetric")
+    disks = r"disk(?:, core)?(?:, plate)?, (?:mu_r|iron)"
+    found = [100 * largest(disks, "error of B"), 100 * largest(disks, "error of gradient")]
+    assert percent == pytest.approx(found, rel=1e-9)
+    unit = figure(
+        r"B is within ([\d.]+) % and its gradient within ([\d.]+) % of values that two finite-element"
+    )
+    case = "unit, coil 5, refinement 1$"
+    found = [100 * largest(case, f"error of {what}, signed") for what in ("B", "gradient")]
+    assert unit == pytest.approx(found, rel=1e-9)
+
+
+def test_the_time_of_a_lookup_is_that_of_its_page():
+    ns, error = figure(r"B and its gradient at a point in (\d+) ns on one thread, B within ([\d.e-]+)")
+    page = (ROOT / "docs" / "lookup.md").read_text()
+    (row,) = re.findall(r"^\| `harmonic` \| [\d ]+;.*$", page, re.MULTILINE)
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert (ns, error) == (float(cells[4]), float(cells[5]))
+
+
+def test_the_main_job_is_that_of_its_output():
+    states, minutes = figure(r"from (\d+) solved states: ([\d.]+) minutes")
+    assert (states, minutes) == tuple(figure(r"made .*, (\d+) states in ([\d.]+) minutes"))
+
+
+def test_numbers_of_the_thesis_are_those_of_the_validation_page():
+    total, sharp, misprints = figure(r"compares (\d+) numbers.*? The (\d+) that .*?, (\d+) misprints")
+    line = re.search(r"(\d+) of (\d+) sharp numbers agree; (\d+) misprints; (\d+) numbers in all", VALIDATION)
+    assert line
+    assert [float(number) for number in line.groups()] == [sharp, sharp, misprints, total]
+    page = (ROOT / "docs" / "thesis.md").read_text()
+    assert f"{total:.0f} numbers" in page
+    assert f"{sharp:.0f} of {sharp:.0f} agree" in page
+
+
+def test_pictures_are_there_and_lead_somewhere():
+    pictures = re.findall(r"\[!\[[^\]]*\]\(([^)]+)\)\]\(([^)#]+)", README)
+    assert len(pictures) == 5  # the first one, and the gallery
+    assert [place for pair in pictures for place in pair if not (ROOT / place).is_file()] == []
