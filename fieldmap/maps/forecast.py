@@ -2,16 +2,15 @@
 
 A share of the states, or of the points, is no measure: how many there are, and how long one takes, shows only on the
 way. Each stage of a run has the seconds expected of it, first from what is known before, then from its own pieces.
+What is compiled is compiled once: pieces are timed by a clock that stands still meanwhile.
 """
 
 from collections.abc import Mapping
 from time import monotonic
 
+from fieldmap.kernels.compile_time import seconds_compiling
 from fieldmap.typing import Progress
 
-# So many pieces tell what one takes. The first ones, of several threads, may wait for what is compiled: until then
-# what was expected counts too.
-_ENOUGH = 4
 # Of a stage without pieces that takes longer than was expected of it, this share of what it has taken is still to come.
 _MORE = 0.1
 
@@ -25,10 +24,9 @@ class Forecast:
     def __init__(self, say: Progress, stages: Mapping[str, float]) -> None:
         self._say = say
         self._expected = dict(stages)
-        self._began = self._stage_began = monotonic()
+        self._began = monotonic()
+        self._stage_began = _working()
         self._stage, self._told = "", 0.0
-        # What was expected of the stage before its first piece.
-        self._before = 0.0
         # Pieces of the stage that were done, and when.
         self._pieces: list[tuple[float, float]] = []
 
@@ -41,29 +39,24 @@ class Forecast:
         return self._expected[stage]
 
     def taken(self) -> float:
-        """Seconds since the stage began."""
-        return monotonic() - self._stage_began
+        """Seconds since the stage began, without those of compilation."""
+        return _working() - self._stage_began
 
     def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
         """Tell that `done` of about `count` pieces of a stage are done; stages before it are over."""
-        now = monotonic()
+        now = _working()
         if stage != self._stage:
             self._stage, self._stage_began, self._pieces = stage, now, [(0.0, now)]
-            self._before = self._expected[stage]
         taken = now - self._stage_began
         if done > 0:
-            piece = self._per_piece(done, now)
-            if done < _ENOUGH and self._before > 0:
-                share = done / _ENOUGH
-                piece = piece**share * (self._before / max(count, done)) ** (1.0 - share)
-            self._expected[stage] = taken + (max(count, done) - done) * piece
+            self._expected[stage] = taken + (max(count, done) - done) * self._per_piece(done, now)
         names = list(self._expected)
         later = sum(self._expected[name] for name in names[names.index(stage) + 1 :])
         own = self._expected[stage] - taken
         left = later + (own if done > 0 else max(own, _MORE * taken))
         # As long as nothing is expected, nothing is known.
         if self._expected[stage] + later > 0.0:
-            run = now - self._began
+            run = monotonic() - self._began
             self._told = max(self._told, run / (run + left))
         self._say(message, self._told)
 
@@ -76,3 +69,8 @@ class Forecast:
     def note(self, message: str) -> None:
         """Tell something that is no progress."""
         self._say(message, self._told)
+
+
+def _working() -> float:
+    """A clock that stands still while this process compiles."""
+    return monotonic() - seconds_compiling()
