@@ -11,13 +11,13 @@ from fieldmap.maps.recipe import Plan
 
 STAGES = ("assembling", "training", "corners", "points", "random", "modes")
 # One state, and the fields of the modes, over the assembly of the solver.
-_STATE, _MODES = 0.1, 0.25
+_STATE, _MODES = 0.2, 0.5
 # Of the states that a plan allows, how many it is expected to take until the errors of some rounds tell.
 _SHARE = 0.65
 # States to try the model on begin from its prediction: over those that it is trained on.
-_TRIED = 0.6
+_TRIED = 0.3
 # Points times states times twice the square of the modes that the whole choice does in one second.
-_PRODUCTS = 7e9
+_PRODUCTS = 1e10
 # Corners that are to be solved, of those that there may be: the others are images.
 _CORNERS = 4
 
