@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from scipy.constants import mu_0
@@ -19,10 +19,11 @@ from scipy.constants import mu_0
 from fieldmap.device.made import Made
 from fieldmap.device.placement import Movable, Placement
 from fieldmap.device.polygons import reflected_polygon
+from fieldmap.device.surfaces import read_stl
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
 from fieldmap.inputs.tables import read_only
-from fieldmap.typing import Array, Index
+from fieldmap.typing import Array, Index, PathLike
 
 # ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
 
@@ -91,6 +92,15 @@ class TriangleSurface(Made):
 
     points: Array
     triangles: Index
+
+    @classmethod
+    def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
+        """The surface of an STL file, binary or text; unit: length of the file's unit, m, of which STL says nothing.
+
+        Raises InputError for a file that is none. Whether it bounds a solid is checked when a device is made of it.
+        """
+        points, triangles = read_stl(Path(path))
+        return cls(unit * points, triangles)
 
 
 Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile | TriangleSurface

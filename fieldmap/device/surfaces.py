@@ -1,8 +1,12 @@
-"""Closed surfaces of triangles: what makes one that bounds a solid, and what is wrong with one that does not."""
+"""Closed surfaces of triangles: read from STL files, and what is wrong with one that bounds no solid."""
+
+import re
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array, Index
 
 _SIDES = ((0, 1), (1, 2), (2, 0))
@@ -106,3 +110,43 @@ def _edges_cross(these: Array, those: Array, size: float) -> NDArray[np.bool_]:
             inside = inside & (np.einsum("kd,kd->k", np.cross(q - p, x - p), normal) > _FLAT * size**2)
         crosses |= inside
     return crosses
+
+
+_HEAD, _RECORD = 84, 50
+_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
+
+
+def read_stl(path: Path) -> tuple[Array, Index]:
+    """Corners (n, 3), in the unit of the file, and triangles (m, 3) of an STL file, binary or text.
+
+    Equal corners become one; triangles without area are left out. Raises InputError for a file that cannot be read or
+    is none.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        problem = Problem(str(path), "must be a file that can be read", str(error.strerror), "check the path")
+        raise InputError(problem) from error
+    count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
+    if len(data) == _HEAD + _RECORD * count:
+        records = np.frombuffer(data, np.uint8, offset=_HEAD).reshape(-1, _RECORD)
+        numbers = np.ascontiguousarray(records[:, 12:48]).view("<f4").astype(float)
+    else:
+        numbers = _numbers_of_text(data)
+    if not len(numbers) or numbers.size % 9 or not np.isfinite(numbers).all():
+        received = f"{len(data)} bytes, {numbers.size // 3} corners"
+        remedy = "write it again as STL, binary or text"
+        raise InputError(Problem(str(path), "must be an STL file with whole triangles", received, remedy))
+    points, index = np.unique(numbers.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    triangles = index.reshape(-1, 3).astype(np.int64)
+    corners = points[triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return points, triangles[area > 0]
+
+
+def _numbers_of_text(data: bytes) -> Array:
+    found = _VERTEX.findall(data) if data.lstrip()[:5].lower() == b"solid" else []
+    try:
+        return np.array(found, dtype="S").astype(float) if found else np.zeros((0, 3))
+    except ValueError:
+        return np.zeros((0, 3))
