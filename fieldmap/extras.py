@@ -1,4 +1,4 @@
-"""Libraries that only some functions need, and that `pip install "fieldmap[EXTRA]"` brings."""
+"""Libraries that only some functions need, and that `pip install ".[EXTRA]"` in the checkout brings."""
 
 import importlib
 from types import ModuleType
@@ -15,5 +15,5 @@ def require(module: str, extra: str, where: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        remedy = f'install it: pip install "fieldmap[{extra}]"'
+        remedy = f'install it, in the checkout: pip install ".[{extra}]"'
         raise FieldmapError(Problem(where, f"{module} must be installed", str(error), remedy)) from None

@@ -63,17 +63,23 @@ def _device_page(contents: "DeviceContents") -> Iterator["Section"]:
 
 
 def _body_table(contents: "DeviceContents") -> "Table":
-    from fieldmap.cli.printing import table
+    from fieldmap.cli.printing import axis_text, table
 
     rows = (
-        (body.name, body.material, f"{1e6 * body.volume:.2f}", f"{1e3 * body.mesh_size:.3g}")
+        (
+            body.name,
+            body.material,
+            f"{1e6 * body.volume:.2f}",
+            f"{1e3 * body.mesh_size:.3g}",
+            axis_text(body.axis),
+        )
         for body in contents.bodies
     )
-    return table(("body", "material", "volume cm3", "element mm"), rows, left=2)
+    return table(("body", "material", "volume cm3", "element mm", "axis"), rows, left=2)
 
 
 def _coil_table(contents: "DeviceContents") -> "Table":
-    from fieldmap.cli.printing import place, table
+    from fieldmap.cli.printing import axis_text, place, table
 
     rows = (
         (
@@ -84,10 +90,11 @@ def _coil_table(contents: "DeviceContents") -> "Table":
             _number(coil.resistance),
             _number(coil.inductance, 1e3),
             place(coil.centre, 2).removesuffix(" mm"),
+            axis_text(coil.axis),
         )
         for coil, of_device in zip(contents.coils, contents.device.coils, strict=True)
     )
-    return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre, mm"), rows, left=2)
+    return table(("coil", "winding", "turns", "polarity", "ohm", "mH", "centre, mm", "axis"), rows, left=2)
 
 
 def _number(value: float | None, scale: float = 1.0) -> str:
@@ -99,7 +106,14 @@ def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
 
     device = contents.device
     if device.payload is not None:
-        yield "payload", f"{1e3 * device.payload.mass:.4g} g, moment {device.payload.moment:.4g} A m2"
+        inertia = ""
+        if (moments := device.payload.principal_moments) is not None:
+            uniform = " as a uniform body" if device.payload.inertia is None else ""
+            inertia = f", inertia {', '.join(f'{1e9 * one:.4g}' for one in moments)} g mm2{uniform}"
+        yield (
+            "payload",
+            f"{1e3 * device.payload.mass:.4g} g, moment {device.payload.moment:.4g} A m2{inertia}",
+        )
     if device.driver is not None:
         yield "driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil"
     if device.bounds is not None:

@@ -229,12 +229,12 @@ def _unit_table(summary: "MapSummary") -> "RenderableType":
     from fieldmap.cli.printing import table
 
     middle = summary.middle
+    names = (*(f"coil {name}" for name in summary.info.coil_names), "all")
     rows = (
-        ("Bz, mT", *(f"{1e3 * value:.4f}" for value in middle.Bz)),
-        ("dBz/dz, mT/m", *(f"{1e3 * value:.4f}" for value in middle.dBz_dz)),
+        (name, f"{1e3 * flux:.4f}", f"{1e3 * slope:.4f}")
+        for name, flux, slope in zip(names, middle.Bz, middle.dBz_dz, strict=True)
     )
-    names = [f"coil {name}" for name in summary.info.coil_names]
-    return table((f"1 A, at {_mm(middle.at)} mm", *names, "all"), rows)
+    return table((f"1 A, at {_mm(middle.at)} mm", "Bz, mT", "dBz/dz, mT/m"), rows)
 
 
 def _lift_table(summary: "MapSummary") -> "RenderableType":

@@ -1,5 +1,6 @@
 """How results are printed: one page of headings, facts and tables for people, or JSON."""
 
+import re
 from collections.abc import Callable, Iterable
 from json import dumps
 from typing import TypeAlias, TypeVar
@@ -37,7 +38,24 @@ def print_page(*sections: Section) -> None:
                 out.print()
             out.print(section)
     # Tables are padded to their width; a file or a pipe should not get the blanks.
-    print("\n".join(line.rstrip() for line in page.get().splitlines()))
+    print("\n".join(unsigned_zeros(line.rstrip()) for line in page.get().splitlines()))
+
+
+_MINUS_ZERO = re.compile(r"(?P<before>^|[ ([])-(?P<zero>0(?:\.0*)?)(?![\w.])")
+
+
+def unsigned_zeros(line: str) -> str:
+    """The line with zeros that rounding has left a sign, "-0.00", without it; in a column they stay where they are.
+
+    >>> unsigned_zeros("Fz   -0.00 mN at (-0, -0.5, -1e-3) mm, -0.0 %")
+    'Fz    0.00 mN at (0, -0.5, -1e-3) mm, 0.0 %'
+    """
+
+    def plain_zero(found: re.Match[str]) -> str:
+        in_column = line[: found.start() + 1].endswith("  ")
+        return found["before"] + (" " if in_column else "") + found["zero"]
+
+    return _MINUS_ZERO.sub(plain_zero, line)
 
 
 def heading(title: str, subtitle: str = "") -> Text:
@@ -94,6 +112,22 @@ def place(point: Iterable[float], decimals: int = 3) -> str:
     '(0, -38.105, -87) mm'
     """
     return "(" + ", ".join(f"{round(1e3 * float(x), decimals) + 0.0:g}" for x in point) + ") mm"
+
+
+def axis_text(axis: Array | None) -> str:
+    """A direction (3,) of length 1: a letter along a coordinate, else its components; "several" for None.
+
+    >>> axis_text(np.array([0.0, -1.0, 1e-17])), axis_text(np.array([0.0, 0.6, 0.8]))
+    ('-y', '(0, 0.6, 0.8)')
+    """
+    if axis is None:
+        return "several"
+    numbers = np.round(np.asarray(axis, dtype=float), 3) + 0.0
+    for letter, one in zip("xyz", np.eye(3), strict=True):
+        for sign in (1, -1):
+            if np.array_equal(numbers, sign * one):
+                return letter if sign > 0 else f"-{letter}"
+    return "(" + ", ".join(f"{number:g}" for number in numbers) + ")"
 
 
 def without_noise(values: ArrayLike) -> Array:

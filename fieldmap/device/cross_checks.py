@@ -9,6 +9,7 @@ from typing import Any
 
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import dotted, matches, tables
+from fieldmap.records import count_of
 
 
 def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> list[Finding]:
@@ -32,14 +33,21 @@ def _duplicate_names(data: dict[str, Any], key: str) -> Iterator[Finding]:
 
 
 def _unknown_materials(data: dict[str, Any]) -> Iterator[Finding]:
+    """One finding for each unknown name, at the first body that has it."""
     known = list(data["material"]) if isinstance(data.get("material"), dict) else []
+    unknown: dict[str, list[tuple[str | int, ...]]] = {}
     for location, table in tables(data, "body"):
         name = table.get("material")
         if isinstance(name, str) and name not in known:
-            guess = closest(name, known)
-            remedy = f'did you mean "{guess}"?' if guess else f"add a [material.{name}] table"
-            allowed = f"material must be one of the file's materials: {one_of(known) or 'there are none'}"
-            yield Finding((*location, "material"), allowed, shown(name), remedy)
+            unknown.setdefault(name, []).append((*location, "material"))
+    for name, places in unknown.items():
+        guess = closest(name, known)
+        remedy = f'did you mean "{guess}"?' if guess else f"add a [material.{name}] table"
+        allowed = f"material must be one of the file's materials: {one_of(known) or 'there are none'}"
+        others = (
+            f", here and in {count_of(len(places) - 1, 'more body', 'more bodies')}" if places[1:] else ""
+        )
+        yield Finding(places[0], allowed, shown(name) + others, remedy)
 
 
 def _sections_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:

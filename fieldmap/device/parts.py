@@ -208,6 +208,15 @@ class MagnetCylinder(Made):
         """In cubic metres."""
         return math.pi / 4 * self.diameter**2 * self.height
 
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform body of this shape and mass about its centre.
+
+        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
+        [0.875, 0.875, 0.75]
+        """
+        across = mass * ((self.diameter / 2) ** 2 / 4 + self.height**2 / 12)
+        return across, across, mass * (self.diameter / 2) ** 2 / 2
+
 
 @dataclass(frozen=True, repr=False)
 class MagnetSphere(Made):
@@ -220,6 +229,11 @@ class MagnetSphere(Made):
     def volume(self) -> float:
         """In cubic metres."""
         return math.pi / 6 * self.diameter**3
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
+        moment = mass * self.diameter**2 / 10
+        return moment, moment, moment
 
 
 @dataclass(frozen=True, repr=False)
@@ -234,6 +248,11 @@ class MagnetBlock(Made):
         """In cubic metres."""
         return math.prod(self.size)
 
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform block of this size and mass about its centre."""
+        x, y, z = self.size
+        return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
+
 
 Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
 
@@ -243,7 +262,8 @@ class Payload(Made):
     """What is levitated. moment: magnitude in A m^2; left out, volume times remanence over mu0 of the magnet.
 
     magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
-    printed with every result that uses it). inertia (3,) kg m^2 or None. drag: N s/m.
+    printed with every result that uses it). inertia (3,) kg m^2; None: where
+    something turns, that of a uniform body of the magnet's shape and size (`uniform_inertia`). drag: N s/m.
     """
 
     mass: float
@@ -260,6 +280,13 @@ class Payload(Made):
             ):  # no numbers: told when a device is made of it
                 moment = self.magnet.volume * self.magnet.remanence / mu_0
                 object.__setattr__(self, "moment", moment)
+
+    @property
+    def principal_moments(self) -> tuple[float, float, float] | None:
+        """Inertia, kg m^2: as given, or of a uniform body of this mass in the magnet's shape; None without a magnet."""
+        if self.inertia is not None or self.magnet is None:
+            return self.inertia
+        return self.magnet.uniform_inertia(self.mass)
 
     @property
     def assumptions(self) -> tuple[str, ...]:

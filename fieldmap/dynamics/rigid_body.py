@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive, check_signal
-from fieldmap.device.model import MagnetCylinder, Payload
+from fieldmap.device.model import Payload
+from fieldmap.device.parts import Magnet, MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import GRAVITY as FREE_FALL
@@ -115,7 +116,9 @@ def body_of_payload(
     """The upright body of a device's payload: z along the magnet's axis, seen at its top.
 
     radius, height: of the cylinder that the body is taken for, m; the magnet's own unless given. below: how far the
-    magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. centre_of_mass: how
+    magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. A payload without
+    an inertia gets that of this cylinder; where none is given, of its magnet, a sphere, a block or a cylinder, taken as
+    uniform and as heavy as the payload. centre_of_mass: how
     far it lies above the magnet's centre, m. direction: +1 for a moment along the body's z axis, -1 against it.
     magnet: its dipoles; a point dipole unless given. upright: it does not turn. Raises InputError where no inertia is
     given or follows.
@@ -137,7 +140,7 @@ def body_of_payload(
         FiniteMagnet(carried.points, direction * carried.moments, carried.error),
         np.array([0.0, 0.0, shift]),
         np.array([0.0, 0.0, shift + payload.magnet_offset]),
-        _nowhere() if r is None or h is None else _rims(r, shift - low, shift - low + h),
+        _skin(payload, shift) if r is None or h is None else _rims(r, shift - low, shift - low + h),
         upright=upright,
         assumptions=(
             *notes,
@@ -166,12 +169,38 @@ def _inertia(
     if payload.inertia is not None:
         return np.array(payload.inertia, float), ()
     if r is None or h is None:
-        remedy = "give radius and height of the body, or payload.inertia in the device file"
-        raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
-    across = payload.mass * (r**2 / 4 + h**2 / 12)
+        uniform = payload.principal_moments
+        if uniform is None or r is not None or h is not None:
+            remedy = (
+                "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
+            )
+            raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
+        return np.array(uniform, float), (
+            f"inertia of a uniform {_shape_text(payload.magnet)}, the magnet's",
+        )
     size = f"{2e3 * r:g} x {1e3 * h:g} mm" + (", the magnet's" if own_size else "")
-    inertia = np.array([across, across, payload.mass * r**2 / 2])
-    return inertia, (f"inertia of a uniform cylinder of {size}",)
+    inertia = MagnetCylinder(2 * r, h, 0.0).uniform_inertia(payload.mass)
+    return np.array(inertia, float), (f"inertia of a uniform cylinder of {size}",)
+
+
+def _shape_text(magnet: Magnet | None) -> str:
+    """Shape and size of a magnet that is no cylinder."""
+    if isinstance(magnet, MagnetBlock):
+        return "block of " + " x ".join(f"{1e3 * edge:g}" for edge in magnet.size) + " mm"
+    return f"sphere of {1e3 * magnet.diameter:g} mm" if isinstance(magnet, MagnetSphere) else "body"
+
+
+def _skin(payload: Payload, centre: float) -> Array:
+    """Points that touch walls: poles and equator of a sphere, corners of a block, nothing of a dipole."""
+    magnet = payload.magnet
+    if isinstance(magnet, MagnetSphere):
+        r = magnet.diameter / 2
+        equator = _rims(r, centre, centre)[:_RIM]
+        return np.concatenate([equator, [[0.0, 0.0, centre - r], [0.0, 0.0, centre + r]]])
+    if isinstance(magnet, MagnetBlock):
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        return signs * np.asarray(magnet.size) / 2 + [0.0, 0.0, centre]
+    return _nowhere()
 
 
 def _rims(radius: float, low: float, high: float) -> Array:

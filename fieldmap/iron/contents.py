@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from fieldmap.device.materials import Material
-from fieldmap.device.model import Device
+from fieldmap.device.model import Body, Device
 from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.geometry.solids import body_solid
 from fieldmap.plain import Plain, plain_items
@@ -13,24 +15,27 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, repr=False)
 class BodyContents(Record):
-    """One body: volume, m^3; mesh_size, m; how many parts it is built of."""
+    """One body: volume, m^3; mesh_size, m; how many parts it is built of; axis (3,) of their shapes, if it is one."""
 
     name: str
     material: str
     volume: float
     mesh_size: float
     parts: int
+    axis: Array | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoilContents(Record):
-    """One coil: kind, the name of its class; centre (3,), m; height, m; resistance, ohm; inductance, H, if stated."""
+    """One coil: kind, the name of its class; centre (3,), m; axis (3,), a unit vector, about which positive current
+    runs counter-clockwise at polarity +1; height, m; resistance, ohm; inductance, H, if stated."""
 
     name: str
     kind: str
     turns: float
     polarity: int
     centre: Array
+    axis: Array
     height: float
     resistance: float | None
     inductance: float | None
@@ -74,7 +79,12 @@ def device_contents(device: Device) -> DeviceContents:
     # Solids are built in mm.
     bodies = (
         BodyContents(
-            body.name, body.material, 1e-9 * float(body_solid(body).mass), body.mesh_size, len(body.parts)
+            body.name,
+            body.material,
+            1e-9 * float(body_solid(body).mass),
+            body.mesh_size,
+            len(body.parts),
+            _common_axis(body),
         )
         for body in device.bodies
     )
@@ -85,6 +95,7 @@ def device_contents(device: Device) -> DeviceContents:
             coil.turns,
             coil.polarity,
             coil.placement.position,
+            coil.placement.rotation[:, 2],
             coil.height,
             coil.resistance,
             coil.inductance,
@@ -93,6 +104,12 @@ def device_contents(device: Device) -> DeviceContents:
     )
     payload = () if device.payload is None else device.payload.assumptions
     return DeviceContents(device, tuple(bodies), tuple(coils), saturation_laws(device) + payload)
+
+
+def _common_axis(body: Body) -> Array | None:
+    """The local z axis of the shapes, or None where they have several."""
+    axes = [np.asarray(part.placement.rotation)[:, 2] for part in body.parts]
+    return axes[0] if all(np.allclose(axis, axes[0], atol=1e-9) for axis in axes) else None
 
 
 def saturation_laws(device: Device) -> tuple[str, ...]:

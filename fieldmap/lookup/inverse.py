@@ -66,6 +66,8 @@ def demand_of(
         if moment is None:
             raise _wrong("moment", "of the dipole on which force and torque act", None)
         mx, my, mz = _moment(moment)
+        if mx == my == mz == 0.0:
+            raise _wrong("moment", "not zero: no field gives force or torque on it", moment)
     if force is not None:
         names, rows = names + FORCE_ROWS, np.zeros((3, 12))
         for j in range(3):

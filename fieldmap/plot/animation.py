@@ -78,7 +78,7 @@ def _mp4_writer() -> Callable[[Path, Iterator[Any], float, tuple[int, int]], Non
     try:
         from imageio_ffmpeg import write_frames
     except ImportError as error:
-        remedy = "pip install 'fieldmap[video]', or save a .gif"
+        remedy = "pip install '.[video]' in the checkout, or save a .gif"
         where = "fieldmap.plot.save_animation"
         raise FieldmapError(
             Problem(where, "imageio-ffmpeg must be installed for .mp4", str(error), remedy)

@@ -131,7 +131,7 @@ class LiveMap:
             self._last = None
             return None, _short(error)
         self._last = found.position
-        x, y, z = 1e3 * found.position
+        x, y, z = np.round(1e3 * found.position, 2) + 0.0  # no -0.00
         held = [axis for axis, stable in found.stable_axes.items() if stable]
         return found, f"floats at ({x:.2f}, {y:.2f}, {z:.2f}) mm, stable along {', '.join(held) or 'no axis'}"
 

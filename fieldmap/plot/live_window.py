@@ -202,7 +202,7 @@ def _words(answer: LiveAnswer, names: tuple[str, ...]) -> str:
     amperes = ", ".join(f"{name}: {value:.3f}" for name, value in zip(names, answer.currents, strict=True))
     force = ""
     if np.isfinite(answer.lift):
-        x, y, z = 1e3 * answer.force
+        x, y, z = np.round(1e3 * answer.force, 2) + 0.0  # no -0.00
         at = f"({1e3 * answer.place[0]:.0f}, {1e3 * answer.place[1]:.0f}, {1e3 * answer.place[2]:.1f}) mm"
         force = (
             f"force at {at}: ({x:.2f}, {y:.2f}, {z:.2f}) mN, lift {100 * answer.lift:.1f} % of the weight\n"

@@ -67,7 +67,7 @@ def _tools() -> dict[str, Any]:
                 "fieldmap.plot.save_web_page",
                 "trame-vtk must be installed",
                 str(error),
-                "pip install 'fieldmap[web]', or save a .png",
+                "pip install '.[web]' in the checkout, or save a .png",
             )
         ) from None
     return {"write_html": write_html} | vars(serializers)

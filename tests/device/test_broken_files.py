@@ -151,3 +151,19 @@ def test_a_curve_from_a_file_must_have_room_to_saturate(valid_text, tmp_path):
     (problem,) = problems_of(text, tmp_path)
     assert problem.where.endswith("material.steel.saturation_polarisation_T")
     assert "1.599 T" in problem.must_hold
+
+
+def test_a_material_that_is_misspelt_once_is_reported_once(valid_text, tmp_path):
+    """However many bodies are made of it; another unknown name is another problem."""
+    bodies = "".join(
+        f'\n[[body]]\nname = "more {k}"\nmaterial = "{name}"\nshape = "sphere"\nradius_mm = 1\nmesh_size_mm = 1\n'
+        f"position_mm = [{100 + 5 * k}, 0, 0]\n"
+        for k, name in enumerate(("stele", "stele", "ion"))
+    )
+    text = valid_text.replace('= "steel"', '= "stele"', 1) + bodies
+    told = [problem for problem in problems_of(text, tmp_path) if problem.where.endswith("material")]
+    assert [problem.received.split('"')[1] for problem in told] == ["stele", "ion"]
+    assert [problem.where.split(": ")[-1] for problem in told] == [
+        "body.disk.material",
+        "body.more 2.material",
+    ]

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import ellipj
 
+from fieldmap.device.model import Payload
+from fieldmap.device.parts import MagnetBlock, MagnetSphere
 from fieldmap.dynamics import (
     RigidBody,
     angular_momentum,
@@ -140,6 +142,42 @@ def test_a_payload_makes_a_body():
     assert body.magnet.moments[0, 2] == -payload.moment
     np.testing.assert_allclose(np.unique(body.skin[:, 2].round(9)), [-7e-3, 13e-3])
     assert any("inertia" in words for words in body.assumptions)
+
+
+def _points_of_a_ball(number: int) -> np.ndarray:
+    """Evenly spread in a ball of radius 1."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (number, 3))
+    return points[(points**2).sum(axis=1) <= 1]
+
+
+@pytest.mark.parametrize(
+    ("magnet", "points"),
+    [
+        (MagnetSphere(0.02, 1.3), lambda n: 0.01 * _points_of_a_ball(n)),
+        (
+            MagnetBlock((0.01, 0.02, 0.03), 1.3),
+            lambda n: np.random.default_rng(2).uniform(-0.5, 0.5, (n, 3)) * [0.01, 0.02, 0.03],
+        ),
+    ],
+)
+def test_inertia_follows_from_a_ball_and_a_block(magnet, points):
+    """Beside the second moments of points spread evenly in the shape."""
+    body = body_of_payload(Payload(0.05, magnet=magnet))
+    squares = (points(400_000) ** 2).mean(axis=0)
+    np.testing.assert_allclose(body.inertia, 0.05 * (squares.sum() - squares), rtol=5e-3)
+    assert any("inertia" in note for note in body.assumptions)
+    size = [0.02] * 3 if isinstance(magnet, MagnetSphere) else magnet.size
+    np.testing.assert_allclose(np.ptp(body.skin, axis=0), size, rtol=1e-12)
+
+
+def test_a_given_inertia_counts_and_a_dipole_has_none():
+    given = (3e-7, 3e-7, 2e-7)
+    body = body_of_payload(Payload(0.05, magnet=MagnetSphere(0.02, 1.3), inertia=given))
+    assert body.inertia.tolist() == list(given)
+    with pytest.raises(InputError) as caught:
+        body_of_payload(Payload(0.05, moment=0.8))
+    assert "payload.inertia" in caught.value.problems[0].remedy
 
 
 @pytest.mark.parametrize(

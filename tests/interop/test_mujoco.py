@@ -14,7 +14,7 @@ from fieldmap.interop import MagnetForces
 from fieldmap.lookup import FiniteMagnet, volume_rule
 from fieldmap.store import write_map
 
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install fieldmap[mujoco])")
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install .[mujoco])")
 
 MOMENT, MASS, GRAVITY, HEIGHT = 0.8, 0.01119, 9.81, -0.09
 SCENE = """

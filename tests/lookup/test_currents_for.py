@@ -179,6 +179,8 @@ def test_nan_leaves_a_component_free(eight):
         ({"field": [0, 0, np.inf]}, "none infinite"),
         ({"field": [np.nan] * 3}, "not NaN"),
         ({"force": [0, 0, 1], "moment": [0, 0, np.nan]}, "moment.*finite"),
+        ({"force": [0, 0, 1], "moment": [0, 0, 0]}, "moment"),
+        ({"torque": [0, 0, np.nan], "moment": [0, -0.0, 0]}, "moment"),
         ({"field": [0, 0, 1], "limits": (1.0, -1.0)}, "lower <= upper"),
         ({"field": [0, 0, 1], "limits": np.ones(3)}, "a pair"),
         ({"field": [0, 0, 1], "limits": (np.zeros(8), np.ones(3))}, "a pair"),

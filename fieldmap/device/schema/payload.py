@@ -81,7 +81,9 @@ class _PayloadKeys(Table):
         default=0.0, description="depth of the magnet's centre below the point that the sensor reads"
     )
     inertia_g_mm2: Inertia | None = Field(
-        default=None, description="[Ixx, Iyy, Izz] about the centre of mass, principal axes"
+        default=None,
+        description="[Ixx, Iyy, Izz] about the centre of mass, principal axes; left out, that of a uniform body "
+        "of this mass in the shape of the magnet",
     )
     drag_N_s_per_m: NotNegative = Field(default=0.0, description="linear drag")
 
