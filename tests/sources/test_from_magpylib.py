@@ -209,6 +209,8 @@ def test_a_solution_can_be_a_source_of_the_next_device():
     field, gradient = device.background.field_and_gradient(places)
     assert relative(field, unit.field(places, [1.0])) < 1e-12
     assert relative(gradient, unit.gradient(places, [1.0])) < 1e-5
+    solved = fm.solve_linear(device)
+    assert relative(solved.as_magpylib([]).getB(places), solved.field(places, [])) < 1e-12
     with pytest.raises(InputError) as caught:
         device.to_toml()
     assert caught.value.problems[0].received == "background"
