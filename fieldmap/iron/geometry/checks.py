@@ -10,6 +10,7 @@ than the device file.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from netgen import occ
@@ -147,20 +148,27 @@ def check_geometry(device: Device) -> None:
     Traceback (most recent call last):
     fieldmap.errors.GeometryError: device 'twins': body 'a' and body 'b': bodies may touch but not ...
     """
-    problems = _examine(device).problems
-    if problems:
-        raise GeometryError(*problems)
+    findings = _found_last[device] = _examine(device)
+    if findings.problems:
+        raise GeometryError(*findings.problems)
 
 
 def geometry_notes(device: Device) -> tuple[str, ...]:
-    """What is allowed but worth knowing about the geometry, one sentence each; () where there is nothing."""
-    return _examine(device).notes
+    """What is allowed but worth knowing about the geometry, one sentence each; () where there is nothing.
+
+    What the last `check_geometry` of this device saw, if there was one.
+    """
+    return (_found_last.get(device) or _examine(device)).notes
 
 
 @dataclass(frozen=True)
 class _Findings:
     problems: tuple[Problem, ...]
     notes: tuple[str, ...]
+
+
+# A solve checks first and states the notes at its end: the solids are built and compared once.
+_found_last: WeakKeyDictionary[Device, _Findings] = WeakKeyDictionary()
 
 
 def _examine(device: Device) -> _Findings:

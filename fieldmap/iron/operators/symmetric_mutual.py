@@ -116,7 +116,7 @@ def _blocks(
     """V of every representation, and the diagonal (n,) of the chamber's own block."""
     count = len(faces)
     own = surface.part(faces[:, 0])
-    blocks = [np.zeros((m.shape[1] * count,) * 2) for m in representations]
+    blocks = [np.empty((m.shape[1] * count,) * 2) for m in representations]
     diagonal, block = np.zeros(count), np.empty((count, count))
     for c, back in enumerate(inverse):
         if back < c:
@@ -129,6 +129,10 @@ def _blocks(
             matrices, total = representations[number], blocks[number]
             view = total.reshape(matrices.shape[1], count, matrices.shape[1], count)
             for j, k in np.ndindex(matrices.shape[1:]):
+                if c == 0:
+                    # The identity: nothing is there yet.
+                    view[j, :, k] = block if j == k else 0.0
+                    continue
                 _add(view[j, :, k], matrices[c, j, k], block)
                 if back != c:
                     _add(view[j, :, k], matrices[back, j, k], block.T)
