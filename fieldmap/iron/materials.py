@@ -47,7 +47,16 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
         value[k], note = _constant_mu_r(material, mu_r)
         notes[note] = None
         remanence[k] = material.remanence
-    return BodyProperties(value, remanence, tuple(notes))
+    return BodyProperties(value, remanence, (*notes, *background_notes(device)))
+
+
+def background_notes(device: Device) -> tuple[str, ...]:
+    """That a background acts, in words; nothing without one."""
+    if device.background is None:
+        return ()
+    flux = ", ".join(f"{1e3 * x:.4g}" for x in device.background.flux_density)
+    gradient = "" if device.background.gradient is None else " with a uniform gradient"
+    return (f"background of ({flux}) mT{gradient}, which no current drives",)
 
 
 def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
@@ -97,4 +106,4 @@ def material_assumptions(device: Device) -> tuple[str, ...]:
         material = device.materials[name]
         limit = "; no hysteresis" if material.saturates else ""
         notes.append(f"{material.role} '{name}': {material.description}{limit}")
-    return tuple(notes)
+    return (*notes, *background_notes(device))

@@ -2,9 +2,10 @@
 
     python corrupted_maps.py COUNT SEED
 
-Prints JSON: how many were refused with the package's own error, how many gave identical data, and the cases that gave
-other data ("wrong"), any other exception ("traceback") or no answer within a minute ("hung"). A crash of the HDF5
-library ends the process; the last line on stderr then names the case.
+Every other three cases are of a map with a field that no current drives. Prints JSON: how many were refused with the
+package's own error, how many gave identical data, and the cases that gave other data ("wrong"), any other exception
+("traceback") or no answer within a minute ("hung"). A crash of the HDF5 library ends the process; the last line on
+stderr then names the case.
 """
 
 import contextlib
@@ -20,7 +21,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from corruption import BYTES, HOSTILE, PLACES, small_map
+from corruption import BYTES, HOSTILE, PLACES, PLACES_OF_CONSTANT, small_map
 
 from fieldmap.cli import main as command
 from fieldmap.errors import MapFileError
@@ -31,14 +32,14 @@ from fieldmap.store.seal import SEAL_LENGTH
 MEMORY = 8 << 30
 
 
-def corrupt(case: int, seed: int, good: bytes, path: Path) -> str:
+def corrupt(case: int, seed: int, good: bytes, path: Path, places: tuple[str, ...]) -> str:
     """Write a corrupted copy and say how."""
     rng = np.random.default_rng([seed, case])
     way = case % 3
     if way == 2:
         path.write_bytes(good)
         change = HOSTILE[int(rng.integers(len(HOSTILE)))]
-        place = str(rng.choice(PLACES))
+        place = str(rng.choice(places))
         with h5py.File(path, "r+") as file:
             change(file, place, rng)
         seal_map(path)
@@ -63,7 +64,15 @@ def same(a: MapData, b: MapData) -> bool:
             return tuple(key(v) for v in vars(value).values())
         return value
 
-    names = ("grid", "coil_names", "reference_current", "flux_density", "gradient", "reduced_model")
+    names = (
+        "grid",
+        "coil_names",
+        "reference_current",
+        "flux_density",
+        "gradient",
+        "reduced_model",
+        "constant_field",
+    )
     return all(key(getattr(a, name)) == key(getattr(b, name)) for name in names)
 
 
@@ -93,11 +102,15 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "map.h5"
-        good, truth = write_map(path, small_map()).read_bytes(), read_map(path)
-        Path(f"{path}.good").write_bytes(good)
+        kinds = []
+        for constant, places in ((False, PLACES), (True, PLACES + PLACES_OF_CONSTANT)):
+            good, truth = write_map(path, small_map(constant)).read_bytes(), read_map(path)
+            kinds.append((good, truth, places))
+        Path(f"{path}.good").write_bytes(kinds[0][0])
         for case in range(count):
             path.unlink(missing_ok=True)
-            name = f"case {case}, {corrupt(case, seed, good, path)}"
+            good, truth, places = kinds[case // 3 % 2]
+            name = f"case {case}, {corrupt(case, seed, good, path, places)}"
             print(name, file=sys.stderr, flush=True)
             signal.alarm(60)
             try:

@@ -33,8 +33,17 @@ PLACES = (
 )
 
 
-def small_map() -> MapData:
-    """One coil and one field of iron that saturates, on 27 nodes."""
+PLACES_OF_CONSTANT = (
+    "/data/0/meshes/B_no_current/z",
+    "/data/0/meshes/gradB_no_current/xx",
+    "/data/0/meshes/B_no_current",
+    f"{MODEL}/fixed",
+)
+"""Beside `PLACES`, of a map with a background."""
+
+
+def small_map(constant: bool = False) -> MapData:
+    """One coil and one field of iron that saturates, on 27 nodes. constant: and a background, which no current drives."""
     rng = np.random.default_rng(0)
     grid = Grid([-0.01, -0.01, -0.1], [0.01, 0.01, 0.005], (3, 3, 3))
     knots = np.array([0.0, 1e3])
@@ -55,6 +64,7 @@ def small_map() -> MapData:
         upper=np.array([2.0]),
         parametrisation=IndependentCurrents(1),
         reference_weights=np.array([0.3]),
+        fixed=rng.normal(size=6) if constant else np.zeros(0),
     )
     return MapData(
         grid,
@@ -75,8 +85,10 @@ def small_map() -> MapData:
         {"harmonic": FieldError(2e-9, 3e-7)},
         model,
         FieldError(1e-6, 2e-5),
-        flux_density=rng.normal(size=(2, *grid.shape, 3)),
-        gradient=rng.normal(size=(2, *grid.shape, 3, 3)),
+        ("background",) if constant else (),
+        constant,
+        flux_density=rng.normal(size=(2 + constant, *grid.shape, 3)),
+        gradient=rng.normal(size=(2 + constant, *grid.shape, 3, 3)),
     )
 
 
