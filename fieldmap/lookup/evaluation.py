@@ -31,6 +31,7 @@ from fieldmap.field import (
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.kernels.map import dipole_wrench as wrench_kernels
 from fieldmap.kernels.map import lookup as kernels
+from fieldmap.kernels.map.constant_field import evaluate_one_beside_constant
 from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
 
@@ -113,6 +114,12 @@ class CompiledEvaluator:
         n_fields = int(self._unit[kernels.SETS])
         example = self._unit, np.zeros(n_fields), np.zeros(3), np.empty(3), np.empty((3, 3))
         return closed_to_new_types(kernels.evaluate_one_with, *example), self._unit
+
+    def one_point_beside_constant(self) -> tuple[Callable[..., int], Any]:
+        """As `one_point`, for the currents of the coils where the last field is one that no current drives."""
+        coils = int(self._unit[kernels.SETS]) - 1
+        example = self._unit, np.zeros(coils), np.zeros(3), np.empty(3), np.empty((3, 3))
+        return closed_to_new_types(evaluate_one_beside_constant, *example), self._unit
 
     def compiled(self) -> tuple[Any, Any]:
         """See `Evaluator`."""

@@ -142,6 +142,8 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         self._load = one_wrench()
         if self._model is None and not self._constant:
             self._one, self._unit = self._evaluator.one_point()
+        elif self._constant and isinstance(self._evaluator, CompiledEvaluator):
+            self._one, self._unit = self._evaluator.one_point_beside_constant()
 
     @property
     def info(self) -> MapInfo:

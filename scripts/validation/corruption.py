@@ -43,7 +43,7 @@ PLACES_OF_CONSTANT = (
 
 
 def small_map(constant: bool = False) -> MapData:
-    """One coil and one field of iron that saturates, on 27 nodes. constant: and a background, which no current drives."""
+    """One coil and one field of iron that saturates, on 27 nodes. constant: and a background, that nothing drives."""
     rng = np.random.default_rng(0)
     grid = Grid([-0.01, -0.01, -0.1], [0.01, 0.01, 0.005], (3, 3, 3))
     knots = np.array([0.0, 1e3])

@@ -177,6 +177,20 @@ def test_magnets_alone_are_in_the_fields_of_the_iron(device, tmp_path):
         assert one.field(POINTS, [current]) == pytest.approx(solver.field(POINTS, [current]), abs=2e-6)
 
 
+def test_a_strong_background_magnetises_the_iron(device, tmp_path):
+    """Unlike the earth's, one that the iron's field shows: the model has it at its sample points and in the air."""
+    strong = device.replace(background=fm.Background([5e-3, 0.0, -8e-3], [0.05, 0.0, 0.02, 0.05, 0.0]))
+    path = fm.generate(strong, tmp_path / "strong.h5", spacing=2.5e-3, currents=(0.0, 3.0))
+    opened, solver = fm.open_map(path), NonlinearSolver(strong, tolerance=1e-4)
+    bound = opened.error_bound.flux_density + 1.5 * opened.current_error.flux_density
+    for current in (0.0, 2.2):
+        b = solver.field(POINTS, [current])
+        assert np.linalg.norm(opened.field(POINTS, [current]) - b, axis=1).max() < bound
+    bare = NonlinearSolver(device.replace(background=None), tolerance=1e-4).field(POINTS, [0.0])
+    alone = bare + strong.background.field(POINTS)
+    assert np.abs(solver.field(POINTS, [0.0]) - alone).max() > 20 * bound
+
+
 def test_training_has_the_state_without_currents(path):
     from fieldmap.currents import CurrentDomain, IndependentCurrents
 
