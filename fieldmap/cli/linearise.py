@@ -116,11 +116,12 @@ def _complex(value: complex) -> str:
 
 def _coupling(points: "tuple[LinearPoint, ...]") -> list[tuple[str, ...]]:
     """Where each signal moves the body, its loops open; and its relative gain with the axis that it belongs to."""
+    from fieldmap.cli.printing import without_noise
     from fieldmap.dynamics.scenario.linear_points import coupling_signals
 
     lines: list[tuple[str, ...]] = []
     for point in points:
-        gain, relative = 1e3 * point.coupling.gain, point.coupling.relative
+        gain, relative = without_noise(1e3 * point.coupling.gain), point.coupling.relative
         for k, name in enumerate(coupling_signals(point)):
             cells = [f"{value:.4g}" for value in gain[:, k]]
             lines.append((f"{point.depth_mm:g}", name, *cells, f"{relative[k, k]:.3f}"))

@@ -130,14 +130,17 @@ def axis_text(axis: Array | None) -> str:
     return "(" + ", ".join(f"{number:g}" for number in numbers) + ")"
 
 
-def without_noise(values: ArrayLike) -> Array:
+def without_noise(values: ArrayLike, beside: float = 0.0) -> Array:
     """The values; those below 1e-9 of the largest, which rounding leaves, as zeros.
 
-    >>> without_noise([2.0, -1e-17]).tolist()
-    [2.0, 0.0]
+    beside: a size of the same unit that counts as the largest where the values themselves are smaller, such as the
+    moment times the field for a torque.
+
+    >>> without_noise([2.0, -1e-17]).tolist(), without_noise([1e-19, -1e-17], beside=0.1).tolist()
+    ([2.0, 0.0], [0.0, 0.0])
     """
     array = np.asarray(values, dtype=float)
-    return np.where(np.abs(array) <= 1e-9 * np.abs(array).max(initial=0.0), 0.0, array)
+    return np.where(np.abs(array) <= 1e-9 * np.abs(array).max(initial=beside), 0.0, array)
 
 
 R = TypeVar("R", bound=Result)

@@ -114,6 +114,7 @@ def _page(answer: "Probe") -> "Iterator[Section]":
 
 
 def _force_table(answer: "Probe") -> "RenderableType":
+    import numpy as np
     from rich.console import Group
     from rich.text import Text
 
@@ -123,10 +124,13 @@ def _force_table(answer: "Probe") -> "RenderableType":
     for point in answer.points:
         assert point.force is not None
         assert point.torque is not None
-        numbers = (*without_noise(point.force), *without_noise(point.torque))
+        size = 0.0 if point.moment is None else float(np.abs(point.moment).max())
+        force = without_noise(point.force, beside=size * float(np.abs(point.gradient).max()))
+        torque = without_noise(point.torque, beside=size * float(np.abs(point.B).max()))
+        numbers = (*force, *torque)
         cells.append((place(point.at), *(f"{1e3 * value:.5g}" for value in numbers)))
     first = answer.points[0].moment
     assert first is not None
-    moment = ", ".join(f"{value:.4g}" for value in first)
+    moment = ", ".join(f"{value:.4g}" for value in without_noise(first))
     columns = ("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m")
     return Group(Text(f"Force and torque on a moment of ({moment}) A m2"), table(columns, cells))

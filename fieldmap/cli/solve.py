@@ -165,12 +165,14 @@ def _design_page(figures: "DesignFigures") -> "Iterator[Section]":
     names = [one.coil for one in figures.windings]
     matrix = (
         (name, *(f"{1e3 * value:.4g}" for value in row))
-        for name, row in zip(names, figures.inductance, strict=True)
+        for name, row in zip(names, without_noise(figures.inductance), strict=True)
     )
     yield table(("mH", *names), matrix)
+    groups = (*figures.coil_forces, *figures.iron_forces)
+    largest = max((float(abs(group.force).max()) for group in groups), default=0.0)
     forces = (
-        (", ".join(group.names), *(f"{value + 0.0:.4g}" for value in without_noise(group.force)))
-        for group in (*figures.coil_forces, *figures.iron_forces)
+        (", ".join(group.names), *(f"{value:.4g}" for value in without_noise(group.force, beside=largest)))
+        for group in groups
     )
     yield table(("force on", "Fx N", "Fy N", "Fz N"), forces)
     bodies = (
@@ -232,13 +234,14 @@ def _body_table(summary: "SolutionSummary") -> "Table":
 
 
 def _section_table(summary: "SolutionSummary") -> "Table":
-    from fieldmap.cli.printing import table
+    from fieldmap.cli.printing import table, without_noise
 
+    # Beside 1 T across the section.
     cells = (
         (
             section.section,
             f"{section.flux_density:.5f}",
-            f"{1e6 * section.flux:.5g}",
+            f"{1e6 * float(without_noise(section.flux, beside=section.area)):.5g}",
             f"{1e6 * section.area:.5g}",
         )
         for section in summary.sections
@@ -249,11 +252,13 @@ def _section_table(summary: "SolutionSummary") -> "Table":
 def _force_table(summary: "SolutionSummary") -> "Table":
     from fieldmap.cli.printing import table, without_noise
 
+    largest = max((float(abs(group.force).max()) for group in summary.forces), default=0.0)
     cells = (
         (
             ", ".join(group.names),
-            *(f"{1e3 * value + 0.0:.5g}" for value in without_noise(group.force)),
-            *(f"{1e3 * value + 0.0:.5g}" for value in without_noise(group.torque)),
+            *(f"{1e3 * value:.5g}" for value in without_noise(group.force, beside=largest)),
+            # Beside the largest force at a lever of 1 mm.
+            *(f"{1e3 * value:.5g}" for value in without_noise(group.torque, beside=1e-3 * largest)),
         )
         for group in summary.forces
     )

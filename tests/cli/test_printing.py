@@ -8,6 +8,7 @@ import pytest
 
 from fieldmap.cli.info import _unit_table
 from fieldmap.cli.printing import WIDTH, axis_text, facts, print_page, table, unsigned_zeros
+from fieldmap.cli.probe import _force_table
 from fieldmap.io.map_summary import MiddleField
 
 NUMBER = re.compile(r"-?\d+\.\d+")
@@ -33,6 +34,21 @@ def test_no_page_prints_minus_zero(capsys):
     assert [float(number) for number in NUMBER.findall(out)] == [0.0, -0.5, 3.0, 0.0]
     assert "-0.00" not in out
     assert len({len(line) for line in out.splitlines() if line.startswith((" force", " moment"))}) == 1
+
+
+def test_what_rounding_leaves_is_printed_as_zero(capsys):
+    """On the axis of a coil the moment lies along the field: no torque, no force sideways."""
+    point = SimpleNamespace(
+        at=np.zeros(3),
+        moment=np.array([5e-17, 0.0, 0.8]),
+        B=np.array([1e-19, 0.0, 0.004]),
+        gradient=np.diag([-0.02, -0.02, 0.04]),
+        force=np.array([-3e-19, 2e-19, 0.032]),
+        torque=np.array([4e-19, -1e-19, 0.0]),
+    )
+    print_page(_force_table(SimpleNamespace(points=(point,))))
+    *_, row = capsys.readouterr().out.splitlines()
+    assert [float(number) for number in row.split(") mm")[1].split()] == [0.0, 0.0, 32.0, 0.0, 0.0, 0.0]
 
 
 def test_axes_have_a_letter_or_components():

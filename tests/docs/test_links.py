@@ -69,6 +69,18 @@ def test_the_navigation_lists_every_page_once():
     assert sorted(listed) == sorted(str(path.relative_to(ROOT / "docs")) for path in SITE)
 
 
+def test_every_page_is_found_by_its_title():
+    """No two pages have the same title, nor two entries of the navigation."""
+    settings = (ROOT / "mkdocs.yml").read_text()
+    navigation = settings[settings.index("\nnav:") : settings.index("\nvalidation:")]
+    entries = re.findall(r"- (.+): \S+\.md$", navigation, re.MULTILINE)
+    titles = [re.findall(r"^# (.*)$", prose(path), re.MULTILINE) for path in SITE]
+    assert [named(path) for path, found in zip(SITE, titles, strict=True) if len(found) != 1] == []
+    for names in (entries, [found[0] for found in titles]):
+        plain = [re.sub(r"\W+", " ", name).strip().lower() for name in names]
+        assert sorted(name for name in set(plain) if plain.count(name) > 1) == []
+
+
 def test_the_site_is_built_and_read_without_a_network():
     settings = (ROOT / "mkdocs.yml").read_text()
     assert "://" not in settings
