@@ -119,9 +119,7 @@ def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
     if device.bounds is not None:
         yield "workspace", f"{place(device.bounds[0])} to {place(device.bounds[1])}"
     if device.background is not None:
-        flux = ", ".join(f"{1e3 * x:.4g}" for x in device.background.flux_density)
-        gradient = "" if device.background.gradient is None else ", with a gradient"
-        yield "background", f"({flux}) mT{gradient}"
+        yield "background", device.background.description
     if device.references:
         yield "references", f"{len(device.references)} known values; compare: fieldmap solve"
 

@@ -67,6 +67,19 @@ class Background(Made):
         return any(source.live is not None for source in self.sources)
 
     @property
+    def description(self) -> str:
+        """The field in words.
+
+        >>> Background([0.0, 20e-6, -44e-6]).description
+        '(0, 0.02, -0.044) mT'
+        """
+        flux = ", ".join(f"{1e3 * x:.4g}" for x in self.flux_density)
+        count = len(self.sources)
+        more = ["a gradient"] * (self.gradient is not None)
+        more += [f"{count} source{'s' if count > 1 else ''} in air"] * (count > 0)
+        return f"({flux}) mT" + (f", with {' and '.join(more)}" if more else "")
+
+    @property
     def tensor(self) -> Array:
         """dB_i/dx_j (3, 3), T/m."""
         return np.zeros((3, 3)) if self.gradient is None else gradient_tensor(self.gradient)

@@ -174,10 +174,7 @@ class Device(Made):
             "materials": ", ".join(f"{name}: {one.description}" for name, one in self.materials.items()),
         }
         if self.background is not None:
-            flux = ", ".join(f"{1e3 * x:.4g}" for x in self.background.flux_density)
-            rows["background"] = f"({flux}) mT" + (
-                "" if self.background.gradient is None else ", with a gradient"
-            )
+            rows["background"] = self.background.description
         if self.payload is not None:
             rows["payload"] = f"{1e3 * self.payload.mass:.4g} g, moment {self.payload.moment:.4g} A m2"
         if self.bounds is not None:
