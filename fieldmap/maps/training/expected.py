@@ -11,7 +11,7 @@ from fieldmap.maps.recipe import Plan
 
 STAGES = ("assembling", "training", "corners", "points", "random", "modes")
 # One state, and the fields of the modes, over the assembly of the solver.
-_STATE, _MODES = 0.2, 0.5
+_STATE, _MODES = 0.17, 0.7
 # Of the states that a plan allows, how many it is expected to take until the errors of some rounds tell.
 _SHARE = 0.65
 # States to try the model on begin from its prediction: over those that it is trained on.

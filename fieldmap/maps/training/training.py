@@ -144,6 +144,9 @@ def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, 
     while done < plan.states and training.solved:
         count = min(_AT_ONCE, plan.states - done)
         needed = states_needed([_share(found.errors) for found in rounds], [r.solved for r in rounds], plan)
+        if rounds:
+            # A round that is tried on the states before it tells that these were enough.
+            needed = min(needed + _AT_ONCE, plan.states)
         new = slice(done, done + count)
         found = _round(solving, training, currents[new], directions[new], done, needed)
         done += count
