@@ -256,3 +256,11 @@ def test_all_mistakes_at_once():
     with pytest.raises(InputError) as caught:
         fm.Device.from_magpylib("a loop")
     assert caught.value.problems[0].where == "from_magpylib, model"
+
+
+def test_attributes_are_those_at_the_end_of_a_path():
+    loop = current.Circle(current=[1.0, 2.0, 5.0], diameter=[0.01, 0.02, 0.04])
+    device = fm.Device.from_magpylib(loop)
+    assert device.nominal_currents == {"Circle_1": 5.0}
+    last = current.Circle(current=5.0, diameter=0.04)
+    assert relative(CoilSet(device.coils).field(POINTS, 5.0), last.getB(POINTS)) < 1e-12
