@@ -236,7 +236,7 @@ def middle_field(opened: FieldMap) -> MiddleField:
     alone = np.eye(len(opened.coil_names))
     saturating = opened.info.reduced_model is not None
     off = _without_currents(opened, centre)
-    if not saturating and not opened.proportional:
+    if off is not None and not saturating:
         flux = opened.unit_field(centre)[:, 2].tolist()
         slope = opened.unit_gradient(centre)[:, 2, 2].tolist()
         return MiddleField(centre, (*flux, sum(flux)), (*slope, sum(slope)), off)
@@ -251,7 +251,7 @@ def middle_field(opened: FieldMap) -> MiddleField:
 
 def _without_currents(opened: FieldMap, point: Array) -> tuple[float, float] | None:
     """Bz and dBz/dz with all currents off; None where nothing else makes a field, or the map does not know."""
-    if not opened.fixed_sources:
+    if not getattr(opened, "fixed_sources", ()):
         return None
     try:
         return float(opened.constant_field(point)[2]), float(opened.constant_gradient(point)[2, 2])
