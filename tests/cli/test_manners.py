@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -111,7 +112,7 @@ EXAMPLES += re.findall(
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_example_is_understood(example):
     """The words of the examples in the help and in docs/commands.md fit what the command declares."""
-    words = join_lists(example.split(">")[0].split()[1:])
+    words = join_lists(shlex.split(example.split(">")[0])[1:])
     inner = application().commands[words[0]]
     inner.make_context(words[0], words[1:]).close()
 

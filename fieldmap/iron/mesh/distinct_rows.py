@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fieldmap.records import tuple_line
 from fieldmap.typing import Index
 
 
@@ -14,6 +15,9 @@ class DistinctRows(NamedTuple):
     first: Index
     number: Index
     times: Index
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 def distinct_rows(rows: Index) -> DistinctRows:
