@@ -128,7 +128,7 @@ def test_schema_accepts_a_shipped_device(capsys):
     schema = json.loads(printed)
     short = tomllib.loads(shipped_file("geometry", "drive_unit").read_text())
     jsonschema.validate(short, schema)
-    device = tomllib.loads(shipped_file("geometry", "drive_unit_a3").read_text())
+    device = tomllib.loads(shipped_file("geometry", "loop_and_sphere").read_text())
     jsonschema.validate(device, schema)
     device["coil"][0]["turns"] = "many"
     with pytest.raises(jsonschema.ValidationError):
