@@ -65,7 +65,7 @@ def test_a_failing_run_ends_with_its_event_and_keeps_its_data(simulated, tmp_pat
     assert travel <= 2.2e-3 * np.linalg.norm(state[3:6]) + 1e-6
     assert "step" in about["scenario"].lower()
     words = " ".join(out.split())
-    assert f"{name}: 1, first at {end:.3f} s: x {1e3 * state[0]:.2f}" in words
+    assert f"{name}: 1, first at {end:.3f} s: x {round(1e3 * state[0], 2) + 0.0:.2f}" in words
 
 
 def test_a_failing_run_as_a_table_and_as_numbers(simulated, tmp_path):

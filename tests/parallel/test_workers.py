@@ -160,7 +160,7 @@ def test_arguments_that_make_no_sense(arguments, words):
 def test_without_dask_the_remedy_is_named(monkeypatch):
     monkeypatch.delitem(sys.modules, "fieldmap.parallel.pool", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"fieldmap\[cluster\]"), Workers(2):
+    with pytest.raises(InputError, match=r"\[cluster\]"), Workers(2):
         pass
 
 
