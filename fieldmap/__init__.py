@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import MagnetSphere as MagnetSphere
     from fieldmap.device.model import MagpylibCoil as MagpylibCoil
     from fieldmap.device.model import Marrocco as Marrocco
+    from fieldmap.device.model import MeshFile as MeshFile
     from fieldmap.device.model import Part as Part
     from fieldmap.device.model import PathCoil as PathCoil
     from fieldmap.device.model import Payload as Payload
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import Sphere as Sphere
     from fieldmap.device.model import StepFile as StepFile
     from fieldmap.device.model import TriangleSurface as TriangleSurface
+    from fieldmap.device.model import VolumeMesh as VolumeMesh
     from fieldmap.device.model import WorkspaceBox as WorkspaceBox
     from fieldmap.device.model import WorkspaceCylinder as WorkspaceCylinder
     from fieldmap.device.model import placed as placed
@@ -81,6 +83,7 @@ _PARTS = (
     "MagnetSphere",
     "MagpylibCoil",
     "Marrocco",
+    "MeshFile",
     "Part",
     "PathCoil",
     "Payload",
@@ -94,6 +97,7 @@ _PARTS = (
     "Sphere",
     "StepFile",
     "TriangleSurface",
+    "VolumeMesh",
     "WorkspaceBox",
     "WorkspaceCylinder",
     "placed",

@@ -20,7 +20,7 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
     found = [finding for key in ("body", "coil", "section") for finding in _duplicate_names(data, key)]
     found += [*_unknown_materials(data), *_sections_of_no_body(data)]
     found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
-    return [*found, *_missing_step_files(data, folder), *_nothing_to_compute(data)]
+    return [*found, *_missing_files(data, folder), *_nothing_to_compute(data)]
 
 
 def _duplicate_names(data: dict[str, Any], key: str) -> Iterator[Finding]:
@@ -104,14 +104,15 @@ def all_paths(data: dict[str, Any]) -> list[str]:
     return paths
 
 
-def _missing_step_files(data: dict[str, Any], folder: Path) -> Iterator[Finding]:
+def _missing_files(data: dict[str, Any], folder: Path) -> Iterator[Finding]:
     for location, body in tables(data, "body"):
         for part_location, part in [(location, body), *_parts(location, body)]:
             name = part.get("file")
-            if part.get("shape") == "step_file" and isinstance(name, str) and not (folder / name).is_file():
+            kind = {"step_file": "STEP", "mesh_file": "mesh"}.get(str(part.get("shape")))
+            if kind is not None and isinstance(name, str) and not (folder / name).is_file():
                 yield Finding(
                     (*part_location, "file"),
-                    "the STEP file must exist; its path is relative to the device file",
+                    f"the {kind} file must exist; its path is relative to the device file",
                     shown(name),
                     f"put the file at {folder / name} or correct the path",
                 )

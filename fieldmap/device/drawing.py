@@ -18,6 +18,7 @@ from fieldmap.device.parts import (
     Ring,
     Sphere,
     TriangleSurface,
+    VolumeMesh,
 )
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -154,7 +155,8 @@ def _tube(line: Array) -> tuple[Array, Index]:
 
 
 def body_outlines(bodies: tuple[Body, ...], magnets: tuple[str, ...] = ()) -> tuple[Outline, ...]:
-    """Convex outlines of the parts of bodies: bores and notches are not seen, and bodies from STEP files left out.
+    """Convex outlines of the parts of bodies: bores and notches are not seen, and bodies from STEP and mesh
+    files left out.
 
     magnets: names of those that are permanent magnets.
     """
@@ -176,7 +178,7 @@ def box_outline(name: str, lower: Array, upper: Array) -> Outline:
 
 
 def part_points(part: Part) -> Array:
-    """Points (n, 3), m, whose convex hull is that of a part; none of a STEP file or of what is cut."""
+    """Points (n, 3), m, whose convex hull is that of a part; none of a STEP or mesh file or of what is cut."""
     shape = part.shape
     if part.operation != "add":
         return np.zeros((0, 3))
@@ -185,7 +187,7 @@ def part_points(part: Part) -> Array:
         local = [
             [x, y, z] for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (0, shape.size[2])
         ]
-    elif isinstance(shape, TriangleSurface):
+    elif isinstance(shape, TriangleSurface | VolumeMesh):
         local = np.asarray(shape.points).tolist()
     elif isinstance(shape, ExtrudedPolygon):
         local = [[x, y, z] for x, y in shape.points for z in (0.0, shape.height)]

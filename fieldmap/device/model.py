@@ -38,6 +38,7 @@ from fieldmap.device.parts import ExtrudedPolygon as ExtrudedPolygon
 from fieldmap.device.parts import MagnetBlock as MagnetBlock
 from fieldmap.device.parts import MagnetCylinder as MagnetCylinder
 from fieldmap.device.parts import MagnetSphere as MagnetSphere
+from fieldmap.device.parts import MeshFile as MeshFile
 from fieldmap.device.parts import Part as Part
 from fieldmap.device.parts import Payload as Payload
 from fieldmap.device.parts import Reference as Reference
@@ -48,6 +49,7 @@ from fieldmap.device.parts import Shape as Shape
 from fieldmap.device.parts import Sphere as Sphere
 from fieldmap.device.parts import StepFile as StepFile
 from fieldmap.device.parts import TriangleSurface as TriangleSurface
+from fieldmap.device.parts import VolumeMesh as VolumeMesh
 from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
@@ -71,7 +73,7 @@ class Device(Made):
     otherwise are renamed. background: a field that nothing in the device drives. provenance: key paths of the file ->
     where the number comes from. For the map file's record:
     `text` is the file as read, or that of `to_toml`; `included` maps each file that it names to its text (material
-    files) or to "sha256:..." of its bytes (STEP files).
+    files) or to "sha256:..." of its bytes (STEP and mesh files).
 
     >>> coil = CircularCoil("coil", inner_radius=0.02, outer_radius=0.03, height=0.01, turns=100)
     >>> Device("pair", "Two coils", coils=coil.along([0.0, 0.0, 0.03], 2)).coil_names
@@ -119,7 +121,7 @@ class Device(Made):
         made = checked_data(self)
         if not self.text and not made.unwritten:
             object.__setattr__(self, "text", toml_text(made.data))
-            object.__setattr__(self, "included", FrozenDict(hashes_of_solids(self.bodies, Path())))
+            object.__setattr__(self, "included", FrozenDict(hashes_of_files(self.bodies, Path())))
 
     def _name_materials(self) -> None:
         renamed = {
@@ -233,10 +235,11 @@ class Device(Made):
         return toml_text(made.data)
 
 
-def hashes_of_solids(bodies: tuple[Body, ...], folder: Path) -> dict[str, str]:
-    """SHA-256 of the STEP files that bodies name, by their paths relative to a folder."""
-    solids = {part.shape.path for body in bodies for part in body.parts if isinstance(part.shape, StepFile)}
+def hashes_of_files(bodies: tuple[Body, ...], folder: Path) -> dict[str, str]:
+    """SHA-256 of the STEP and mesh files that bodies name, by their paths relative to a folder."""
+    shapes = [part.shape for body in bodies for part in body.parts]
+    files = {shape.path for shape in shapes if isinstance(shape, StepFile | MeshFile)}
     return {
         os.path.relpath(path, folder): "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(solids)
+        for path in sorted(files)
     }

@@ -10,8 +10,9 @@ import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, get_args
 
 import numpy as np
 from scipy.constants import mu_0
@@ -103,8 +104,52 @@ class TriangleSurface(Made):
         return cls(unit * points, triangles)
 
 
-Shape = Cylinder | Ring | Box | Sphere | ExtrudedPolygon | RevolvedProfile | StepFile | TriangleSurface
-SHAPES = (Cylinder, Ring, Box, Sphere, ExtrudedPolygon, RevolvedProfile, StepFile, TriangleSurface)
+@dataclass(frozen=True, eq=False, repr=False)
+class VolumeMesh(Made):
+    """A mesh of your own, used as it is: tetrahedra (m, 4) are numbers of `points` (n, 3), in m, from 0.
+
+    The shape of a body of its own, without `mesh_size`: nothing is added to it or cut from it.
+    """
+
+    points: Array
+    tetrahedra: Index
+
+    @classmethod
+    def from_file(cls, path: PathLike, unit: float = 1e-3, region: str | None = None) -> Self:
+        """The tetrahedra of a mesh file: see `MeshFile`, of which this keeps the numbers.
+
+        Raises InputError for a file that cannot be read, has no tetrahedra or lacks the region.
+        """
+        mesh = import_module("fieldmap.iron.geometry.mesh_files").read_mesh(Path(path), region)
+        return cls(unit * mesh.points, mesh.tets)
+
+
+@dataclass(frozen=True, repr=False)
+class MeshFile(Made):
+    """The tetrahedra of a mesh file (gmsh, VTK and what else meshio reads), used as they are.
+
+    `scale` turns the file's length unit into metres. region: name of those cells that are meant, or their
+    number as a text; None for all. The shape of a body of its own, without `mesh_size`.
+    """
+
+    path: Path
+    scale: float = 1e-3
+    region: str | None = None
+
+
+Shape = (
+    Cylinder
+    | Ring
+    | Box
+    | Sphere
+    | ExtrudedPolygon
+    | RevolvedProfile
+    | StepFile
+    | TriangleSurface
+    | VolumeMesh
+    | MeshFile
+)
+SHAPES = get_args(Shape)
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,8 +165,9 @@ class Part(Made):
 class Body(Movable, Made):
     """A named piece of one material. Bodies that touch become one magnetic body.
 
-    parts: a shape, or shapes and `Part`s that are added and cut in this order. mesh_size: largest element edge, m.
-    edge_size: size of the first element layer at sharp edges, m, or None for no grading.
+    parts: a shape, or shapes and `Part`s that are added and cut in this order. mesh_size: largest element edge, m;
+    None for a body with a mesh of its own (`VolumeMesh`, `MeshFile`). edge_size: size of the first element layer at
+    sharp edges, m, or None for no grading.
 
     >>> core = Body("core {k}", "steel", Cylinder(0.01, 0.04), mesh_size=5e-3).moved([0.044, 0.0, 0.006])
     >>> [one.name for one in core.around("z", 3)]
@@ -131,7 +177,7 @@ class Body(Movable, Made):
     name: str
     material: str
     parts: tuple[Part, ...]
-    mesh_size: float
+    mesh_size: float | None = None
     edge_size: float | None = None
 
     if TYPE_CHECKING:  # what may be given for the parts
@@ -141,7 +187,7 @@ class Body(Movable, Made):
             name: str,
             material: str,
             parts: Shape | Part | Sequence[Shape | Part],
-            mesh_size: float,
+            mesh_size: float | None = None,
             edge_size: float | None = None,
         ) -> None: ...
 
@@ -149,6 +195,11 @@ class Body(Movable, Made):
         given = self.parts if isinstance(self.parts, list | tuple) else (self.parts,)
         parts = tuple(Part(one) if isinstance(one, SHAPES) else one for one in given)
         object.__setattr__(self, "parts", parts)
+
+    @property
+    def has_own_mesh(self) -> bool:
+        """Whether it is a mesh, not a shape to be meshed."""
+        return any(isinstance(part.shape, VolumeMesh | MeshFile) for part in self.parts)
 
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Body:
         parts = tuple(
@@ -168,10 +219,17 @@ def _reflected(shape: Shape, axis: int | None) -> Shape:
     if isinstance(shape, StepFile):
         remedy = "make the mirrored solid in the program that wrote the file"
         raise InputError(Problem("mirrored", "a shape that can be mirrored", "a STEP file", remedy))
+    if isinstance(shape, MeshFile):
+        remedy = "read it by VolumeMesh.from_file, which can be"
+        raise InputError(Problem("mirrored", "a shape that can be mirrored", "a mesh file", remedy))
     if isinstance(shape, TriangleSurface):
         points = np.array(shape.points, dtype=float)
         points[:, axis] *= -1
         return replace(shape, points=points, triangles=np.asarray(shape.triangles)[:, ::-1])
+    if isinstance(shape, VolumeMesh):
+        points = np.array(shape.points, dtype=float)
+        points[:, axis] *= -1
+        return replace(shape, points=points, tetrahedra=np.asarray(shape.tetrahedra)[:, [0, 2, 1, 3]])
     if isinstance(shape, ExtrudedPolygon):
         return replace(shape, points=read_only(reflected_polygon(shape.points.tolist(), axis)))
     return shape

@@ -13,7 +13,7 @@ from fieldmap.device.changes import with_changes
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.materials import Curves, MaterialKeys, SaturatingMaterial, keys_of_table
 from fieldmap.device.measured import DEFAULT
-from fieldmap.device.model import Device, StepFile, hashes_of_solids
+from fieldmap.device.model import Device, MeshFile, StepFile, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import DeviceFileError, Problem
@@ -172,7 +172,9 @@ def recorded_device(text: str, solids: bool = False) -> Device:
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
         bodies=tuple(
-            one for one in bodies if not any(isinstance(part.shape, StepFile) for part in one.parts)
+            one
+            for one in bodies
+            if not any(isinstance(part.shape, StepFile | MeshFile) for part in one.parts)
         ),
         payload=contents.payload.to_model() if contents.payload else None,
         driver=contents.driver.to_model() if contents.driver else None,
@@ -205,7 +207,7 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
     folder = document.path.parent
     bodies = tuple(body.to_model(folder) for body in contents.body)
     materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
-    included = included | hashes_of_solids(bodies, folder)
+    included = included | hashes_of_files(bodies, folder)
     return Device.unchecked(
         name=contents.name,
         title=contents.title,

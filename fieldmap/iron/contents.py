@@ -6,7 +6,9 @@ import numpy as np
 
 from fieldmap.device.materials import Material
 from fieldmap.device.model import Body, Device
+from fieldmap.device.tetrahedra import longest_edge
 from fieldmap.iron.geometry.checks import check_geometry
+from fieldmap.iron.geometry.own_meshes import own_mesh
 from fieldmap.iron.geometry.solids import body_solid
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -82,7 +84,7 @@ def device_contents(device: Device) -> DeviceContents:
             body.name,
             body.material,
             1e-9 * float(body_solid(body).mass),
-            body.mesh_size,
+            _mesh_size(body),
             len(body.parts),
             _common_axis(body),
         )
@@ -104,6 +106,11 @@ def device_contents(device: Device) -> DeviceContents:
     )
     payload = () if device.payload is None else device.payload.assumptions
     return DeviceContents(device, tuple(bodies), tuple(coils), saturation_laws(device) + payload)
+
+
+def _mesh_size(body: Body) -> float:
+    """As the device states it; of a body that is a mesh its longest edge. In m."""
+    return longest_edge(*own_mesh(body)) if body.has_own_mesh else body.mesh_size or 0.0
 
 
 def _common_axis(body: Body) -> Array | None:

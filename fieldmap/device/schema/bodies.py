@@ -11,11 +11,13 @@ from fieldmap.device.schema.shapes import (
     BoxKeys,
     CylinderKeys,
     ExtrudedPolygonKeys,
+    MeshFileKeys,
     RevolvedProfileKeys,
     RingKeys,
     SphereKeys,
     StepFileKeys,
     TriangleSurfaceKeys,
+    VolumeMeshKeys,
 )
 from fieldmap.inputs.tables import MILLI, Length, Name, Table, broken, chosen_by, chosen_with
 
@@ -85,6 +87,8 @@ SHAPE_KEYS: dict[type[model.Shape], type[Table]] = {
     model.RevolvedProfile: RevolvedProfileKeys,
     model.StepFile: StepFileKeys,
     model.TriangleSurface: TriangleSurfaceKeys,
+    model.VolumeMesh: VolumeMeshKeys,
+    model.MeshFile: MeshFileKeys,
 }
 
 AnyPart = Annotated[
@@ -100,11 +104,16 @@ AnyPart = Annotated[
 ]
 
 
-class BodyKeys(Table):
+class NamedBodyKeys(Table):
     """What every body has, whatever its shape."""
 
     name: Name = Field(description="the body's name: letters, digits, spaces, _ + -")
     material: Name = Field(description="name of a [material.NAME] table of this file")
+
+
+class BodyKeys(NamedBodyKeys):
+    """What every body has that is to be meshed."""
+
     mesh_size_mm: Length = Field(description="largest element edge")
     edge_size_mm: Length | None = Field(
         default=None, description="size of the first element layer at sharp edges; leave out for no grading"
@@ -168,6 +177,22 @@ class TriangleSurfaceBody(InlineBody, TriangleSurfaceKeys):
     """Solid inside a closed surface of triangles."""
 
 
+class OwnMeshBody(NamedBodyKeys, PlacementKeys):
+    """A body that is a mesh, its keys beside the name."""
+
+    def to_model(self: Any, folder: Path) -> model.Body:
+        """In SI."""
+        return model.Body(self.name, self.material, (_part(self, folder, "add"),))
+
+
+class VolumeMeshBody(OwnMeshBody, VolumeMeshKeys):
+    """A mesh of tetrahedra, used as it is."""
+
+
+class MeshFileBody(OwnMeshBody, MeshFileKeys):
+    """Tetrahedra of a mesh file, used as they are."""
+
+
 class CompositeBody(BodyKeys):
     """A body of several parts, added and cut in order."""
 
@@ -204,6 +229,8 @@ AnyBody = Annotated[
     | Annotated[RevolvedProfileBody, Tag("revolved_profile")]
     | Annotated[StepFileBody, Tag("step_file")]
     | Annotated[TriangleSurfaceBody, Tag("triangle_surface")]
+    | Annotated[VolumeMeshBody, Tag("volume_mesh")]
+    | Annotated[MeshFileBody, Tag("mesh_file")]
     | Annotated[CompositeBody, Tag(SEVERAL_PARTS)],
     chosen_with(_kind_of_body, "shape"),
 ]

@@ -19,6 +19,7 @@ from fieldmap.device.dimensions import (
     require_simple,
 )
 from fieldmap.device.surfaces import surface_fault
+from fieldmap.device.tetrahedra import tetrahedra_fault
 from fieldmap.inputs.tables import MILLI, Length, Point, Size, Table, Text, broken, read_only
 
 Triple = Annotated[list[int], Field(min_length=3, max_length=3)]
@@ -151,3 +152,45 @@ class TriangleSurfaceKeys(Table):
         return model.TriangleSurface(
             read_only(self.points_mm, MILLI), np.array(self.triangles, dtype=np.int64)
         )
+
+
+Four = Annotated[list[int], Field(min_length=4, max_length=4)]
+
+
+class VolumeMeshKeys(Table):
+    """A mesh of tetrahedra."""
+
+    shape: Literal["volume_mesh"] = Field(description="a mesh of tetrahedra, used as it is")
+    points_mm: list[Point] = Field(min_length=4, description="[[x, y, z], ...] nodes")
+    tetrahedra: list[Four] = Field(min_length=1, description="[[i, j, k, l], ...] numbers of nodes from 0")
+
+    @field_validator("tetrahedra")
+    @classmethod
+    def _fill_a_solid(cls, value: list[list[int]], info: ValidationInfo) -> list[list[int]]:
+        points = info.data.get("points_mm")
+        fault = None if points is None else tetrahedra_fault(np.array(points), np.array(value))
+        if fault is not None:
+            raise broken(*fault)
+        return value
+
+    def to_shape(self, folder: Path) -> model.VolumeMesh:
+        """In SI."""
+        return model.VolumeMesh(read_only(self.points_mm, MILLI), np.array(self.tetrahedra, dtype=np.int64))
+
+
+class MeshFileKeys(Table):
+    """Tetrahedra of a mesh file."""
+
+    attributes: ClassVar[Mapping[str, str]] = {"file": "path", "unit_mm": "scale"}
+
+    shape: Literal["mesh_file"] = Field(description="tetrahedra of a mesh file, used as they are")
+    file: Text = Field(description="path of the mesh file, relative to the device file")
+    unit_mm: Length = Field(default=1.0, description="length of the mesh file's unit")
+    region: Text | None = Field(
+        default=None,
+        description='name of the cells that are this body, or their number in quotes, "7"; all if left out',
+    )
+
+    def to_shape(self, folder: Path) -> model.MeshFile:
+        """In SI, with the path made absolute."""
+        return model.MeshFile((folder / self.file).resolve(), self.unit_mm * MILLI, self.region)

@@ -1,7 +1,8 @@
 """Whether a device's bodies, windings and workspace can exist together: every fault at once, with numbers.
 
 Refused: what cannot be built or has no volume, bodies that overlap, bodies whose common surface is no
-manifold, bodies less than a micrometre apart, windings that cut iron or each other, a workspace that cuts
+manifold, bodies less than a micrometre apart, bodies with a mesh of their own that touch others elsewhere than in
+common faces, windings that cut iron or each other, a workspace that cuts
 iron or a winding. Contact by faces is sound. Allowed, and told by `geometry_notes`: a body in several pieces,
 windings that fill the very same space (two circuits wound together), a STEP file that declares another unit
 than the device file.
@@ -26,11 +27,13 @@ from fieldmap.iron.geometry.contacts import (
     Overlap,
     Pinch,
     bounds,
+    contact_areas,
     near_misses,
     overlaps_among,
     overlaps_between,
     pinches,
 )
+from fieldmap.iron.geometry.own_meshes import common_area, higher_order_cells, own_mesh
 from fieldmap.iron.geometry.shapes import KERNEL_ERRORS
 from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
 from fieldmap.iron.geometry.step_files import declared_step_unit
@@ -128,8 +131,20 @@ def nearly_touching(label: str, miss: NearMiss) -> Problem:
     )
 
 
+def meshes_do_not_match(label: str, names: tuple[str, str], contact: float, shared: float) -> Problem:
+    """Bodies in contact, one with a mesh of its own, whose elements do not share the faces between them."""
+    first, second = names
+    return Problem(
+        f"{label}: bodies '{first}' and '{second}'",
+        "a body with a mesh of its own touches others by common faces of their meshes only",
+        f"a contact of {contact:.6g} mm^2, common faces of {shared:.6g} mm^2",
+        "mesh both together, each as a region of one file, or leave a gap",
+    )
+
+
 Item = TypeVar("Item", bound=Body | Coil)
 
+_SAME_AREA = 1e-5
 SAME_VOLUME = 1e-6
 """Relative. Volumes that agree to this are the same: the kernel integrates volumes to about 1e-9, and a fault
 as small as this would not be seen in any field."""
@@ -182,7 +197,7 @@ def _examine(device: Device) -> _Findings:
     problems += (bodies_overlap(label, overlap) for overlap in overlapping)
     if len(bodies) == len(device.bodies) > 0:
         # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
-        problems += _contact_problems(label, bodies, overlapping)
+        problems += _contact_problems(label, device, bodies, overlapping)
     problems += (winding_cuts_body(label, overlap) for overlap in overlaps_between(windings, bodies))
     shared = overlaps_among(windings)
     problems += (windings_overlap(label, overlap) for overlap in shared if not _same_space(overlap))
@@ -265,7 +280,7 @@ def _same_space(overlap: Overlap) -> bool:
 
 
 def _contact_problems(
-    label: str, bodies: list[NamedSolid], overlapping: Sequence[Overlap]
+    label: str, device: Device, bodies: list[NamedSolid], overlapping: Sequence[Overlap]
 ) -> Iterator[Problem]:
     glued = glue_solids(body.solid for body in bodies)
     told = {frozenset((overlap.first.name, overlap.second.name)) for overlap in overlapping}
@@ -274,6 +289,13 @@ def _contact_problems(
     for miss in near_misses(bodies, glued):
         if {miss.first, miss.second} not in told:
             yield nearly_touching(label, miss)
+    own = {body.name: own_mesh(body) for body in device.bodies if body.has_own_mesh}
+    areas = contact_areas(glued) if own else {}
+    for (first, second), area in areas.items():
+        if (first in own or second in own) and frozenset((first, second)) not in told:
+            shared = common_area(own[first], own[second]) if first in own and second in own else 0.0
+            if abs(1e6 * shared - area) > _SAME_AREA * area:
+                yield meshes_do_not_match(label, (first, second), area, 1e6 * shared)
 
 
 def _workspace_problems(label: str, device: Device, solids: list[NamedSolid]) -> Iterator[Problem]:
@@ -303,6 +325,11 @@ def _notes(device: Device, bodies: list[NamedSolid], wound_together: list[Overla
         for part in body.parts:
             if body.name in sound and isinstance(part.shape, StepFile):
                 yield from _unit_note(body, part.shape)
+        if body.name in sound and body.has_own_mesh and (count := higher_order_cells(body)):
+            yield (
+                f"body '{body.name}': {count} tetrahedra of its file have more than four nodes; they are taken by"
+                " their corners, with straight edges"
+            )
 
 
 def _unit_note(body: Body, step: StepFile) -> Iterator[str]:

@@ -173,6 +173,18 @@ def _gathered(places: Sequence[tuple[str, Point, set[str]]]) -> tuple[Pinch, ...
     )
 
 
+def contact_areas(glued: occ.TopoDS_Shape) -> dict[tuple[str, str], float]:
+    """Area, mm^2, of the faces that two bodies share, by their names."""
+    first: dict[occ.Face, str] = {}
+    areas: dict[tuple[str, str], float] = defaultdict(float)
+    for solid in glued.solids:
+        for face in solid.faces:
+            other = first.setdefault(face, solid.name)
+            if other != solid.name:
+                areas[other, solid.name] += float(face.mass)
+    return dict(areas)
+
+
 def near_misses(solids: Sequence[NamedSolid], glued: occ.TopoDS_Shape) -> tuple[NearMiss, ...]:
     """Pairs of solids (named as in `glued`) nearer than LEAST_GAP that share no face, edge or corner.
 

@@ -12,6 +12,7 @@ from fieldmap.device.model import (
     Box,
     Cylinder,
     ExtrudedPolygon,
+    MeshFile,
     Placement,
     RevolvedProfile,
     Ring,
@@ -19,6 +20,7 @@ from fieldmap.device.model import (
     Sphere,
     StepFile,
     TriangleSurface,
+    VolumeMesh,
 )
 from fieldmap.device.polygons import polygon_fault, signed_area
 from fieldmap.device.surfaces import crossing_triangles, enclosed_volume, surface_fault
@@ -63,6 +65,8 @@ def local_solid(shape: Shape) -> occ.TopoDS_Shape:
             return solid_of_step_file(path, scale)
         case TriangleSurface():
             return _inside_surface(shape)
+        case VolumeMesh() | MeshFile():
+            raise ValueError("a mesh must be a body of its own")
 
 
 # ---- the pieces ----
@@ -103,7 +107,7 @@ def segment(start: Array, end: Array) -> occ.Edge:
     return occ.Segment(point(*start), point(*end))
 
 
-def _polygon_face(points: Array) -> occ.TopoDS_Shape:
+def polygon_face(points: Array) -> occ.TopoDS_Shape:
     """Plane face with straight sides; points (n, 3) in mm."""
     return occ.Face(occ.Wire([segment(points[i - 1], points[i]) for i in range(len(points))]))
 
@@ -123,7 +127,7 @@ def checked_polygon(points: Array, what: str) -> Array:
 def _extruded(points: Array, height: float) -> occ.TopoDS_Shape:
     corners = checked_polygon(points, "the extruded outline")
     (h,) = positive(height=height)
-    face = _polygon_face(np.column_stack([corners, np.zeros(len(corners))]))
+    face = polygon_face(np.column_stack([corners, np.zeros(len(corners))]))
     return occ.Prism(face, occ.Vec(0.0, 0.0, float(h)))
 
 
@@ -136,7 +140,7 @@ def _revolved(points: Array) -> occ.TopoDS_Shape:
     if alone.any():
         z = corners[alone, 1][0]
         raise ValueError(f"the revolved profile touches the axis at one point only (z = {z:g} mm)")
-    face = _polygon_face(np.column_stack([corners[:, 0], np.zeros(len(corners)), corners[:, 1]]))
+    face = polygon_face(np.column_stack([corners[:, 0], np.zeros(len(corners)), corners[:, 1]]))
     return occ.Revolve(face, occ.Axis(point(0.0, 0.0, 0.0), occ.Z), 360.0)
 
 
@@ -150,7 +154,7 @@ def _inside_surface(shape: TriangleSurface) -> occ.TopoDS_Shape:
     if crossing is not None:
         raise ValueError(f"the surface must not cut itself: triangles {crossing[0]} and {crossing[1]} do")
     corners = points * MILLIMETRES
-    faces = [_polygon_face(corners[triangle]) for triangle in triangles]
+    faces = [polygon_face(corners[triangle]) for triangle in triangles]
     solid = occ.Solid(occ.Sew(faces)).UnifySameDomain()
     volume = enclosed_volume(corners, triangles)
     if abs(solid.mass - volume) > 1e-6 * volume:

@@ -10,6 +10,7 @@ from netgen import occ
 
 from fieldmap.device.model import Body, Device, Shape, StepFile
 from fieldmap.errors import GeometryError, Problem
+from fieldmap.iron.geometry.own_meshes import solid_of_mesh
 from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, local_solid, place
 
 
@@ -21,6 +22,7 @@ def device_label(device: Device) -> str:
 def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
     """The body as a solid in the global frame, mm: its parts added and cut in order.
 
+    A body that is a mesh is what its tetrahedra fill.
     A body of several pieces is a compound of solids. Each solid carries the body's name and, as `maxh`, the
     mesh size in mm. Faces of one body that lie in one surface are merged: added parts leave no inner edges.
     source: the device file, for messages. Raises GeometryError where a part cannot be built.
@@ -30,6 +32,11 @@ def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
     >>> round(body_solid(model.Body("block", "iron", (part,), mesh_size=0.005)).mass, 6)
     6000.0
     """
+    if body.has_own_mesh:
+        solid = solid_of_mesh(body)
+        for piece in solid.solids:
+            piece.name = body.name
+        return solid
     where = f"{source + ': ' if source else ''}body '{body.name}'"
     solid: occ.TopoDS_Shape | None = None
     for number, part in enumerate(body.parts):
@@ -44,7 +51,7 @@ def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
         )
     for piece in solid.solids:
         piece.name = body.name
-        piece.maxh = body.mesh_size * MILLIMETRES
+        piece.maxh = (body.mesh_size or 0.0) * MILLIMETRES
     return solid
 
 

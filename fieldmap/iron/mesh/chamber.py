@@ -33,7 +33,7 @@ def glue_chamber(device: Device, chamber: Chamber) -> occ.TopoDS_Shape | None:
         cut = whole * _chamber_solid(chamber, whole)
     except KERNEL_ERRORS:
         return None
-    sizes = {body.name: body.mesh_size * MILLIMETRES for body in device.bodies}
+    sizes = {body.name: (body.mesh_size or 0.0) * MILLIMETRES for body in device.bodies}
     for piece in cut.solids:
         if piece.name not in sizes:
             return None

@@ -13,8 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.device.drawing import Outline
-from fieldmap.device.model import Device, Sphere
+from fieldmap.device.model import Body, Device, Sphere
+from fieldmap.device.tetrahedra import oriented as oriented
+from fieldmap.device.tetrahedra import subdivided
+from fieldmap.device.tetrahedra import volumes as volumes
 from fieldmap.errors import GeometryError, InputError, Problem
+from fieldmap.iron.geometry.own_meshes import joined, own_mesh
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, glue_chamber
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
@@ -62,12 +66,17 @@ def generate_mesh(
     divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
     symmetry: "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
     mesh has the symmetry exactly; "none": meshed as a whole. local: element sizes at points, where they are smaller
-    than those of the device file, and layers at sharp edges in their place. Raises InputError for another word.
+    than those of the device file, and layers at sharp edges in their place. Bodies that are meshes are taken as they
+    are; a refinement of 2, 4, ... halves all their edges once, twice, .... Raises InputError for another word, and for
+    another refinement of bodies that are meshes.
     """
     if symmetry not in SYMMETRIES:
         raise InputError(
             Problem("symmetry", f"must be one of {', '.join(SYMMETRIES)}", repr(symmetry), 'try "auto"')
         )
+    own = tuple(body for body in device.bodies if body.has_own_mesh)
+    if own:
+        return _with_own_meshes(device, own, refinement)
     names = tuple(body.name for body in device.bodies)
     layer = np.array([b.edge_size or np.inf for b in device.bodies]) / refinement**2
     chamber = _chamber(device) if symmetry == "auto" and local is None else None
@@ -87,6 +96,38 @@ def generate_mesh(
     copies = ChamberCopies(chamber, points)
     tets = copies.tets(oriented(copies.points, tets))
     return IronMesh(copies.all_points(), tets, copies.bodies(body[parent]), names, copies.symmetry())
+
+
+def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -> IronMesh:
+    """Bodies that are meshes beside others, which are meshed as a whole: no symmetry is looked for."""
+    halvings = np.log2(refinement)
+    if halvings < 0 or halvings != np.round(halvings):
+        raise InputError(
+            Problem(
+                f"device '{device.name}', body '{own[0].name}'",
+                "a mesh of your own is used as it is, or with all its edges halved: refinement 1, 2, 4, ...",
+                f"refinement {refinement:g}",
+                "bring a finer mesh, or take refinement 2 and compare",
+            )
+        )
+    others = tuple(body for body in device.bodies if not body.has_own_mesh)
+    names, meshes = tuple(body.name for body in device.bodies), []
+    if others:
+        rest = Device.unchecked(name=device.name, bodies=others, materials=device.materials)
+        meshed = generate_mesh(rest, refinement)
+    for body in device.bodies:
+        if body.has_own_mesh:
+            points, tets = own_mesh(body)
+            for _ in range(int(halvings)):
+                points, tets = subdivided(points, tets)
+        else:
+            points, tets = meshed.points, meshed.tets[meshed.body == meshed.body_names.index(body.name)]
+        meshes.append((points, tets))
+    points, of_bodies = joined(meshes)
+    used, tets = np.unique(np.concatenate(of_bodies), return_inverse=True)
+    tets, points = tets.reshape(-1, 4), points[used]
+    number = np.repeat(np.arange(len(names)), [len(one) for one in of_bodies])
+    return IronMesh(points, oriented(points, tets), number, names)
 
 
 def _chamber(device: Device) -> Chamber | None:
@@ -164,26 +205,12 @@ def _faces_with_curved_edges(tets, body, edges, curved, n_points):
     return faces[keep], sides[keep]
 
 
-def oriented(points: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The same tetrahedra with positive volume."""
-    negative = volumes(points, tets) < 0
-    tets = tets.copy()
-    tets[negative] = tets[negative][:, [0, 2, 1, 3]]
-    return tets
-
-
-def volumes(points: NDArray[np.float64], tets: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Signed volumes (m,) of tetrahedra (m, 4)."""
-    a, b, c, d = (points[tets[:, k]] for k in range(4))
-    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
-
-
 def _netgen_mesh(shape, device: Device, refinement: float, local: LocalSizes | None = None):
     """Points in m, tets, body index, CAD edges (k, 2), and the curved midpoints of all element edges."""
     from netgen.meshing import MeshingParameters
     from netgen.occ import OCCGeometry
 
-    sizes = {body.name: body.mesh_size / _MILLIMETRE / refinement for body in device.bodies}
+    sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]
     wanted = MeshingParameters(

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
-from fieldmap.errors import NotConverged, Problem
+from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
@@ -62,6 +62,7 @@ def solve_to_tolerance(
     """
     device = read_device(device)
     check_arguments(tolerance, 1.0, "auto")
+    _require_shapes(device)
     check_geometry(device)
     points = workspace_surface(device)
     properties = body_properties(device, mu_r)
@@ -91,6 +92,15 @@ def solve_to_tolerance(
         stages.next(message, (number + 0.7) / _MOST_LEVELS)
         sizes, coarser = level.next_sizes(min(tolerance, limit / 3)), level.solution
     raise _not_converged(device, tolerance, limit, history)
+
+
+def _require_shapes(device: Device) -> None:
+    own = [body.name for body in device.bodies if body.has_own_mesh]
+    if own:
+        must_hold = "elements are chosen for bodies of shapes; a mesh of your own is used as it is"
+        remedy = "solve_linear at refinement 1 and 2 shows the error of such a mesh"
+        where = f"device '{device.name}', body '{own[0]}'"
+        raise InputError(Problem(where, must_hold, "a mesh", remedy))
 
 
 def _not_converged(

@@ -12,6 +12,7 @@ from fieldmap.device.model import (
     Cylinder,
     Device,
     ExtrudedPolygon,
+    MeshFile,
     Placement,
     RevolvedProfile,
     Ring,
@@ -19,6 +20,7 @@ from fieldmap.device.model import (
     Sphere,
     StepFile,
     TriangleSurface,
+    VolumeMesh,
 )
 from fieldmap.iron.symmetry.group import Operation, SymmetryGroup, multiplication_table
 from fieldmap.records import Record
@@ -191,10 +193,20 @@ def _shape_rows(shape: Shape) -> tuple[tuple[object, ...], Array]:
             return ("surface",), _surface_rows(np.asarray(points), np.asarray(triangles))
         case StepFile(path, scale):
             # The solid's own symmetry is not looked at: a frame of three labelled points has none.
-            rows = np.zeros((4, 8))
-            rows[1:, :3] = np.eye(3) * 0.1
-            rows[:, 6] = np.arange(4)
-            return ("step", str(path), scale), rows
+            return ("step", str(path), scale), _labelled_frame()
+        case MeshFile(path, scale, region):
+            return ("mesh file", str(path), scale, region), _labelled_frame()
+        case VolumeMesh(points, tets):
+            # As that of a STEP file: nothing but a copy of the same mesh is its image.
+            kind = ("mesh", np.asarray(points).tobytes(), np.asarray(tets).tobytes())
+            return kind, _labelled_frame()
+
+
+def _labelled_frame() -> Array:
+    rows = np.zeros((4, 8))
+    rows[1:, :3] = np.eye(3) * 0.1
+    rows[:, 6] = np.arange(4)
+    return rows
 
 
 def _surface_rows(points: Array, triangles: Index) -> Array:
@@ -251,8 +263,8 @@ def find_symmetry(device: Device) -> SymmetryGroup:
 
     Bodies are alike where shape, material (for magnets: mu_r) and mesh sizes are. Lengths and positions count as
     equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they add up to:
-    a symmetric body made of parts that are not is not recognised, and a STEP body counts as one without any
-    symmetry of its own. Never raises.
+    a symmetric body made of parts that are not is not recognised, and a STEP body or a mesh counts as one
+    without any symmetry of its own. Never raises.
 
     >>> import fieldmap as fm
     >>> print(find_symmetry(fm.read_device("drive_unit")))
@@ -270,9 +282,10 @@ def find_symmetry(device: Device) -> SymmetryGroup:
     centre[np.abs(centre) < 1e-12 * size] = 0.0
     tolerance = _RELATIVE_TOLERANCE * max(size, max(_largest_scalar(item) for item in iron))
     limits = tuple(
-        f"body '{body.name}' comes from a STEP file, whose own symmetry is not looked at"
+        f"body '{body.name}' {'is a mesh' if body.has_own_mesh else 'comes from a STEP file'},"
+        " whose own symmetry is not looked at"
         for body in device.bodies
-        if any(isinstance(part.shape, StepFile) for part in body.parts)
+        if body.has_own_mesh or any(isinstance(part.shape, StepFile) for part in body.parts)
     )
     matrices = _finite_group(iron, coils, centre, tolerance)
     operations = tuple(_operation(device, m, centre, iron, coils, tolerance) for m in matrices)

@@ -1,0 +1,226 @@
+"""Tetrahedra of mesh files: VTK's by pyvista, gmsh's and all others by meshio, which is an extra."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.tetrahedra import tetrahedra_fault
+from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.extras import require
+from fieldmap.records import Record
+from fieldmap.typing import Array, Index
+
+_VTK = (".vtu", ".vtk")
+_SOLID_CELLS = ("tetra", "hexa", "wedge", "pyramid", "penta", "polyhedron", "voxel")
+# Numbers of cells that say what they belong to, as programs call them; the first that is there counts.
+_TAGS = ("gmsh:physical", "body", "region", "medit:ref", "cell_tags", "gmsh:geometrical", "CellEntityIds")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FileMesh(Record):
+    """points (n, 3) in the file's unit, tets (m, 4); higher_order: how many of them had nodes beside their corners."""
+
+    points: Array
+    tets: Index
+    higher_order: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """All tetrahedra of a file: tets (m, 4); regions: which belong to what, by name and by number."""
+
+    points: Array
+    tets: Index
+    higher_order: Index
+    regions: Mapping[str, Index]
+    others: tuple[str, ...]
+
+
+def read_mesh(path: Path, region: str | None = None) -> FileMesh:
+    """The tetrahedra of a mesh file, or those of one region of it: a gmsh group, a set of cells, or a number.
+
+    Nodes in one place become one, nodes of no tetrahedron are left out, lines and surfaces are passed over; of
+    tetrahedra with more than four nodes the corners are taken. Raises InputError for a file that cannot be read, has
+    other cells of volume, has no tetrahedra, lacks the region, or fills no solid, FieldmapError without meshio.
+    """
+    try:
+        about = path.stat()
+    except OSError as error:
+        problem = Problem(str(path), "must be a file that can be read", str(error.strerror), "check the path")
+        raise InputError(problem) from error
+    return _read_mesh(path.resolve(), region, about.st_mtime_ns, about.st_size)
+
+
+@functools.lru_cache(maxsize=8)
+def _read_mesh(path: Path, region: str | None, changed: int, size: int) -> FileMesh:
+    cells = _cells(path, changed, size)
+    if cells.others:
+        remedy = "mesh the solid with tetrahedra, or cut these cells into tetrahedra"
+        raise InputError(Problem(str(path), "must have tetrahedra only", ", ".join(cells.others), remedy))
+    chosen = np.arange(len(cells.tets))
+    if region is not None:
+        if region not in cells.regions:
+            names = ", ".join(cells.regions) or "none"
+            must_hold = f"region must be one of those of the file: {names}"
+            remedy = "name one of them, or leave the key out for all cells"
+            raise InputError(Problem(str(path), must_hold, repr(region), remedy))
+        chosen = cells.regions[region]
+    points, tets = _used(cells.points, cells.tets[chosen])
+    fault = tetrahedra_fault(points, tets)
+    if fault is not None:
+        raise InputError(Problem(str(path), *fault))
+    for array in (points, tets):
+        array.setflags(write=False)
+    return FileMesh(points, tets, int(cells.higher_order[chosen].sum()))
+
+
+def _used(points: Array, tets: Index) -> tuple[Array, Index]:
+    """The points of these tetrahedra, those in one place once, in the order of the file."""
+    if not len(tets) or tets.min() < 0 or tets.max() >= len(points):
+        return points, tets
+    numbers, places = np.unique(tets, return_inverse=True)
+    _, first, same = np.unique(points[numbers] + 0.0, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return points[numbers][first[order]], rank[same.ravel()][places.ravel()].reshape(-1, 4)
+
+
+@functools.lru_cache(maxsize=2)
+def _cells(path: Path, changed: int, size: int) -> _Cells:
+    with _silence() as printed:
+        try:
+            return _of_vtk(path) if path.suffix in _VTK else _of_meshio(path)
+        except FieldmapError:
+            raise
+        # Readers end in what comes: KeyError, IndexError, struct.error; meshio prints its reason and leaves.
+        except (Exception, SystemExit) as error:
+            reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
+            kind = "" if isinstance(error, SystemExit) else type(error).__name__
+            told = ": ".join(filter(None, (kind, " ".join(reason.split())[:120])))
+            received = f"{size} bytes, of which the reader says {told!r}"
+            remedy = "write it again, for instance as .vtu or as gmsh's .msh 4.1"
+            raise InputError(Problem(str(path), "must be a whole mesh file", received, remedy)) from error
+
+
+# ---- readers ----
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[io.StringIO]:
+    """What readers print, for the error."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield printed
+
+
+def _of_meshio(path: Path) -> _Cells:
+    meshio = require("meshio", "mesh", str(path))
+    mesh = meshio.read(path)
+    blocks = [(kind, np.asarray(data)) for kind, data in ((one.type, one.data) for one in mesh.cells)]
+    solid = [k for k, (kind, _) in enumerate(blocks) if kind.startswith("tetra")]
+    sizes = [len(blocks[k][1]) for k in solid]
+    starts = dict(zip(solid, np.concatenate([[0], np.cumsum(sizes)]).tolist(), strict=False))
+    data = {
+        name: _numbers([values[k] for k in solid])
+        for name, values in mesh.cell_data.items()
+        if len(values) == len(blocks)
+    }
+    regions = dict(_numbered(data))
+    tags = data.get("gmsh:physical")
+    for name, about in mesh.field_data.items():
+        number, dimension = (*np.ravel(about).tolist(), None, None)[:2]
+        if dimension == 3 and tags is not None:
+            regions[str(name)] = np.flatnonzero(tags == number)
+    for name, members in mesh.cell_sets.items():
+        found = [
+            starts[k] + np.asarray(members[k], np.int64).ravel() for k in solid if members[k] is not None
+        ]
+        if not str(name).startswith("gmsh:") and sum(map(len, found)):
+            regions[str(name)] = np.concatenate(found)
+    tets = [blocks[k][1] for k in solid]
+    others = [(kind, len(cells)) for kind, cells in blocks if kind.startswith(_SOLID_CELLS[1:])]
+    return _gathered(np.asarray(mesh.points, np.float64), tets, regions, others)
+
+
+def _of_vtk(path: Path) -> _Cells:
+    import pyvista
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    complaints, loudness = [], vtkLogger.GetCurrentVerbosityCutoff()
+    try:
+        vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+        reader = pyvista.get_reader(path)
+        for event in ("ErrorEvent", "WarningEvent"):
+            reader.reader.AddObserver(event, lambda *_: complaints.append(True))
+        grid = reader.read()
+    finally:
+        vtkLogger.SetStderrVerbosity(loudness)
+    if complaints:
+        raise ValueError("damaged or incomplete")
+    if not isinstance(grid, pyvista.UnstructuredGrid):
+        raise ValueError(f"a {type(grid).__name__} in the place of an unstructured grid")
+    kinds = np.asarray(grid.celltypes)
+    names = {int(kind): pyvista.CellType(int(kind)).name.lower() for kind in np.unique(kinds)}
+    linear, quadratic = int(pyvista.CellType.TETRA), int(pyvista.CellType.QUADRATIC_TETRA)
+    cells = grid.cells_dict
+    tets = [cells[kind] for kind in (linear, quadratic) if kind in cells]
+    order = np.concatenate([np.flatnonzero(kinds == kind) for kind in (linear, quadratic)])
+    data = {
+        str(name): _numbers([np.asarray(values)[order]])
+        for name, values in grid.cell_data.items()
+        if np.asarray(values).dtype.kind in "iuf"
+    }
+    regions = dict(_numbered(data))
+    for name, tags in data.items():
+        if tags is not None and f"{name}_names" in grid.field_data:
+            for number, label in enumerate(grid.field_data[f"{name}_names"]):
+                regions[str(label)] = np.flatnonzero(tags == number)
+    others = [
+        (name, int((kinds == kind).sum()))
+        for kind, name in names.items()
+        if kind not in (linear, quadratic) and any(word in name for word in _SOLID_CELLS)
+    ]
+    return _gathered(np.asarray(grid.points, np.float64), tets, regions, others)
+
+
+def _numbers(blocks: list[Any]) -> Index | None:
+    """Whole numbers of all tetrahedra; None of fields and vectors."""
+    values = (
+        np.concatenate([np.zeros(0), *map(np.asarray, blocks)]) if all(b.ndim == 1 for b in blocks) else None
+    )
+    if values is None or not np.isfinite(values).all() or (values != np.round(values)).any():
+        return None
+    return values.astype(np.int64)
+
+
+def _numbered(data: Mapping[str, Index | None]) -> Iterator[tuple[str, Index]]:
+    tags = next((data[name] for name in _TAGS if data.get(name) is not None), None)
+    for number in [] if tags is None else np.unique(tags).tolist():
+        yield str(number), np.flatnonzero(tags == number)
+
+
+def _gathered(
+    points: Array, tets: list[Any], regions: Mapping[str, Index], others: list[tuple[str, int]]
+) -> _Cells:
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points of {points.shape[-1]} coordinates")
+    corners = [np.asarray(one[:, :4], np.int64) for one in tets]
+    higher = [np.full(len(one), int(one.shape[1] > 4)) for one in tets]
+    return _Cells(
+        points,
+        np.concatenate([np.zeros((0, 4), np.int64), *corners]),
+        np.concatenate([np.zeros(0, np.int64), *higher]),
+        regions,
+        tuple(f"{count} {kind}" for kind, count in others),
+    )
