@@ -146,7 +146,7 @@ def _of_meshio(path: Path) -> _Cells:
         found = [
             starts[k] + np.asarray(members[k], np.int64).ravel() for k in solid if members[k] is not None
         ]
-        if not str(name).startswith("gmsh:") and sum(map(len, found)):
+        if not str(name).startswith("gmsh:") and any(len(one) for one in found):
             regions[str(name)] = np.concatenate(found)
     tets = [blocks[k][1] for k in solid]
     others = [(kind, len(cells)) for kind, cells in blocks if kind.startswith(_SOLID_CELLS[1:])]
@@ -173,7 +173,7 @@ def _of_vtk(path: Path) -> _Cells:
     kinds = np.asarray(grid.celltypes)
     names = {int(kind): pyvista.CellType(int(kind)).name.lower() for kind in np.unique(kinds)}
     linear, quadratic = int(pyvista.CellType.TETRA), int(pyvista.CellType.QUADRATIC_TETRA)
-    cells = grid.cells_dict
+    cells = {int(kind): rows for kind, rows in grid.cells_dict.items()}
     tets = [cells[kind] for kind in (linear, quadratic) if kind in cells]
     order = np.concatenate([np.flatnonzero(kinds == kind) for kind in (linear, quadratic)])
     data = {

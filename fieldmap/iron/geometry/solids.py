@@ -33,10 +33,10 @@ def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
     6000.0
     """
     if body.has_own_mesh:
-        solid = solid_of_mesh(body)
-        for piece in solid.solids:
+        own = solid_of_mesh(body)
+        for piece in own.solids:
             piece.name = body.name
-        return solid
+        return own
     where = f"{source + ': ' if source else ''}body '{body.name}'"
     solid: occ.TopoDS_Shape | None = None
     for number, part in enumerate(body.parts):
