@@ -1,54 +1,126 @@
-"""Solved iron as a VTK unstructured grid (.vtu), for ParaView, pyvista and meshio: fields in every element."""
+"""Solved iron for ParaView, pyvista and meshio: fields in elements (.vtu, .xdmf), charges on the surface (.vtu)."""
 
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
 import pyvista as pv
 from scipy.constants import mu_0
 
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron import SolvedState
+from fieldmap.extras import require
+from fieldmap.iron import IronMesh, SolvedState
+from fieldmap.iron.elements.state import IronState
 from fieldmap.store.whole_files import whole_file
+from fieldmap.typing import Array, PathLike
 
 
-def write_vtu(state: SolvedState, path: str | PathLike[str]) -> Path:
+def write_vtu(state: SolvedState, path: PathLike, device: Device | None = None) -> Path:
     """Write the iron and magnets of a solved state as .vtu; lengths in m.
 
     Cell data, means of every tetrahedron: `B_T`, `J_T` (polarisation B - mu0 H) and `H_A_per_m`, (e, 3); `mu_r`,
-    |B| over mu0 |H|, where saturation is seen (of a magnet it is no permeability); `body`, its number. Field data:
-    `body_names` and `currents_A`. Raises InputError for a solution without iron or one that was read back from a file,
-    and for a path that does not end in .vtu or cannot be written. The file appears complete or not at all.
+    |B| over mu0 |H|, where saturation is seen (of a magnet it is no permeability); `body`, its number. With the device
+    of the state also `permeability_loss`, 1 - mu_r / mu_r(H = 0): 0 where the iron is as permeable as at no field, 1
+    where all is lost, negative at the foot of curves along which permeability rises first, NaN in magnets and flux
+    barriers. Field data: `body NAME`, the number of each body, and `currents_A`. Raises InputError for a solution
+    without iron or one that was read back from a file, for a device of other bodies, and for a path that does not end
+    in .vtu or cannot be written. The file appears complete or not at all.
     """
-    target = Path(path)
-    if target.suffix != ".vtu":
-        must_hold = "must be a file name that ends in .vtu"
-        raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
-    grid = iron_grid(state)
+    grid = iron_grid(state, device)
+    return _saved(grid, path)
+
+
+def write_charges_vtu(state: SolvedState, path: PathLike) -> Path:
+    """Write the charged surface of solved iron and magnets as .vtu of triangles; lengths in m.
+
+    Cell data of every face: `charge_T`, mu0 times magnetic charge per area (the jump of the normal component of B
+    - mu0 M outwards, from which the field in the air follows), and `normal`, away from the iron. Field data:
+    `currents_A`. Raises InputError as `write_vtu`.
+    """
+    return _saved(charges_grid(state), path)
+
+
+def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None) -> Path:
+    """Write what `write_vtu` writes as .xdmf, numbers in the file itself, by meshio; it has no place for field data.
+
+    Raises FieldmapError without meshio, otherwise as `write_vtu`.
+    """
+    target = _named(path, ".xdmf")
+    meshio = require("meshio", "mesh", "write_xdmf")
+    grid = iron_grid(state, device)
+    cells = [("tetra", grid.cells_dict[pv.CellType.TETRA])]
+    data = {name: [np.asarray(values)] for name, values in grid.cell_data.items()}
     with whole_file(target) as partial:
         target.parent.stat()
-        grid.save(partial)
+        meshio.Mesh(grid.points, cells, cell_data=data).write(partial, "xdmf", data_format="XML")
     return target
 
 
-def iron_grid(state: SolvedState) -> pv.UnstructuredGrid:
+def iron_grid(state: SolvedState, device: Device | None = None) -> pv.UnstructuredGrid:
     """The same as pyvista.UnstructuredGrid. Raises InputError as `write_vtu`."""
-    mesh, iron = state.mesh, state.iron
-    if mesh is None or iron is None:
-        remedy = "solve a device with iron"
-        raise InputError(Problem("write_vtu, state", "a solution with its mesh", "no mesh", remedy))
-    cells = np.column_stack([np.full(len(mesh.tets), 4), mesh.tets])
-    kinds = np.full(len(mesh.tets), pv.CellType.TETRA, dtype=np.uint8)
-    grid = pv.UnstructuredGrid(cells.ravel(), kinds, mesh.points)
+    mesh, iron = _solved(state, "write_vtu")
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.tets}, mesh.points)
     flux = state.element_flux_density
     polarisation = iron.mean_polarisation(np.arange(len(mesh.tets)), state.weights)
     strength = (flux - polarisation) / mu_0
     size = mu_0 * np.linalg.norm(strength, axis=1)
+    mu_r = np.linalg.norm(flux, axis=1) / np.maximum(size, 1e-300)
     grid.cell_data["B_T"] = flux
     grid.cell_data["J_T"] = polarisation
     grid.cell_data["H_A_per_m"] = strength
-    grid.cell_data["mu_r"] = np.linalg.norm(flux, axis=1) / np.maximum(size, 1e-300)
+    grid.cell_data["mu_r"] = mu_r
+    if device is not None:
+        grid.cell_data["permeability_loss"] = 1 - mu_r / _initial(device, mesh.body_names)[mesh.body]
     grid.cell_data["body"] = mesh.body
-    grid.field_data["body_names"] = list(mesh.body_names)
+    # Numbers: meshio reads no file with texts.
+    for number, name in enumerate(mesh.body_names):
+        grid.field_data[f"body {name}"] = [number]
     grid.field_data["currents_A"] = state.currents
     return grid
+
+
+def charges_grid(state: SolvedState) -> pv.UnstructuredGrid:
+    """The charged surface as pyvista.UnstructuredGrid. Raises InputError as `write_charges_vtu`."""
+    _, iron = _solved(state, "write_charges_vtu")
+    points, number = np.unique(iron.faces.corners.reshape(-1, 3), axis=0, return_inverse=True)
+    grid = pv.UnstructuredGrid({pv.CellType.TRIANGLE: number.reshape(-1, 3)}, points)
+    grid.cell_data["charge_T"] = state.weights @ iron.density
+    grid.cell_data["normal"] = iron.faces.normals
+    grid.field_data["currents_A"] = state.currents
+    return grid
+
+
+def _solved(state: SolvedState, where: str) -> tuple[IronMesh, IronState]:
+    mesh, iron = state.mesh, state.iron
+    if mesh is None or iron is None:
+        remedy = "solve a device with iron"
+        raise InputError(Problem(f"{where}, state", "a solution with its mesh", "no mesh", remedy))
+    return mesh, iron
+
+
+def _initial(device: Device, names: tuple[str, ...]) -> Array:
+    """mu_r at H = 0 of the bodies, NaN of what is no iron."""
+    materials = {body.name: device.materials[body.material] for body in device.bodies}
+    if set(materials) != set(names):
+        must_hold = f"must have the bodies of the state: {', '.join(names)}"
+        received = ", ".join(materials) or "none"
+        raise InputError(Problem("write_vtu, device", must_hold, received, "give the device that was solved"))
+    return np.array(
+        [materials[name].initial_mu_r if materials[name].role == "iron" else np.nan for name in names]
+    )
+
+
+def _named(path: PathLike, suffix: str) -> Path:
+    target = Path(path)
+    if target.suffix != suffix:
+        must_hold = f"must be a file name that ends in {suffix}"
+        raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
+    return target
+
+
+def _saved(grid: pv.UnstructuredGrid, path: PathLike) -> Path:
+    target = _named(path, ".vtu")
+    with whole_file(target) as partial:
+        target.parent.stat()
+        grid.save(partial)
+    return target

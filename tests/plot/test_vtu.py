@@ -1,4 +1,5 @@
-"""Solved iron as .vtu, read by pyvista: the numbers in the elements are those of the state and of the materials."""
+"""Solved iron as .vtu and .xdmf, read by pyvista and meshio: numbers of elements and faces are those of the state, of
+the materials and of closed forms."""
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from scipy.constants import mu_0
 
 import fieldmap as fm
 from fieldmap.errors import InputError
-from fieldmap.plot.vtu import write_vtu
+from fieldmap.plot.vtu import write_charges_vtu, write_vtu, write_xdmf
 
 COIL = fm.CircularCoil("coil", 0.006, 0.008, 0.01, 100.0).moved([0, 0, 0.01])
 
@@ -27,7 +28,7 @@ def test_fields_of_the_elements(state, tmp_path):
     grid = pv.read(write_vtu(state, tmp_path / "iron.vtu"))
     assert grid.n_cells == len(state.mesh.tets)
     assert np.array_equal(grid.points, state.mesh.points)
-    assert [str(name) for name in grid.field_data["body_names"]] == ["core", "magnet"]
+    assert [grid.field_data[f"body {name}"].tolist() for name in ("core", "magnet")] == [[0], [1]]
     assert grid.field_data["currents_A"].tolist() == [3.0]
     flux, strength, polarisation = (grid.cell_data[name] for name in ("B_T", "H_A_per_m", "J_T"))
     assert flux == pytest.approx(state.element_flux_density, rel=1e-12)
@@ -48,3 +49,83 @@ def test_what_cannot_be_written(state, tmp_path):
         write_vtu(fm.solve_linear(fm.Device("d", "", (COIL,))).at(1.0), tmp_path / "iron.vtu")
     assert caught.value.problems[0].where == "write_vtu, state"
     assert not list(tmp_path.iterdir())
+
+
+BALL = fm.Body("ball", "steel", fm.Sphere(0.01), 0.0035)
+STEEL = fm.Froehlich("steel", 400.0, 1.6)
+EARTH = fm.Background([0.0, 0.0, 0.3])
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A saturating sphere in a uniform field: uniform inside, h = b0 - J / 3."""
+    device = fm.Device("ball", "", (COIL.moved([0, 0, 0.1]),), (BALL,), {"steel": STEEL}, background=EARTH)
+    return device, fm.solve(device, [0.0])
+
+
+def saturated(b0, chi, most):
+    """mu0 H and J inside: J = most x / (1 + x), x = chi h / most, by bisection."""
+    low, high = 0.0, b0
+    for _ in range(80):
+        h = 0.5 * (low + high)
+        j = most * chi * h / (most + chi * h)
+        low, high = (h, high) if h + j / 3 < b0 else (low, h)
+    return h, j
+
+
+def test_charges_of_a_sphere_in_a_uniform_field(ball, tmp_path):
+    _, state = ball
+    grid = pv.read(write_charges_vtu(state, tmp_path / "charges.vtu"))
+    _, j = saturated(0.3, 399.0, 1.6)
+    charge, normal = grid.cell_data["charge_T"], grid.cell_data["normal"]
+    outward = np.einsum("kd,kd->k", normal, grid.cell_centers().points)
+    assert (outward > 0).all()
+    assert np.abs(charge - j * normal[:, 2]).max() < 0.05 * j  # faces are flat and charges constant
+    area = grid.compute_cell_sizes()["Area"]
+    assert abs(area @ charge) < 1e-9 * area @ np.abs(charge)
+    assert grid.n_points == 2 + grid.n_cells / 2  # Euler: corners are shared
+    point = np.array([0.02, 0.01, -0.03])
+    r = point - grid.cell_centers().points
+    coulomb = (area * charge / (4 * np.pi * np.linalg.norm(r, axis=1) ** 3)) @ r
+    assert coulomb + [0, 0, 0.3] == pytest.approx(state.field(point), abs=1e-3 * np.linalg.norm(coulomb))
+
+
+def test_loss_of_permeability(ball, tmp_path):
+    device, state = ball
+    grid = pv.read(write_vtu(state, tmp_path / "iron.vtu", device))
+    h, j = saturated(0.3, 399.0, 1.6)
+    loss = 1 - (1 + j / h) / 400.0
+    assert 0.2 < loss < 0.8
+    assert np.median(grid.cell_data["permeability_loss"]) == pytest.approx(loss, abs=5e-3)
+    assert "permeability_loss" not in pv.read(write_vtu(state, tmp_path / "iron.vtu")).cell_data
+    with pytest.raises(InputError) as caught:
+        write_vtu(state, tmp_path / "other.vtu", device.replace(bodies=(), background=None))
+    assert caught.value.problems[0].where == "write_vtu, device"
+
+
+def test_no_loss_in_linear_iron_and_none_in_magnets(state, tmp_path):
+    materials = {
+        "iron": fm.LinearMaterial("iron", 200.0),
+        "ndfeb": fm.PermanentMagnet("m", [0, 0, 1.1], 1.05),
+    }
+    bodies = (fm.Body("magnet", "ndfeb", fm.Sphere(1), 1), fm.Body("core", "iron", fm.Sphere(1), 1))
+    grid = pv.read(write_vtu(state, tmp_path / "iron.vtu", fm.Device("d", "", (), bodies, materials)))
+    loss = grid.cell_data["permeability_loss"]
+    assert np.abs(loss[grid.cell_data["body"] == 0]).max() < 1e-9
+    assert np.isnan(loss[grid.cell_data["body"] == 1]).all()
+
+
+def test_meshio_reads_all_of_them(ball, tmp_path):
+    meshio = pytest.importorskip("meshio")
+    device, state = ball
+    for read in (
+        meshio.read(write_vtu(state, tmp_path / "iron.vtu", device)),
+        meshio.read(write_xdmf(state, tmp_path / "iron.xdmf", device)),
+    ):
+        assert read.points == pytest.approx(state.mesh.points, rel=1e-15)
+        assert np.array_equal(read.cells_dict["tetra"], state.mesh.tets)
+        assert read.cell_data["B_T"][0] == pytest.approx(state.element_flux_density, rel=1e-12)
+        assert read.cell_data["permeability_loss"][0].shape == (len(state.mesh.tets),)
+    charges = meshio.read(write_charges_vtu(state, tmp_path / "charges.vtu"))
+    assert charges.cell_data["charge_T"][0] == pytest.approx(state.weights @ state.iron.density, rel=1e-12)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["charges.vtu", "iron.vtu", "iron.xdmf"]

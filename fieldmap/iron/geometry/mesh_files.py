@@ -182,10 +182,11 @@ def _of_vtk(path: Path) -> _Cells:
         if np.asarray(values).dtype.kind in "iuf"
     }
     regions = dict(_numbered(data))
-    for name, tags in data.items():
-        if tags is not None and f"{name}_names" in grid.field_data:
-            for number, label in enumerate(grid.field_data[f"{name}_names"]):
-                regions[str(label)] = np.flatnonzero(tags == number)
+    for label in grid.field_data:
+        name, _, region = label.partition(" ")
+        tags, numbers = data.get(name), np.ravel(grid.field_data[label])
+        if region and tags is not None and numbers.size == 1:
+            regions[region] = np.flatnonzero(tags == numbers[0])
     others = [
         (name, int((kinds == kind).sum()))
         for kind, name in names.items()
