@@ -48,7 +48,7 @@ def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None)
     target = _named(path, ".xdmf")
     meshio = require("meshio", "mesh", "write_xdmf")
     grid = iron_grid(state, device)
-    cells = [("tetra", grid.cells_dict[pv.CellType.TETRA])]
+    cells = [("tetra", grid.cell_connectivity.reshape(-1, 4))]
     data = {name: [np.asarray(values)] for name, values in grid.cell_data.items()}
     with whole_file(target) as partial:
         target.parent.stat()
