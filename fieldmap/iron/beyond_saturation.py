@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.materials import Material
 from fieldmap.device.model import Device
-from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.records import Record
 
@@ -49,7 +48,8 @@ def largest_polarisation(material: Material) -> float:
 def bodies_beyond_saturation(
     solution: LinearSolution, device: Device, currents: ArrayLike
 ) -> tuple[BodyBeyondSaturation, ...]:
-    """Bodies of a linear solution with |B| above what they can polarise, in over a hundredth of their volume.
+    """Bodies of a linear solution with |B| above what they can polarise, in over a hundredth of their volume (of
+    their surface, in the surface form).
 
     device: the one that was solved. currents (n_coils,), A. In soft iron, whose mu0 H is small beside B, |B| stands for
     the polarisation. At such currents the answer of linear iron does not hold: solve a nonlinear state.
@@ -60,20 +60,18 @@ def bodies_beyond_saturation(
     >>> bodies_beyond_saturation(unit, device, [1.0]), len(bodies_beyond_saturation(unit, device, [1e6]))
     ((), 1)
     """
-    if solution.mesh is None or solution.state is None:
-        return ()
-    weights = np.asarray(currents, dtype=float)
-    weights = np.append(weights, 1.0) if solution.has_constant else weights
-    size = np.linalg.norm(np.einsum("c,ced->ed", weights, solution.state.flux_density), axis=1)
-    volume = volumes(solution.mesh.points, solution.mesh.tets)
+    samples = solution.flux_density_samples(np.asarray(currents, dtype=float))
     found = []
     for body in device.bodies:
         material = device.materials[body.material]
-        if material.role != "iron":
+        if material.role != "iron" or body.name not in samples.body_names:
             continue
-        mine = solution.mesh.body == solution.mesh.body_names.index(body.name)
+        mine = samples.body == samples.body_names.index(body.name)
         most = largest_polarisation(material)
-        share = float(volume[mine & (size > most)].sum() / volume[mine].sum())
+        weight = samples.weight[mine]
+        share = float(weight[samples.size[mine] > most].sum() / weight.sum())
         if share > WORTH_SAYING:
-            found.append(BodyBeyondSaturation(body.name, material.name, most, float(size[mine].max()), share))
+            found.append(
+                BodyBeyondSaturation(body.name, material.name, most, float(samples.size[mine].max()), share)
+            )
     return tuple(found)

@@ -21,12 +21,12 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.mesh.mesh import IronMesh, surface_outlines
+from fieldmap.iron.mesh.mesh import IronMesh, surface_outlines, volumes
 from fieldmap.iron.quantities.air import checked_points, containing_element, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
-from fieldmap.records import card, count_of, shortened
+from fieldmap.records import Record, card, count_of, shortened
 from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
@@ -189,6 +189,16 @@ class SolvedState(BaseFieldAtCurrents):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class FluxDensitySamples(Record):
+    """Flux densities (e,) in T in the iron, the weight (e,) of each, and the index (e,) into `body_names`."""
+
+    size: Array
+    weight: Array
+    body: Index
+    body_names: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class LinearSolution(BaseField):
     """Coils and linear iron, solved once per coil; any currents by superposition.
 
@@ -278,8 +288,20 @@ class LinearSolution(BaseField):
         """Fields (columns, n, 3) and gradients (columns, n, 3, 3) of every column: 1 A in each coil, then, if there is
         such a field, that of permanent magnets and background with all currents off. Raises as `unit_fields`."""
         x, _ = checked_points(points)
-        refuse_inside(self.mesh, x)
+        self._refuse_inside(x)
         return self._fields_and_gradients(x)
+
+    def _refuse_inside(self, x: Array) -> None:
+        """Raise InputError for points (n, 3) inside the iron."""
+        refuse_inside(self.mesh, x)
+
+    def flux_density_samples(self, currents: Currents) -> FluxDensitySamples:
+        """|B| all over the iron at these currents: here of every element."""
+        state, mesh = self.at(currents), self.mesh
+        if mesh is None:
+            return FluxDensitySamples(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), ())
+        size = np.linalg.norm(state.element_flux_density, axis=1)
+        return FluxDensitySamples(size, volumes(mesh.points, mesh.tets), mesh.body, mesh.body_names)
 
     def constant_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Field (n, 3) and gradient (n, 3, 3) with all currents off, outside the iron: that of permanent magnets and

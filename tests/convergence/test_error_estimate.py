@@ -190,7 +190,7 @@ def test_solve_to_tolerance_keeps_its_word():
 
 def test_too_fine_for_the_memory_is_said_before_it_happens(monkeypatch):
     device = replace(axisymmetric.device("diskcore", core_size=0.004, edge=0.0015), workspace=SPACE)
-    monkeypatch.setattr(assembled, "_memory_bytes", lambda: 20e6)
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: 20e6)
     with pytest.raises(InputError) as caught:
         fm.solve_linear(device)
     assert "memory" in caught.value.problems[0].must_hold

@@ -151,7 +151,7 @@ def test_memory_is_predicted(compressed, faces):
 def test_storage_is_chosen_by_size(monkeypatch):
     assert assembled.chosen_storage(1_000, 1) == "dense"
     assert assembled.chosen_storage(100_000, 1) == "compressed"
-    monkeypatch.setattr(assembled, "_memory_bytes", lambda: 1e6)
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: 1e6)
     assert assembled.chosen_storage(1_000, 1) == "compressed"
     assert assembled.chosen_storage(1_000, 20) == "dense"
 

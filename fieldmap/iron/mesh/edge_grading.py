@@ -16,7 +16,11 @@ from fieldmap.typing import Index
 
 Points = NDArray[np.float64]
 
-_PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+# Edges of a triangle and of a tetrahedron, by the number of corners.
+_PAIRS_OF = {
+    3: np.array([[0, 1], [0, 2], [1, 2]]),
+    4: np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]),
+}
 _OPPOSITE_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 # Turning of a prism that brings vertex k to the front (Dompierre et al., table 2).
 _PRISM_TURN = np.array(
@@ -41,9 +45,13 @@ def sharp_edges(points: Points, tets: Index, candidates: Index, midpoints: tuple
     midpoints: all element edges (m, 2), sorted, lexicographic, and their midpoints (m, 3) on the true surface. A
     coarse polygon is kinked where the surface is smooth; parabolas through the midpoints are not.
     """
-    faces = np.sort(tets[:, _OPPOSITE_FACES].reshape(-1, 3), axis=1)
-    found = distinct_rows(faces)
-    faces = found.rows[found.times == 1]
+    found = distinct_rows(np.sort(tets[:, _OPPOSITE_FACES].reshape(-1, 3), axis=1))
+    return kinked_edges(points, found.rows[found.times == 1], candidates, midpoints)
+
+
+def kinked_edges(points: Points, faces: Index, candidates: Index, midpoints: tuple[Index, Points]) -> Index:
+    """Those of the candidate edges (k, 2) at which a surface of triangles (f, 3) has a kink; otherwise as
+    `sharp_edges`."""
     sides = faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
     opposite = faces[:, [2, 1, 0]].ravel()
     key = _key(sides, len(points))
@@ -77,8 +85,9 @@ def grade_edges(
 ) -> tuple[Points, Index, Index]:
     """Refine towards sharp edges (s, 2) until the layer at each is at most `first_layer` (per tet) thick.
 
-    Returns points, tets and, for each new tet, the index of the tet it came from. ratio: thickness of one layer
-    against the next, between 0 and 1. Edges whose tets all ask for an infinite layer stay as they are.
+    tets: tetrahedra (m, 4), or the triangles (m, 3) of a surface, which keep their orientation. Returns points, tets
+    and, for each new tet, the index of the tet it came from. ratio: thickness of one layer against the next, between 0
+    and 1. Edges whose tets all ask for an infinite layer stay as they are.
     """
     parent = np.arange(len(tets))
     wanted = np.isin(np.arange(len(points)), np.unique(tets[np.isfinite(first_layer)]))
@@ -87,7 +96,7 @@ def grade_edges(
         return points, tets, parent
     points, tets, parent, sharp = _separate(points, tets, parent, sharp)
     layer = np.full(len(points), np.inf)
-    np.minimum.at(layer, tets.ravel(), np.repeat(first_layer[parent], 4))
+    np.minimum.at(layer, tets.ravel(), np.repeat(first_layer[parent], tets.shape[1]))
     while True:
         active = _edges_too_thick(points, tets, sharp, layer, ratio)
         if len(active) == 0:
@@ -101,6 +110,11 @@ def _key(edges: Index, n_points: int) -> Index:
     return edges[:, 0] * n_points + edges[:, 1]
 
 
+def _edges_of(tets: Index) -> Index:
+    """Edges (m * 6, 2) of tetrahedra (m, 4), or (m * 3, 2) of triangles (m, 3), sorted, one element after the other."""
+    return np.sort(tets[:, _PAIRS_OF[tets.shape[1]]].reshape(-1, 2), axis=1)
+
+
 def _edges_too_thick(points, tets, sharp, layer, ratio):
     """Sharp edges at which one more cut brings the layer closer to what was asked for.
 
@@ -109,7 +123,7 @@ def _edges_too_thick(points, tets, sharp, layer, ratio):
     """
     singular = np.zeros(len(points), bool)
     singular[sharp] = True
-    ends = distinct_rows(np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1)).rows
+    ends = distinct_rows(_edges_of(tets)).rows
     leaves = singular[ends[:, 0]] ^ singular[ends[:, 1]]
     ends = ends[leaves]
     at = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
@@ -124,12 +138,12 @@ def _separate(points, tets, parent, sharp):
     while True:
         singular = np.zeros(len(points), bool)
         singular[sharp] = True
-        ends = np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1)
+        ends = _edges_of(tets)
         is_sharp = np.isin(_key(ends, len(points)), _key(sharp, len(points)))
-        bad = (singular[ends].all(axis=1) & ~is_sharp).reshape(-1, 6)
+        bad = (singular[ends].all(axis=1) & ~is_sharp).reshape(len(tets), -1)
         # A tet whose corner is cut off by three sharp edges: bisect its sharp edges too.
         corner = ~bad.any(axis=1) & (singular[tets].sum(axis=1) > 2)
-        bad[corner] |= is_sharp.reshape(-1, 6)[corner]
+        bad[corner] |= is_sharp.reshape(len(tets), -1)[corner]
         if not bad.any():
             return points, tets, parent, sharp
         marked = distinct_rows(ends[bad.ravel()]).rows
@@ -138,8 +152,8 @@ def _separate(points, tets, parent, sharp):
 
 def _bisect(points, tets, parent, sharp, marked):
     """Bisect those marked edges that are the longest marked edge of every tet around them."""
-    n = len(points)
-    ends = np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1)
+    n, pairs = len(points), _PAIRS_OF[tets.shape[1]]
+    ends = _edges_of(tets)
     keys = _key(marked, n)
     place = np.searchsorted(keys, _key(ends, n))
     place[place == len(keys)] = 0
@@ -148,22 +162,22 @@ def _bisect(points, tets, parent, sharp, marked):
     # Ranks are unique, so "longest" is decided the same way in every tet.
     rank = np.empty(len(marked), np.int64)
     rank[np.lexsort((keys, length))] = np.arange(len(marked))
-    value = np.where(is_marked, rank[place], -1).reshape(-1, 6)
+    value = np.where(is_marked, rank[place], -1).reshape(-1, len(pairs))
     best = value.argmax(axis=1)
     chosen_here = value[np.arange(len(tets)), best]
     beaten = np.zeros(len(marked), bool)
-    losers = is_marked & (value.ravel() < np.repeat(chosen_here, 6))
+    losers = is_marked & (value.ravel() < np.repeat(chosen_here, len(pairs)))
     beaten[place[losers]] = True
     chosen = np.flatnonzero(~beaten)
     number = np.full(len(marked), -1)
     number[chosen] = n + np.arange(len(chosen))
     points = np.vstack([points, 0.5 * (points[marked[chosen, 0]] + points[marked[chosen, 1]])])
-    winner = place.reshape(-1, 6)[np.arange(len(tets)), best]
+    winner = place.reshape(-1, len(pairs))[np.arange(len(tets)), best]
     split = np.flatnonzero((chosen_here >= 0) & (number[winner] >= 0))
     middle = number[winner[split]]
     first, second = tets[split].copy(), tets[split].copy()
-    first[np.arange(len(split)), _PAIRS[best[split], 1]] = middle
-    second[np.arange(len(split)), _PAIRS[best[split], 0]] = middle
+    first[np.arange(len(split)), pairs[best[split], 1]] = middle
+    second[np.arange(len(split)), pairs[best[split], 0]] = middle
     keep = np.setdiff1d(np.arange(len(tets)), split)
     tets = np.vstack([tets[keep], first, second])
     parent = np.concatenate([parent[keep], parent[split], parent[split]])
@@ -181,7 +195,7 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     singular = np.zeros(n, bool)
     singular[sharp] = True
     count = singular[tets].sum(axis=1)
-    ends = distinct_rows(np.sort(tets[:, _PAIRS].reshape(-1, 2), axis=1)).rows
+    ends = distinct_rows(_edges_of(tets)).rows
     ends = ends[singular[ends[:, 0]] ^ singular[ends[:, 1]]]
     start = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
     stop = ends.sum(axis=1) - start
@@ -192,8 +206,24 @@ def _cut_layer(points, tets, parent, sharp, ratio):
         low, high = np.minimum(a, b), np.maximum(a, b)
         return n + np.searchsorted(key, low * n + high)
 
-    ordered = np.take_along_axis(tets, np.argsort(~singular[tets], axis=1, kind="stable"), axis=1)
+    untouched = np.flatnonzero(count == 0)
     one, two = np.flatnonzero(count == 1), np.flatnonzero(count == 2)
+    if tets.shape[1] == 3:
+        points = np.vstack([points, cut])
+        # Turned, not sorted: triangles keep their orientation.
+        first = np.argmax(singular[tets[one]], axis=1)
+        a, b, c = np.take_along_axis(tets[one], (first[:, None] + np.arange(3)) % 3, axis=1).T
+        ab, ac = on(a, b), on(a, c)
+        tip = np.column_stack([a, ab, ac])
+        one_rest = _split_quadrilateral(points, np.column_stack([ab, b, c, ac]))
+        last = np.argmin(singular[tets[two]], axis=1)
+        a, b, c = np.take_along_axis(tets[two], (last[:, None] + np.arange(1, 4)) % 3, axis=1).T
+        ac, bc = on(a, c), on(b, c)
+        layer = _split_quadrilateral(points, np.column_stack([a, b, bc, ac]))
+        tets = np.vstack([tets[untouched], tip, one_rest, layer, np.column_stack([ac, bc, c])])
+        new = [one, np.tile(one, 2), np.tile(two, 2), two]
+        return points, tets, np.concatenate([parent[untouched], *(parent[rows] for rows in new)])
+    ordered = np.take_along_axis(tets, np.argsort(~singular[tets], axis=1, kind="stable"), axis=1)
     a, b, c, d = ordered[one].T
     ab, ac, ad = on(a, b), on(a, c), on(a, d)
     tip = np.column_stack([a, ab, ac, ad])
@@ -202,7 +232,6 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     ac, ad, bc, bd = on(a, c), on(a, d), on(b, c), on(b, d)
     wedge = _split_prism(np.column_stack([a, ac, ad, b, bc, bd]))
     two_rest = _split_prism(np.column_stack([ac, bc, c, ad, bd, d]))
-    untouched = np.flatnonzero(count == 0)
     tets = np.vstack([tets[untouched], tip, one_rest, wedge, two_rest])
     parent = np.concatenate(
         [
@@ -214,6 +243,16 @@ def _cut_layer(points, tets, parent, sharp, ratio):
         ]
     )
     return np.vstack([points, cut]), tets, parent
+
+
+def _split_quadrilateral(points: Points, corners: Index) -> Index:
+    """Triangles (2 m, 3) for quadrilaterals (m, 4), cut along the shorter diagonal."""
+    a, b, c, d = corners.T
+    across = [np.linalg.norm(points[i] - points[j], axis=1) for i, j in ((a, c), (b, d))]
+    by_first = (across[0] <= across[1])[:, None]
+    first = np.where(by_first, np.column_stack([a, b, c]), np.column_stack([a, b, d]))
+    second = np.where(by_first, np.column_stack([a, c, d]), np.column_stack([b, c, d]))
+    return np.vstack([first, second])
 
 
 def _split_prism(prism: Index) -> Index:

@@ -36,7 +36,7 @@ _CURVATURE_SAFETY = 2.4
 # Ratio of neighbouring element sizes where a fine body meets a coarse one.
 _GRADING = 0.3
 # Ratio of one layer's thickness to the next at sharp edges.
-_LAYER_RATIO = 0.4
+LAYER_RATIO = 0.4
 SYMMETRIES = ("auto", "none")
 
 
@@ -87,12 +87,12 @@ def generate_mesh(
         points = equal_volume_vertices(points, tets, body, *midpoints)
         cells = points, tets
         first = layer[body] if local is None else local.first_layer(points[tets].mean(axis=1))
-        points, tets, parent = grade_edges(points, tets, sharp, first, _LAYER_RATIO)
+        points, tets, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
         whole = MesherCells.of(*cells, parent)
         return IronMesh(points, oriented(points, tets), body[parent], names, cells=whole)
     points, tets, body, edges, midpoints = _netgen_mesh(shape, device, refinement)
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
-    points, tets, parent = grade_edges(points, tets, sharp, layer[body], _LAYER_RATIO)
+    points, tets, parent = grade_edges(points, tets, sharp, layer[body], LAYER_RATIO)
     copies = ChamberCopies(chamber, points)
     tets = copies.tets(oriented(copies.points, tets))
     return IronMesh(copies.all_points(), tets, copies.bodies(body[parent]), names, copies.symmetry())
@@ -160,12 +160,23 @@ def equal_volume_vertices(
     edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
     between iron and air and on curved surfaces between bodies alike.
     """
+    return rounded_vertices(points, _faces_of_bodies(tets, body), edges, midpoints)
+
+
+def rounded_vertices(
+    points: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    edges: NDArray[np.int64],
+    midpoints: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """New points (n, 3), so that surfaces of triangles `faces` (f, 3) enclose the true volume; otherwise as
+    `equal_volume_vertices`."""
     bulge = midpoints - 0.5 * (points[edges[:, 0]] + points[edges[:, 1]])
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
     curved = np.linalg.norm(bulge, axis=1) > _STRAIGHT * length
     if not curved.any():
         return points
-    faces, sides = _faces_with_curved_edges(tets, body, edges, curved, len(points))
+    faces, sides = _with_curved_edges(faces, edges, curved, len(points))
     a, b, c = (points[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1)
@@ -185,9 +196,8 @@ def equal_volume_vertices(
     return points + shift
 
 
-def _faces_with_curved_edges(tets, body, edges, curved, n_points):
-    """Faces (m, 3) on surfaces of bodies that have a curved edge, once each, and the index into `edges` of their
-    three sides (m, 3)."""
+def _faces_of_bodies(tets, body):
+    """Faces (m, 3) on surfaces of bodies, once each."""
     local = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     faces, inverse, count = np.unique(
         np.sort(tets[:, local].reshape(-1, 3), axis=1), axis=0, return_inverse=True, return_counts=True
@@ -197,7 +207,12 @@ def _faces_with_curved_edges(tets, body, edges, curved, n_points):
     total = np.bincount(inverse.ravel(), owner, len(faces))
     one = np.zeros(len(faces))
     one[inverse.ravel()] = owner
-    faces = faces[(count == 1) | (total != 2 * one)]
+    return faces[(count == 1) | (total != 2 * one)]
+
+
+def _with_curved_edges(faces, edges, curved, n_points):
+    """Those faces (m, 3) that have a curved edge, and the index into `edges` of their three sides (m, 3)."""
+    faces = np.sort(faces, axis=1)
     key = edges[:, 0] * n_points + edges[:, 1]
     pairs = faces[:, [[0, 1], [0, 2], [1, 2]]]
     sides = np.searchsorted(key, pairs[..., 0] * n_points + pairs[..., 1])
@@ -207,30 +222,50 @@ def _faces_with_curved_edges(tets, body, edges, curved, n_points):
 
 def _netgen_mesh(shape, device: Device, refinement: float, local: LocalSizes | None = None):
     """Points in m, tets, body index, CAD edges (k, 2), and the curved midpoints of all element edges."""
-    from netgen.meshing import MeshingParameters
+    mesh = generated(shape, device, refinement, local)
+    index = {body.name: k for k, body in enumerate(device.bodies)}
+    domain = np.array([index[mesh.GetMaterial(k + 1)] for k in range(mesh.GetNDomains())])
+    elements = mesh.Elements3D().NumPy()
+    tets = elements["nodes"].astype(np.int64)[:, :4] - 1
+    body = domain[elements["index"] - 1]
+    points, edges = mesh_points(mesh), cad_edges(mesh)
+    mesh.SecondOrder()
+    nodes = mesh.Elements3D().NumPy()["nodes"].astype(np.int64) - 1
+    pairs = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
+    return points, tets, body, edges, edge_midpoints(nodes, pairs, mesh_points(mesh))
+
+
+def mesh_points(mesh) -> NDArray[np.float64]:
+    """Points (n, 3) in m of the mesher's mesh."""
+    return np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
+
+
+def cad_edges(mesh) -> NDArray[np.int64]:
+    """Segments (k, 2) of the mesher's mesh along the edges of the solids."""
+    return mesh.Elements1D().NumPy()["nodes"].astype(np.int64)[:, :2] - 1
+
+
+def generated(
+    shape, device: Device, refinement: float, local: LocalSizes | None = None, surface_only: bool = False
+):
+    """The mesher's mesh of glued solids, mm; surface_only: triangles, and no tetrahedra are made.
+
+    Raises GeometryError where the mesher fails.
+    """
+    from netgen.meshing import MeshingParameters, MeshingStep
     from netgen.occ import OCCGeometry
 
     sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]
+    until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
     wanted = MeshingParameters(
-        maxh=max(sizes.values()), grading=_GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement
+        maxh=max(sizes.values()), grading=_GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement, **until
     )
     if local is not None:
         for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):
             wanted.RestrictH(*point, size)
-    mesh = _generated(OCCGeometry(shape), wanted, device, refinement)
-    index = {name: k for k, name in enumerate(sizes)}
-    domain = np.array([index[mesh.GetMaterial(k + 1)] for k in range(mesh.GetNDomains())])
-    elements = mesh.Elements3D().NumPy()
-    tets = elements["nodes"].astype(np.int64)[:, :4] - 1
-    body = domain[elements["index"] - 1]
-    edges = mesh.Elements1D().NumPy()["nodes"].astype(np.int64)[:, :2] - 1
-    points = np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
-    mesh.SecondOrder()
-    curved = np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
-    nodes = mesh.Elements3D().NumPy()["nodes"].astype(np.int64) - 1
-    return points, tets, body, edges, _edge_midpoints(nodes, curved)
+    return _generated(OCCGeometry(shape), wanted, device, refinement)
 
 
 def _generated(geometry, wanted, device: Device, refinement: float):
@@ -243,12 +278,13 @@ def _generated(geometry, wanted, device: Device, refinement: float):
         raise GeometryError(Problem(f"the iron of {device.name}", must_hold, received, remedy)) from error
 
 
-def _edge_midpoints(nodes, curved):
-    """Element edges (k, 2), sorted, and their midpoints (k, 3) on the true surface, from ten-node tetrahedra."""
-    pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-    ends = np.sort(nodes[:, pairs].reshape(-1, 2), axis=1)
+def edge_midpoints(nodes, pairs, curved):
+    """Element edges (k, 2), sorted, and their midpoints (k, 3) on the true surface, from second-order elements
+    (m, corners + edges), the edges between the corners `pairs` in this order."""
+    corners = nodes.shape[1] - len(pairs)
+    ends = np.sort(nodes[:, np.array(pairs)].reshape(-1, 2), axis=1)
     ends, first, _, _ = distinct_rows(ends)
-    return ends, curved[nodes[:, 4:10].reshape(-1)[first]]
+    return ends, curved[nodes[:, corners:].reshape(-1)[first]]
 
 
 _SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])

@@ -47,7 +47,7 @@ class AssembledIron(Record):
 def fits_into_memory(mesh: IronMesh) -> bool:
     """Whether the mutual potentials and their inverse fit, dense or compressed. True where the
     memory of the machine is not known."""
-    have = _memory_bytes()
+    have = memory_bytes()
     surface = _charged_faces(mesh, build_faces(mesh))
     storage = chosen_storage(len(surface.areas), _operations(mesh))
     return have is None or _needed_bytes(mesh, surface, storage) < have
@@ -56,7 +56,7 @@ def fits_into_memory(mesh: IronMesh) -> bool:
 def chosen_storage(faces: int, operations: int) -> str:
     """What "auto" stands for with this many surface faces and operations of the mesh's symmetry: "dense" while that is
     quicker and fits into memory."""
-    have = _memory_bytes()
+    have = memory_bytes()
     fits = have is None or _BYTES_PER_PAIR * faces**2 / operations < have
     # The work of the blocks of a symmetry falls with the square of its order, that of the compression does not.
     return "dense" if faces <= _DENSE_FACES * math.sqrt(operations) and fits else "compressed"
@@ -108,7 +108,8 @@ def _needed_bytes(mesh: IronMesh, surface: ChargedFaces, storage: str) -> int:
     return _BYTES_PER_PAIR * len(surface.areas) ** 2 // _operations(mesh)
 
 
-def _memory_bytes() -> float | None:
+def memory_bytes() -> float | None:
+    """The memory that one solve may take; None where it is not known."""
     try:
         return _MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -116,7 +117,7 @@ def _memory_bytes() -> float | None:
 
 
 def _require_memory(mesh: IronMesh, surface: ChargedFaces, storage: str) -> None:
-    have, needed = _memory_bytes(), _needed_bytes(mesh, surface, storage)
+    have, needed = memory_bytes(), _needed_bytes(mesh, surface, storage)
     if have is None or needed < have:
         return
     raise InputError(

@@ -68,7 +68,7 @@ class ChargedFaces(Record):
         one, other = self.kernel_geometry(), others.kernel_geometry()
         # NumPy asks for large pages, numba does not.
         block = np.empty((len(self.areas),) * 2) if out is None else out
-        mutual_potential(one, self._far_points(), other, others._far_points(), NEAR_RADII, symmetric, block)
+        mutual_potential(one, self.far_points(), other, others.far_points(), NEAR_RADII, symmetric, block)
         return block
 
     def kernel_geometry(self) -> tuple[Array, ...]:
@@ -77,7 +77,8 @@ class ChargedFaces(Record):
         near, touch = self.rule_points(_NEAR_DEGREE), self.rule_points(_TOUCH_DEGREE)
         return (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)
 
-    def _far_points(self) -> Array:
+    def far_points(self) -> Array:
+        """x, y and z (3, 3 n) of the points of the degree-2 rule, triangle by triangle."""
         far, _ = self.rule_points(2)
         return np.ascontiguousarray(far.reshape(-1, 3).T)
 

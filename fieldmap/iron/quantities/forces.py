@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from fieldmap.device.model import Background, Coil
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.mesh.surface_mesh import IronSurface
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density
@@ -24,20 +25,26 @@ from fieldmap.typing import Array, Index
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MagneticBodies(Record):
-    """Connected pieces of iron, numbered from 0: of_element (e,), of_face (m,), number of each charged face's piece."""
+    """Connected pieces of iron, numbered from 0: of_element (e,), of_face (m,), number of each charged face's piece.
+
+    Of a mesh of surfaces, the solids stand for the elements.
+    """
 
     of_element: Index
     of_face: Index
 
-    def touched_by(self, mesh: IronMesh, body: str) -> tuple[str, ...]:
+    def touched_by(self, mesh: IronMesh | IronSurface, body: str) -> tuple[str, ...]:
         """Names of all bodies that share a piece of iron with this one, itself included."""
         pieces = np.unique(self.of_element[mesh.body == mesh.body_names.index(body)])
         bodies = np.unique(mesh.body[np.isin(self.of_element, pieces)])
         return tuple(mesh.body_names[k] for k in bodies)
 
 
-def magnetic_bodies(mesh: IronMesh, faces: ChargedFaces) -> MagneticBodies:
+def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> MagneticBodies:
     """Sort elements and charged faces by the piece of iron they belong to; the faces' corners are mesh points."""
+    if isinstance(mesh, IronSurface):
+        outer = mesh.faces_around(mesh.all_solids)
+        return MagneticBodies(mesh.pieces, mesh.pieces[mesh.sides[outer, 0]])
     count = len(mesh.points)
     first = np.repeat(mesh.tets[:, 0], 3)
     links = coo_matrix((np.ones(len(first)), (first, mesh.tets[:, 1:].ravel())), shape=(count, count))
@@ -67,7 +74,7 @@ class Magnetised(Record):
 
     coils: tuple[Coil, ...]
     currents: Array
-    mesh: IronMesh | None = None
+    mesh: IronMesh | IronSurface | None = None
     faces: ChargedFaces | None = None
     density: Array | None = None
     background: Background | None = None
@@ -173,7 +180,9 @@ def _share(device: Magnetised, names: tuple[str, ...]) -> _Share:
     return _Share(np.isin(coil_names, [name for name in names if name not in bodies]), faces)
 
 
-def _require_whole_pieces(mesh: IronMesh, pieces: MagneticBodies, bodies: tuple[str, ...]) -> None:
+def _require_whole_pieces(
+    mesh: IronMesh | IronSurface, pieces: MagneticBodies, bodies: tuple[str, ...]
+) -> None:
     problems = []
     for name in bodies:
         touching = pieces.touched_by(mesh, name)

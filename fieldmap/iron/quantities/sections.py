@@ -17,7 +17,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 # Points this close to the plane, relative to the size of the iron, lie in it.
-_SNAP = 1e-9
+SNAP = 1e-9
 _DEGREE = 4
 # Elements whose fields are evaluated at once, to bound memory.
 _BATCH = 20_000
@@ -67,9 +67,9 @@ def section_flux(
 
     Raises InputError for a section that cuts no iron, for unknown bodies and for a bad plane.
     """
-    _check(mesh, section)
+    check_section(section, () if mesh is None else mesh.body_names)
     if mesh is None or state is None:
-        raise _no_iron(section)
+        raise no_iron_at(section)
     normal = np.asarray(section.normal, dtype=float)
     normal = normal / np.linalg.norm(normal)
     cut = cut_by_plane(mesh, section, normal)
@@ -78,7 +78,7 @@ def section_flux(
         cut = cut_by_plane(mesh, section, -normal)
     area = float(cut.area.sum())
     if not area > 0:
-        raise _no_iron(section)
+        raise no_iron_at(section)
     rule, rule_weights = triangle_rule(_DEGREE)
     flux = 0.0
     for part in np.array_split(np.arange(len(cut.area)), 1 + len(cut.area) // _BATCH):
@@ -94,7 +94,7 @@ def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> Cut:
     """What the plane of a section cuts out of the elements of its bodies, within its half widths."""
     extent = float(np.ptp(mesh.points, axis=0).max())
     height = (mesh.points - np.asarray(section.origin, dtype=float)) @ normal
-    height[np.abs(height) < _SNAP * extent] = 0.0
+    height[np.abs(height) < SNAP * extent] = 0.0
     mine = np.ones(len(mesh.tets), bool)
     if section.bodies:
         mine = np.isin(mesh.body, [mesh.body_names.index(name) for name in section.bodies])
@@ -152,7 +152,8 @@ def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index
     return element[np.concatenate([whole, one, two, two])], np.concatenate([corners[whole], tip, *base])
 
 
-def _no_iron(section: Section) -> InputError:
+def no_iron_at(section: Section) -> InputError:
+    """The error of a section that cuts no iron."""
     place = ", ".join(f"{1e3 * x:g}" for x in section.origin)
     return InputError(
         Problem(
@@ -164,7 +165,8 @@ def _no_iron(section: Section) -> InputError:
     )
 
 
-def _check(mesh: IronMesh | None, section: Section) -> None:
+def check_section(section: Section, bodies: tuple[str, ...]) -> None:
+    """Raise InputError for a bad plane and for names that are not among the bodies."""
     problems = []
     where = f"section '{section.name}'"
     for what, value in (("origin", section.origin), ("normal", section.normal)):
@@ -176,11 +178,10 @@ def _check(mesh: IronMesh | None, section: Section) -> None:
     if widths is not None and (np.shape(widths) != (3,) or not (np.asarray(widths) > 0).all()):
         remedy = "give three numbers in m"
         problems.append(Problem(f"{where}, half widths", "must be three numbers > 0", repr(widths), remedy))
-    known = () if mesh is None else mesh.body_names
     problems += [
-        Problem(f"{where}, bodies", f"must be bodies: {', '.join(known)}", repr(name), "use one of these")
+        Problem(f"{where}, bodies", f"must be bodies: {', '.join(bodies)}", repr(name), "use one of these")
         for name in section.bodies
-        if name not in known
+        if name not in bodies
     ]
     if problems:
         raise InputError(*problems)

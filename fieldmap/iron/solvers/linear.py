@@ -27,7 +27,7 @@ _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
     "potential": PotentialForm,
     "flux": FluxForm,
 }
-FORMS = ("auto", *_FORM_CLASSES)
+FORMS = ("auto", *_FORM_CLASSES, "surface")
 """What `solve_linear` takes as its form."""
 # The algebraic error is kept this far below the requested one.
 _RESIDUAL_PER_TOLERANCE = 1e-4
@@ -50,7 +50,8 @@ def solve_linear(
     tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
     the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
     form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
-    potential where it may be used. The two err to opposite sides in closed magnetic circuits. symmetry: "auto" uses
+    potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no mesh
+    of the volume, takes any mu_r, and a few thousand faces. symmetry: "auto" uses
     the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron.md. Raises GeometryError
     if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with the
     residual history.
@@ -71,6 +72,10 @@ def solve_linear(
         return coils_alone(device, stages.seconds)
     require_source(device, properties)
     form = chosen_form(form, properties)
+    if form == "surface":
+        from fieldmap.iron.solvers.surface import solve_by_surface
+
+        return solve_by_surface(device, properties, refinement, stages)
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)

@@ -1,0 +1,144 @@
+"""Triangles of the surfaces of all iron bodies, and nothing inside them: the mesh of the surface form.
+
+The mesher stops after the surface. Rounding of curved surfaces and layers at sharp edges are those of the volume mesh
+(`fieldmap.iron.mesh.mesh`).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from fieldmap.device.drawing import Outline
+from fieldmap.device.model import Device
+from fieldmap.errors import GeometryError, Problem
+from fieldmap.iron.geometry.solids import device_label, glue_bodies
+from fieldmap.iron.mesh.edge_grading import grade_edges, kinked_edges
+from fieldmap.iron.mesh.mesh import (
+    LAYER_RATIO,
+    cad_edges,
+    edge_midpoints,
+    generated,
+    mesh_points,
+    rounded_vertices,
+)
+from fieldmap.records import Record
+from fieldmap.typing import Array, Index
+
+AIR = -1
+"""The number of the air where bodies are numbered."""
+_MILLIMETRES_CUBED = 1e-9
+# Rounding gives flat-faced bodies the volume of the true ones; this far off, a domain is not the body it should be.
+_SAME_VOLUME = 0.2
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IronSurface(Record):
+    """Surfaces of all bodies; bodies that touch share triangles.
+
+    points (n, 3) in m; triangles (m, 3); sides (m, 2): number of the solid that the normal leaves and of the one that
+    it enters, -1 for air, which is never left; body (s,): index into `body_names` of every solid: a body may be
+    several.
+    """
+
+    points: Array
+    triangles: Index
+    sides: Index
+    body: Index
+    body_names: tuple[str, ...]
+
+    @cached_property
+    def pieces(self) -> Index:
+        """Number (s,) of the connected piece of iron to which each solid belongs."""
+        return connected_solids(self.sides[self.sides[:, 1] != AIR], len(self.body))
+
+    @property
+    def all_solids(self) -> Index:
+        """Numbers (s,) of all solids."""
+        return np.arange(len(self.body))
+
+    def solids_of(self, name: str) -> Index:
+        """Numbers (k,) of the solids of a named body."""
+        return np.flatnonzero(self.body == self.body_names.index(name))
+
+    def around(self, solids: Index) -> Index:
+        """Triangles (k, 3) around some solids together, with outward normals, in the order of `faces_around`."""
+        leaving, entering = self._around(solids)
+        return np.vstack([self.triangles[leaving], self.triangles[entering][:, [0, 2, 1]]])
+
+    def faces_around(self, solids: Index) -> Index:
+        """Numbers (k,) of the triangles around some solids together."""
+        return np.concatenate(self._around(solids))
+
+    def _around(self, solids: Index) -> tuple[Index, Index]:
+        inner = np.isin(self.sides, solids)
+        return np.flatnonzero(inner[:, 0] & ~inner[:, 1]), np.flatnonzero(inner[:, 1] & ~inner[:, 0])
+
+    def outlines(self) -> tuple[Outline, ...]:
+        """The surface of every body, faces that it shares with others among them."""
+        outlines = []
+        for name in self.body_names:
+            nodes, triangles = np.unique(self.around(self.solids_of(name)), return_inverse=True)
+            outlines.append(Outline(name, "iron", self.points[nodes], triangles.reshape(-1, 3)))
+        return tuple(outlines)
+
+
+def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
+    """Mesh the surfaces of all iron bodies of a device; refinement as for `generate_mesh`.
+
+    Raises GeometryError where the mesher fails.
+    """
+    shape = glue_bodies(device)
+    mesh = generated(shape, device, refinement, surface_only=True)
+    elements = mesh.Elements2D().NumPy()
+    triangles = elements["nodes"].astype(np.int64)[:, :3] - 1
+    names = tuple(body.name for body in device.bodies)
+    # The mesher's domains are the glued solids in their order, from 1; 0 is the air.
+    body = np.array([names.index(solid.name) for solid in shape.solids])
+    faces = np.array([[face.domin, face.domout] for face in mesh.FaceDescriptors()])
+    sides = faces[elements["index"] - 1].astype(np.int64) - 1
+    points, edges = mesh_points(mesh), cad_edges(mesh)
+    mesh.SecondOrder()
+    nodes = mesh.Elements2D().NumPy()["nodes"].astype(np.int64)[:, :6] - 1
+    midpoints = edge_midpoints(nodes, [[1, 2], [0, 2], [0, 1]], mesh_points(mesh))
+    turned = sides[:, 0] == AIR
+    triangles[turned], sides[turned] = triangles[turned][:, [0, 2, 1]], sides[turned][:, ::-1]
+    points = rounded_vertices(points, triangles, *midpoints)
+    outer = triangles[sides[:, 1] == AIR]
+    sharp = kinked_edges(points, np.sort(outer, axis=1), edges, midpoints)
+    size = np.array([b.edge_size or np.inf for b in device.bodies])
+    layer = np.append(size[body], np.inf) / refinement**2
+    points, triangles, parent = grade_edges(points, triangles, sharp, layer[sides].min(axis=1), LAYER_RATIO)
+    used, number = np.unique(triangles, return_inverse=True)
+    surface = IronSurface(points[used], number.reshape(-1, 3), sides[parent], body, names)
+    _require_closed(surface, shape, device)
+    return surface
+
+
+def enclosed_volume(points: Array, triangles: Index) -> float:
+    """Volume in m^3 inside closed surfaces with outward normals."""
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    return float(np.einsum("kd,kd->", a, np.cross(b, c)) / 6)
+
+
+def _require_closed(surface: IronSurface, shape, device: Device) -> None:
+    """Raise GeometryError unless the triangles of each body enclose about the volume of its solids."""
+    problems = []
+    for number, piece in enumerate(shape.solids):
+        name, solid = piece.name, _MILLIMETRES_CUBED * piece.mass
+        meshed = enclosed_volume(surface.points, surface.around(np.array([number])))
+        if not abs(meshed - solid) < _SAME_VOLUME * solid:
+            where = f"{device_label(device)}, body '{name}'"
+            must_hold = "its surface mesh must enclose each of its solids"
+            received = f"{meshed:.4g} m^3 in place of {solid:.4g} m^3"
+            problems.append(Problem(where, must_hold, received, "take smaller elements: mesh_size_mm"))
+    if problems:
+        raise GeometryError(*problems)
+
+
+def connected_solids(pairs: Index, count: int) -> Index:
+    """Group number (count,) of solids of which these pairs (k, 2) belong together."""
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(links, directed=False)[1].astype(np.int64)

@@ -1,0 +1,180 @@
+"""Harmonic fields by their values on a closed surface: the flux of a potential into the inside and the outside of it.
+
+On a closed surface with outward normals let V be the single layer of charges that are constant on each triangle, K the
+double layer of a potential u that is linear on each triangle and continuous, M the means over triangles, and D the
+hypersingular operator, by Maue's formula a single layer of the surface curls n x grad u. A potential that is harmonic
+inside, with the trace u, has the normal derivative V^-1 (M/2 + K) u; a decaying one outside has the negative of
+V^-1 (M/2 - K) u. Put into the second of Calderon's equations this gives, in both cases, a symmetric, positive matrix
+
+    S = D + B^T V^-1 B,      B = M/2 + K inside,  M/2 - K outside,                 (S u) . v = int grad u . grad v dV
+
+the Steklov-Poincare operator (M. Costabel, Boundary Elements IX (1987) 411; O. Steinbach, Numerical Approximation
+Methods for Elliptic Boundary Value Problems, Springer 2008, section 6.6). Constants have no field inside: B 1 = 0, to
+which the sums of K's rows are corrected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import blas, cho_solve, solve_triangular
+from scipy.sparse import csr_matrix
+
+from fieldmap.iron.operators.lapack import cholesky_in_place
+from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
+from fieldmap.kernels.iron.double_layer import double_layer
+from fieldmap.records import Record
+from fieldmap.typing import Array, Index
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosedSurface(Record):
+    """One or several closed surfaces with the matrices of their potentials.
+
+    nodes (v,): numbers of the points in use; triangles (n, 3): numbers in `nodes`; faces: the triangles as charged
+    ones; mutual (n, n): W, mean potentials of unit charges; double (n, v): K, mean potentials of double layers that
+    are 1 at a node.
+    """
+
+    nodes: Index
+    triangles: Index
+    faces: ChargedFaces
+    mutual: Array
+    double: Array
+
+    @classmethod
+    def of(cls, points: Array, triangles: Index) -> ClosedSurface:
+        """Triangles (n, 3) of points (p, 3), with outward normals. Takes 12 bytes times the square of n."""
+        nodes, number = np.unique(triangles, return_inverse=True)
+        local = number.reshape(-1, 3).astype(np.int64)
+        faces = ChargedFaces.from_nodes(points, triangles)
+        double = np.zeros((len(triangles), len(nodes)))
+        double_layer(faces.kernel_geometry(), local, faces.far_points(), NEAR_RADII, double)
+        return cls(nodes, local, faces, faces.mutual_potential(), double)
+
+    def part(self, chosen: Index) -> ClosedSurface:
+        """Some of the closed surfaces, by their triangles (k,); their own matrices, and nothing is computed."""
+        if len(chosen) == len(self.triangles):
+            return self
+        used, number = np.unique(self.triangles[chosen], return_inverse=True)
+        mutual = np.ascontiguousarray(self.mutual[np.ix_(chosen, chosen)])
+        double = np.ascontiguousarray(self.double[np.ix_(chosen, used)])
+        triangles = number.reshape(-1, 3).astype(np.int64)
+        return ClosedSurface(self.nodes[used], triangles, self.faces.part(chosen), mutual, double)
+
+    def correct_constants(self, chosen: Index) -> None:
+        """Correct K so that inside these triangles (k,), which bound one piece, constants have no field.
+
+        The sum of a row is -1/2 but for the quadrature; what is missing is given to the triangle's own corners.
+        """
+        corners = self.triangles[chosen]
+        used = np.unique(corners)
+        missing = -0.5 - self.double[np.ix_(chosen, used)].sum(axis=1)
+        for k in range(3):
+            self.double[chosen, corners[:, k]] += missing / 3
+
+    @cached_property
+    def means(self) -> csr_matrix:
+        """M (n, v): means over the triangles."""
+        rows = np.repeat(np.arange(len(self.triangles)), 3)
+        shape = self.double.shape
+        return csr_matrix((np.full(rows.size, 1 / 3), (rows, self.triangles.ravel())), shape=shape)
+
+    @cached_property
+    def curls(self) -> tuple[csr_matrix, ...]:
+        """Three components (n, v) of the surface curl n x grad u of a nodal potential, times the triangles' areas."""
+        rows = np.repeat(np.arange(len(self.triangles)), 3)
+        shapes = corner_curls(self.faces)
+        return tuple(
+            csr_matrix((shapes[:, :, d].ravel(), (rows, self.triangles.ravel())), shape=self.double.shape)
+            for d in range(3)
+        )
+
+    @cached_property
+    def factor(self) -> Array:
+        """L (n, n), lower, in Fortran's order, with L L^T = W."""
+        factor = np.array(self.mutual, order="F")
+        cholesky_in_place(factor)
+        return factor
+
+    @cached_property
+    def hypersingular(self) -> Array:
+        """D (v, v)."""
+        total = np.zeros((len(self.nodes),) * 2)
+        for curl in self.curls:
+            across = curl.T.tocsr()
+            total += across @ (across @ self.mutual).T
+        return total
+
+    def charge(self, means: Array) -> Array:
+        """Charges (n, c) with the mean potentials (n, c)."""
+        return cho_solve((self.factor, True), means, check_finite=False)
+
+    def lowered(self, means: Array) -> Array:
+        """L^-1 m for m (n, c): products of two such are energies of charges with these mean potentials."""
+        return solve_triangular(self.factor, means, lower=True, check_finite=False)
+
+
+def corner_curls(faces: ChargedFaces) -> Array:
+    """Surface curls (n, 3, 3) of the three barycentric coordinates of each triangle, times its area."""
+    corners = faces.corners
+    return np.stack([0.5 * (corners[:, (k + 1) % 3] - corners[:, (k + 2) % 3]) for k in range(3)], axis=1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Potentials(Record):
+    """Potentials c on a closed surface, which may jump along a cut round a handle: their surface curls times area
+    (n, 3, c), and their means B (n, c), half of their own and those of their double layer with that of the cut."""
+
+    curl: Array
+    means: Array
+
+    def __add__(self, other: Potentials) -> Potentials:
+        return Potentials(self.curl + other.curl, self.means + other.means)
+
+    def part(self, columns: slice) -> Potentials:
+        """Some of them."""
+        return Potentials(self.curl[:, :, columns], self.means[:, columns])
+
+
+class Side:
+    """One side of a closed surface: B and S. inside: or outside."""
+
+    def __init__(self, surface: ClosedSurface, inside: bool) -> None:
+        self.surface = surface
+        self._sign = 1.0 if inside else -1.0
+        own = 0.5 * surface.means.toarray() + self._sign * surface.double
+        self._lowered = surface.lowered(own)
+
+    def matrix(self) -> Array:
+        """S (v, v)."""
+        gram = blas.dsyrk(1.0, self._lowered.T, lower=1)
+        gram = np.tril(gram) + np.tril(gram, -1).T
+        return gram + self.surface.hypersingular
+
+    def potentials(self, nodal: Array) -> Potentials:
+        """Of nodal values (v, c) without cuts."""
+        curl = np.stack([component @ nodal for component in self.surface.curls], axis=1)
+        return Potentials(
+            curl, 0.5 * (self.surface.means @ nodal) + self._sign * (self.surface.double @ nodal)
+        )
+
+    def apply(self, of: Potentials) -> Array:
+        """S u (v, c): the flux through the surface, tested with the functions of the nodes."""
+        out = self._lowered.T @ self.surface.lowered(of.means)
+        for d, component in enumerate(self.surface.curls):
+            out = out + component.T @ (self.surface.mutual @ of.curl[:, d])
+        return out
+
+    def energy(self, one: Potentials, other: Potentials) -> Array:
+        """Integrals (c, k) of the products of their gradients over the side."""
+        out = self.surface.lowered(one.means).T @ self.surface.lowered(other.means)
+        for d in range(3):
+            out = out + one.curl[:, d].T @ (self.surface.mutual @ other.curl[:, d])
+        return out
+
+    def normal_derivative(self, of: Potentials) -> Array:
+        """Derivative (n, c) along the outward normal, mean over each triangle; of the inside."""
+        return self._sign * self.surface.charge(of.means) / self.surface.faces.areas[:, None]

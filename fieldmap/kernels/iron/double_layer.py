@@ -1,0 +1,127 @@
+"""Mean potentials on triangles of double layers that are linear on triangles: the second matrix of the surface form.
+
+The double layer of unit normal dipole density has the potential of the solid angle; a density that is linear on the
+flat triangle adds a line integral along its edges. With h the height of x above the plane, lambda_k the barycentric
+coordinate continued over the plane, m_j the outward in-plane normal of edge j, f_j as in
+`fieldmap.kernels.iron.charged_triangle` and Omega the solid angle, positive on the side of the normal,
+
+    int lambda_k(y) n . (x - y) / |x - y|^3 dS  =  lambda_k(x) Omega - h grad lambda_k . sum_j f_j m_j
+
+(from the surface gradient of 1/R; Graglia, IEEE Trans. Antennas Propag. 41 (1993) 1448, eq. (12) has the same terms).
+In the plane of the triangle it is zero, half way between the values on its two sides.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from fieldmap.kernels.iron.charged_triangle import solid_angle
+from fieldmap.kernels.iron.mutual_potential import separation
+
+_INVERSE_4PI = 1.0 / (4.0 * math.pi)
+# Heights below this many radii lie in the plane.
+_IN_PLANE = 1e-12
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def linear_double_layer(x, y, z, p, n, area):
+    """Three numbers: 4 pi times the potentials at (x, y, z) of the densities lambda_0, lambda_1, lambda_2 on the
+    triangle p (3, 3) with unit normal n (3,)."""
+    height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
+    sx = sy = sz = 0.0
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
+        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
+        tx, ty, tz = vx - ux, vy - uy, vz - uz
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+        radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
+        f = math.log((radii + length) / max(radii - length, 1e-16 * length)) / length
+        sx += f * (ty * n[2] - tz * n[1])
+        sy += f * (tz * n[0] - tx * n[2])
+        sz += f * (tx * n[1] - ty * n[0])
+    omega = solid_angle(x, y, z, p)
+    a = _share(0, x, y, z, sx, sy, sz, p, n, area, height, omega)
+    b = _share(1, x, y, z, sx, sy, sz, p, n, area, height, omega)
+    return a, b, omega - a - b
+
+
+@njit(cache=True, fastmath=True, inline="always")
+def _share(k, x, y, z, sx, sy, sz, p, n, area, height, omega):
+    a, b = (k + 1) % 3, (k + 2) % 3
+    ex, ey, ez = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+    gx = (n[1] * ez - n[2] * ey) / (2.0 * area)
+    gy = (n[2] * ex - n[0] * ez) / (2.0 * area)
+    gz = (n[0] * ey - n[1] * ex) / (2.0 * area)
+    here = gx * (x - p[a, 0]) + gy * (y - p[a, 1]) + gz * (z - p[a, 2])
+    return here * omega - height * (gx * sx + gy * sy + gz * sz)
+
+
+@njit(cache=True, fastmath=True)
+def _close(points, weights, corners, normal, area, radius, out):
+    """out (3,): weighted means over points (q, 3) of `linear_double_layer`."""
+    out[:] = 0.0
+    for q in range(weights.size):
+        x, y, z = points[q, 0], points[q, 1], points[q, 2]
+        height = (
+            (x - corners[0, 0]) * normal[0]
+            + (y - corners[0, 1]) * normal[1]
+            + (z - corners[0, 2]) * normal[2]
+        )
+        if abs(height) < _IN_PLANE * radius:
+            continue
+        a, b, c = linear_double_layer(x, y, z, corners, normal, area)
+        out[0] += weights[q] * a
+        out[1] += weights[q] * b
+        out[2] += weights[q] * c
+
+
+@njit(cache=True, fastmath=True)
+def _far_row(i, far, normals, sums):
+    """sums (3 n,): of n . (x - y) / |x - y|^3 over the three points x of triangle i, for the points y of all."""
+    fx, fy, fz = far[0], far[1], far[2]
+    for q in range(sums.size):
+        j = q // 3
+        nx, ny, nz = normals[0, j], normals[1, j], normals[2, j]
+        total = 0.0
+        for p in range(3 * i, 3 * i + 3):
+            dx, dy, dz = fx[p] - fx[q], fy[p] - fy[q], fz[p] - fz[q]
+            square = dx * dx + dy * dy + dz * dz + 1e-30
+            guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+            inverse = guess * (1.5 - 0.5 * square * guess * guess)
+            total += (dx * nx + dy * ny + dz * nz) * inverse * inverse * inverse
+        sums[q] = total
+
+
+@njit(cache=True, parallel=True, fastmath=True)
+def double_layer(faces, nodes, far, reach, out):
+    """Add to out (n, v), without unit, the mean over triangle i of the potential of the double layer that is 1 at node
+    k and linear on the triangles around it: 1/(4 pi A_i) int_i dS int dS' lambda_k n' . (x - x') / |x - x'|^3.
+
+    faces: as in `fieldmap.kernels.iron.mutual_potential`; nodes (n, 3): numbers of the triangles' corners; far (3, 3 n)
+    as there. The sum of a row is -1/2 for a closed surface with outward normals, up to the quadrature.
+    """
+    corners, normals, areas, _, radii, near, near_weights, touch, touch_weights = faces
+    across = np.ascontiguousarray(normals.T)
+    for i in prange(areas.size):
+        sums, here = np.empty(3 * areas.size), np.empty(3)
+        _far_row(i, far, across, sums)
+        for j in range(areas.size):
+            if i == j:
+                continue
+            distance2, size = separation(i, j, faces, faces)
+            if distance2 > (reach * size) ** 2:
+                a, b, c = sums[3 * j], sums[3 * j + 1], sums[3 * j + 2]
+                total = a + b + c
+                # The points of the degree-2 rule have the barycentric coordinates 1/6, 1/6, 2/3.
+                scale = areas[j] / 9.0
+                here[0] = scale * (total / 6.0 + 0.5 * a)
+                here[1] = scale * (total / 6.0 + 0.5 * b)
+                here[2] = scale * (total / 6.0 + 0.5 * c)
+            elif distance2 > size * size:
+                _close(near[i], near_weights, corners[j], normals[j], areas[j], radii[j], here)
+            else:
+                _close(touch[i], touch_weights, corners[j], normals[j], areas[j], radii[j], here)
+            for k in range(3):
+                out[i, nodes[j, k]] += here[k] * _INVERSE_4PI
