@@ -173,9 +173,9 @@ def checked_iron(
     if nonlinear and mu_r is not None:
         remedy = "leave one of them out: nonlinear iron follows its B-H table, --mu-r makes it linear"
         problems.append(Problem("--nonlinear", "must not come with --mu-r", f"--mu-r {mu_r:g}", remedy))
-    if nonlinear and form == "flux":
-        remedy = "leave --form out; the flux form is for linear iron"
-        problems.append(Problem("--nonlinear", "must go with the potential form", "--form flux", remedy))
+    if nonlinear and form in ("flux", "surface"):
+        remedy = f"leave --form out; the {form} form is for linear iron"
+        problems.append(Problem("--nonlinear", "must go with the potential form", f"--form {form}", remedy))
     if tolerance is not None:
         problems += _tolerance_problems(tolerance, nonlinear, refinement, form)
     if problems:

@@ -185,6 +185,7 @@ def _design_page(figures: "DesignFigures") -> "Iterator[Section]":
 FORMS_IN_WORDS = {
     "potential": "second-order potential form",
     "flux": "second-order flux form",
+    "surface": "surface form, no mesh of the volume",
     "coils": "none: coils alone",
 }
 
@@ -195,12 +196,14 @@ def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
 
     report = summary.report
     words = FORMS_IN_WORDS.get(report.form, report.form)
-    if report.tetrahedra == 0:
+    if report.form == "coils":
         yield "iron", words
         return
     yield "iron", f"{'nonlinear' if summary.nonlinear else 'linear'}, {words}"
     pieces = count_of(report.magnetic_bodies, "magnetic body", "magnetic bodies")
-    sizes = f"{report.tetrahedra:,} tetrahedra, {report.surface_faces:,} surface faces"
+    sizes = f"{report.surface_faces:,} surface faces"
+    if report.tetrahedra:
+        sizes = f"{report.tetrahedra:,} tetrahedra, {sizes}"
     yield "mesh", f"{sizes}, {report.unknowns:,} unknowns, {pieces}"
     yield "symmetry", report.symmetry
     steps = "Newton steps" if summary.nonlinear else "iterations"

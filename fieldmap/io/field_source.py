@@ -28,7 +28,8 @@ class IronOptions(Record):
     """How the iron of a device is solved.
 
     mu_r: one relative permeability for all iron; that of the file if None. nonlinear: iron that saturates, one state
-    for each set of currents. refinement divides the mesh sizes of the file. form: "potential", "flux", or "auto".
+    for each set of currents. refinement divides the mesh sizes of the file. form: "potential", "flux",
+    "surface", or "auto".
     tolerance: refine until the estimated error of B in the workspace is below this (linear iron only).
     """
 

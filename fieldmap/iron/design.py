@@ -11,7 +11,6 @@ from fieldmap.device import read_device
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import Device
 from fieldmap.field import Currents, coil_currents
-from fieldmap.iron.quantities.forces import magnetic_bodies
 from fieldmap.iron.solution import LinearSolution, SolvedState
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver
 from fieldmap.iron.summary import BodyFlux, GroupForce, body_fluxes
@@ -143,10 +142,7 @@ def design_figures(
 
 def pieces_of_iron(state: SolvedState) -> tuple[tuple[str, ...], ...]:
     """Names of the bodies of each connected piece of iron, in the order of the device."""
-    if state.mesh is None or state.iron is None:
-        return ()
-    pieces = magnetic_bodies(state.mesh, state.iron.faces)
-    return tuple(dict.fromkeys(pieces.touched_by(state.mesh, body) for body in state.mesh.body_names))
+    return state.pieces_of_iron
 
 
 def _force(state: SolvedState, names: tuple[str, ...]) -> GroupForce:

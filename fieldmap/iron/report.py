@@ -16,9 +16,9 @@ from fieldmap.records import Record, count_of
 class SolverReport(Record):
     """Counts, times and residuals of one solve.
 
-    form: "potential" or "flux", both of second order, see docs/theory/iron.md; tetrahedra, surface_faces,
-    charged_faces, unknowns: size of the problem; magnetic_bodies: connected pieces of iron; iterations and residual:
-    of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the matrix of mutual
+    form: "potential" or "flux", both of second order, or "surface", without tetrahedra, see docs/theory/iron.md;
+    tetrahedra, surface_faces, charged_faces, unknowns: size of the problem; magnetic_bodies: connected pieces of iron;
+    iterations and residual: of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the matrix of mutual
     potentials and its inverse; storage: how that matrix is stored, in words;
     seconds: wall time per step; assumptions: everything the result rests on that the device file or the caller
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
@@ -64,7 +64,7 @@ class SolverReport(Record):
         """What it is, size and error, for a card in a notebook."""
         return {
             "iron": f"{count_of(self.magnetic_bodies, 'magnetic body', 'magnetic bodies')}, symmetry: {self.symmetry}",
-            "size": f"{self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.matrix_bytes / 1e6:.0f} MB",
+            "size": f"{self._size}, {self.matrix_bytes / 1e6:.0f} MB",
             "error": "not estimated" if self.error is None else str(self.error),
             "residual": f"{self.residual:.1e} after {self.iterations} iterations",
             "time": f"{self.total_seconds:.1f} s",
@@ -76,11 +76,15 @@ class SolverReport(Record):
         peak = "" if self.largest_flux_density is None else f", iron up to {self.largest_flux_density:.2f} T"
         bodies = count_of(self.magnetic_bodies, "magnetic body", "magnetic bodies")
         return (
-            f"{self.form} form, {self.tetrahedra} tetrahedra, {self.unknowns} unknowns, {self.surface_faces} surface "
-            f"faces, {bodies}{peak}; {self.iterations} iterations to "
-            f"{self.residual:.1e}{self.steps_text}{self._outside()}; symmetry: {self.symmetry}; "
-            f"{self.total_seconds:.1f} s ({steps})"
+            f"{self.form} form, {self._size}, {self.surface_faces} surface faces, {bodies}{peak}; "
+            f"{self.iterations} iterations to {self.residual:.1e}{self.steps_text}{self._outside()}; "
+            f"symmetry: {self.symmetry}; {self.total_seconds:.1f} s ({steps})"
         )
+
+    @property
+    def _size(self) -> str:
+        tetrahedra = f"{self.tetrahedra} tetrahedra, " if self.tetrahedra else ""
+        return f"{tetrahedra}{self.unknowns} unknowns"
 
     @property
     def steps_text(self) -> str:

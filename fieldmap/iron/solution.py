@@ -23,7 +23,7 @@ from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.mesh import IronMesh, surface_outlines, volumes
 from fieldmap.iron.quantities.air import checked_points, containing_element, mean_over_body, refuse_inside
-from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
+from fieldmap.iron.quantities.forces import Magnetised, force_and_torque, magnetic_bodies
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
 from fieldmap.records import Record, card, count_of, shortened
@@ -119,6 +119,15 @@ class SolvedState(BaseFieldAtCurrents):
         names.
         """
         return force_and_torque(self._magnetised, name, np.zeros(3))[0]
+
+    @property
+    def pieces_of_iron(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the bodies of each connected piece of iron, in the order of the device."""
+        about = self._magnetised
+        if about.mesh is None or about.faces is None:
+            return ()
+        pieces, mesh = magnetic_bodies(about.mesh, about.faces), about.mesh
+        return tuple(dict.fromkeys(pieces.touched_by(mesh, body) for body in mesh.body_names))
 
     def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
         """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""

@@ -301,7 +301,10 @@ def region_field(
     strength = across - own.faces.normals[:, :, None] * normal[:, None]
     linked = np.asarray(solved.linked)
     potential = np.where(linked, solved.reduced, solved.total)[own.nodes]
-    density = own.charge(own.means @ potential) / own.faces.areas[:, None]
+    means = own.means @ potential
+    # A constant has no field inside, but for the discretisation: at large mu_r it would be all there is.
+    means = means - own.faces.areas @ means / own.faces.areas.sum()
+    density = own.charge(means) / own.faces.areas[:, None]
     triangles = surface.faces_around(region.solids)
     turned = np.where(np.isin(surface.sides[triangles, 0], region.solids), 1.0, -1.0)
     return RegionField(

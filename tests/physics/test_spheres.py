@@ -5,7 +5,8 @@ from math import comb
 import numpy as np
 import pytest
 
-from fieldmap.device.model import Body, Device, LinearMaterial, Part, Placement, Sphere
+import fieldmap as fm
+from fieldmap.device.model import Background, Body, Device, LinearMaterial, Part, Placement, Sphere
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import PotentialForm
@@ -192,6 +193,25 @@ def test_two_spheres(form, gap):
     charge = state.density[0] * state.faces.areas
     for body in range(2):
         mine = iron.topology.group_of_surface == body
+        assert abs(charge[mine].sum()) < 1e-5 * np.abs(charge[mine]).sum()
+
+
+def test_two_spheres_by_their_surfaces():
+    """The surface form on the closer pair, as a device in a background field."""
+    distance, mu = 2 * RADIUS + 0.02, 1000.0
+    bodies = sphere("low", RADIUS, size=0.01), sphere("high", RADIUS, height=distance, size=0.01)
+    materials = {body.name: LinearMaterial(body.name, mu) for body in bodies}
+    solution = fm.solve_linear(
+        Device("d", "", (), bodies, materials, background=Background(UP)), form="surface"
+    )
+    middle = RADIUS + 0.01
+    places = np.array([[0, 0, middle], [0.03, 0, middle], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
+    exact = two_sphere_field(places, RADIUS, distance, mu) + UP
+    error = np.linalg.norm(solution.field(places, []) - exact, axis=1)
+    assert (error / np.linalg.norm(exact, axis=1)).max() < 2e-3
+    charge = solution.state.density[0] * solution.state.faces.areas
+    for height in (0.0, distance):
+        mine = np.abs(solution.state.faces.centres[:, 2] - height) < 1.05 * RADIUS
         assert abs(charge[mine].sum()) < 1e-5 * np.abs(charge[mine]).sum()
 
 

@@ -1,0 +1,292 @@
+"""The surface form: bodies in uniform fields with closed forms, open and closed circuits, and its solution."""
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.device.model import (
+    Background,
+    Body,
+    Box,
+    CircularCoil,
+    Device,
+    LinearMaterial,
+    Part,
+    PermanentMagnet,
+    Placement,
+    Section,
+    Sphere,
+    TriangleSurface,
+)
+from fieldmap.errors import InputError
+from fieldmap.iron.geometry.solids import glue_bodies
+from fieldmap.iron.mesh import mesh as mesh_module
+from fieldmap.iron.mesh.mesh import generate_mesh, generated, volumes
+from fieldmap.iron.mesh.surface_mesh import AIR, enclosed_volume, generate_surface
+from fieldmap.iron.operators import assembled
+
+RADIUS = 0.05
+UP = np.array([0.0, 0.0, 1.0])
+OUTSIDE = np.array([[0.06, 0, 0], [0, 0, 0.06], [0.04, 0.03, 0.04], [0.1, 0.02, 0.03], [0, 0.07, -0.02]])
+
+
+def in_field(mu_r, *bodies, field=UP, **materials):
+    """Solution of bodies, each of the permeability of its own name, in a uniform field of 1 T."""
+    values = {
+        body.name: value for body, value in zip(bodies, np.broadcast_to(mu_r, len(bodies)), strict=True)
+    }
+    kinds = {name: LinearMaterial(name, float(value)) for name, value in values.items()} | materials
+    used = {body.material: kinds[body.material] for body in bodies}
+    return fm.solve_linear(Device("d", "", (), bodies, used, background=Background(field)), form="surface")
+
+
+def sphere(name, radius=RADIUS, height=0.0, size=0.009, cut=None):
+    at = Placement(np.array([0.0, 0.0, height]), np.eye(3))
+    parts = (Part(Sphere(radius), at),) + ((Part(Sphere(cut), at, "cut"),) if cut else ())
+    return Body(name, name, parts, size)
+
+
+def dipole(points, moment):
+    r = np.linalg.norm(points, axis=1)[:, None]
+    return (3 * points * (points @ moment)[:, None] / r**2 - moment) / r**3
+
+
+def largest(difference, whole):
+    return float((np.linalg.norm(difference, axis=1) / np.linalg.norm(whole, axis=1)).max())
+
+
+@pytest.mark.parametrize("mu_r", [1e-4, 0.5, 2.0, 1e3, 1e6])
+def test_sphere_outside_and_inside(mu_r):
+    solution = in_field(mu_r, sphere("ball"))
+    exact = UP + dipole(OUTSIDE, (mu_r - 1) / (mu_r + 2) * RADIUS**3 * UP)
+    assert largest(solution.field(OUTSIDE, []) - exact, exact) < 1e-3
+    inside = 3 * mu_r / (mu_r + 2) * UP
+    assert solution.field([[0.0, 0.0, 0.0], [0.01, 0.02, -0.02]], []) == pytest.approx(
+        np.tile(inside, (2, 1)), abs=2e-3 * inside[2]
+    )
+    assert solution.flux_density("ball", []) == pytest.approx(inside, abs=1e-3 * inside[2])
+    net = solution.state.density[0] @ solution.state.faces.areas
+    assert abs(net) < 1e-5 * np.abs(solution.state.density[0]) @ solution.state.faces.areas
+
+
+def test_sphere_converges():
+    """Third order in the element size, so 3/2 in the number of faces; the bound leaves room for irregular meshes."""
+    exact = dipole(OUTSIDE, RADIUS**3 * 999 / 1002 * UP)
+    error, faces = [], []
+    for size in (0.024, 0.008):
+        solution = in_field(1e3, sphere("ball", size=size))
+        error.append(np.linalg.norm(solution.field(OUTSIDE, []) - UP - exact))
+        faces.append(solution.report.surface_faces)
+    assert np.log(error[0] / error[1]) / np.log(faces[1] / faces[0]) > 1.0
+
+
+def test_shell_shields():
+    """The hollow is 1/40 of the applied field; a/b = 0.8, mu_r 1000 (Jackson 5.121)."""
+    mu, ratio = 1000.0, 0.8
+    exact = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
+    solution = in_field(mu, sphere("shell", cut=ratio * RADIUS, size=0.01))
+    hollow = np.array([[0, 0, 0.0], [0.02, 0, 0], [0, 0.01, 0.02]])
+    assert solution.field(hollow, []) == pytest.approx(np.tile(exact * UP, (3, 1)), abs=3e-3 * exact)
+
+
+def test_coated_sphere_of_two_materials():
+    """An inner sphere of mu_r 5 in a coat of mu_r 50, with flux through their common face."""
+    inner, mu_i, mu_o = 0.03, 5.0, 50.0
+    solution = in_field([mu_i, mu_o], sphere("inner", inner), sphere("coat", cut=inner))
+    fill = (inner / RADIUS) ** 3
+    factor = ((mu_o - 1) * (mu_i + 2 * mu_o) + fill * (mu_i - mu_o) * (1 + 2 * mu_o)) / (
+        (mu_o + 2) * (mu_i + 2 * mu_o) + 2 * fill * (mu_i - mu_o) * (mu_o - 1)
+    )
+    exact = UP + dipole(OUTSIDE, factor * RADIUS**3 * UP)
+    assert largest(solution.field(OUTSIDE, []) - exact, exact) < 2e-3
+    core = 9 * mu_i * mu_o / ((mu_o + 2) * (mu_i + 2 * mu_o) + 2 * fill * (mu_i - mu_o) * (mu_o - 1))
+    assert solution.flux_density("inner", [])[2] == pytest.approx(core, rel=5e-3)
+    assert solution.report.magnetic_bodies == 1
+
+
+def test_a_ball_cut_in_two_of_one_material_is_the_ball():
+    """Faces between bodies of one material carry nothing, and B crosses them."""
+    half = (Part(Sphere(RADIUS)), Part(Box((0.2, 0.2, 0.1)), Placement(-0.1 * UP, np.eye(3)), "cut"))
+    low = (Part(Sphere(RADIUS)), Part(Box((0.2, 0.2, 0.1)), operation="cut"))
+    solution = in_field(100.0, Body("upper", "upper", half, 0.009), Body("lower", "lower", low, 0.009))
+    exact = UP + dipole(OUTSIDE, 99 / 102 * RADIUS**3 * UP)
+    assert largest(solution.field(OUTSIDE, []) - exact, exact) < 2e-3
+    assert solution.flux_density("upper", []) == pytest.approx(300 / 102 * UP, abs=2e-2)
+    with pytest.raises(InputError) as raised:
+        solution.force_on("upper", [])
+    assert "'lower'" in raised.value.problems[0].remedy
+    assert solution.force_on(["upper", "lower"], []) == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+@pytest.mark.parametrize("mu_r", [1.0, 1.05, 3.0])
+def test_magnetised_sphere(mu_r):
+    """Remanence and recoil permeability: polarisation 3 Br / (mu_r + 2); a dipole outside, uniform inside."""
+    magnet = PermanentMagnet("ball", np.array([0.0, 0.0, 1.2]), mu_r)
+    device = Device("d", "", (), (sphere("ball"),), {"ball": magnet})
+    solution = fm.solve_linear(device, form="surface")
+    polarisation = 3 * 1.2 / (mu_r + 2)
+    exact = dipole(OUTSIDE, polarisation * RADIUS**3 / 3 * UP)
+    assert largest(solution.field(OUTSIDE, []) - exact, exact) < 2e-3
+    assert solution.at([]).polarisation([0.0, 0.01, 0.0]) == pytest.approx(polarisation * UP, abs=3e-3)
+
+
+@pytest.mark.parametrize(("mu_r", "exact"), [(1e8, 3.644305190268), (1e-9, -1.638415711)])
+def test_polarisability_of_a_cube(mu_r, exact):
+    """Published: Helsing and Perfekt, Appl. Comput. Harmon. Anal. 34 (2013) 445."""
+    cube = Body("cube", "cube", (Part(Box((1.0, 1.0, 1.0))),), 0.2, 0.01)
+    solution = in_field(mu_r, cube)
+    state = solution.state
+    moment = (state.density[0] * state.faces.areas) @ state.faces.centres
+    assert moment[2] == pytest.approx(exact, rel=1e-3)
+    assert moment[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_the_volume_is_not_meshed(monkeypatch):
+    """Neither for a box nor for a surface of triangles; both are the same body."""
+    monkeypatch.setattr(mesh_module, "generate_mesh", None)
+    size = 0.02
+    box = Body("cube", "cube", (Part(Box((size, size, size))),), 0.006)
+    corners = size * np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = np.array([t for a, b, c, d in quads for t in ([a, b, c], [a, c, d])])
+    stl = Body("cube", "cube", (Part(TriangleSurface(corners, triangles)),), 0.006)
+    fields = []
+    for body in (box, stl):
+        device = Device(
+            "d", "", (), (body,), {"cube": LinearMaterial("cube", 100.0)}, background=Background(UP)
+        )
+        mesh = generated(glue_bodies(device), device, 1.0, surface_only=True)
+        assert len(mesh.Elements3D()) == 0
+        assert len(mesh.Elements2D()) > 50
+        solution = fm.solve_linear(device, form="surface")
+        assert solution.report.tetrahedra == 0
+        fields.append(solution.field([[0.0, 0.0, 0.03], [0.02, 0.01, 0.01]], []))
+    assert fields[1] == pytest.approx(fields[0], rel=1e-3, abs=1e-3)
+
+
+def test_surface_mesh_bounds_the_bodies_of_the_volume_mesh():
+    """The same volumes after rounding, closed, layers at the edges; a triangle between bodies has both on its sides."""
+    parts = (Part(Sphere(0.02)), Part(Box((0.1, 0.1, 0.1)), operation="cut"))
+    bodies = (
+        Body("cap", "iron", parts, 0.006, 0.0005),
+        Body("block", "iron", (Part(Box((0.05, 0.05, 0.01))),), 0.009),
+    )
+    device = Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 10.0)})
+    surface, mesh = generate_surface(device), generate_mesh(device)
+    tets = volumes(mesh.points, mesh.tets)
+    for name in surface.body_names:
+        triangles = surface.around(surface.solids_of(name))
+        whole = tets[mesh.body == mesh.body_names.index(name)].sum()
+        assert enclosed_volume(surface.points, triangles) == pytest.approx(whole, rel=1e-4)
+        edges = np.concatenate([triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+        assert {(a, b) for a, b in edges.tolist()} == {(b, a) for a, b in edges.tolist()}
+    assert surface.pieces.tolist() == [0, 0]
+    assert set(map(tuple, surface.sides.tolist())) == {(0, AIR), (1, AIR), (0, 1)} or (1, 0) in map(
+        tuple, surface.sides.tolist()
+    )
+
+
+def window(mu_r, size=0.012):
+    """A closed iron window about 80 mm long on each side, with a coil around one limb."""
+    hole = Placement(np.array([0.0, 0.0, -0.01]), np.eye(3))
+    parts = (Part(Box((0.1, 0.1, 0.02))), Part(Box((0.06, 0.06, 0.04)), hole, "cut"))
+    along_y = np.column_stack([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).astype(float)
+    at = Placement(np.array([0.04, 0.0, 0.01]), along_y)
+    coil = CircularCoil("coil", 0.017, 0.022, 0.03, 100.0, placement=at)
+    body = Body("window", "iron", (Part(Box((0.1, 0.1, 0.02))), parts[1]), size, 0.003)
+    return Device("window", "", (coil,), (body,), {"iron": LinearMaterial("iron", mu_r)})
+
+
+@pytest.fixture(scope="module")
+def closed():
+    return {form: fm.solve_linear(window(1000.0), form=form) for form in ("surface", "potential")}
+
+
+def test_closed_circuit_obeys_ampere(closed):
+    """Round the window through the iron, the total H runs up to the coil's ampere-turns, of which it has two ends."""
+    n = 200
+    share = ((np.arange(n) + 0.5) / n)[:, None]
+    around = 0.04 * np.array([[1.0, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
+    state, turns = closed["surface"].at([1.0]), 0.0
+    for start, end in zip(around, np.roll(around, -1, axis=0), strict=True):
+        x = start + share * (end - start) + [0.0, 0.0, 0.0103]
+        strength = state.field(x) - state.polarisation(x)
+        turns += float(strength.sum(axis=0) @ (end - start)) / n / (4e-7 * np.pi)
+    assert turns == pytest.approx(100.0, rel=1e-3)
+
+
+def test_closed_circuit_beside_the_potential_form(closed):
+    surface, potential = closed["surface"], closed["potential"]
+    assert surface.inductance() == pytest.approx(potential.inductance(), rel=1e-2)
+    outside = np.array([[-0.07, 0.0, 0.01], [0.0, 0.0, 0.01], [0.0, 0.08, 0.01], [0.04, 0.0, 0.05]])
+    ours, theirs = surface.field(outside, [1.0]), potential.field(outside, [1.0])
+    assert largest(ours - theirs, theirs) < 5e-3
+    limb = Section("limb", (-0.04, 0.01, 0.01), (0.0, 1.0, 0.0), half_widths=(0.02, 0.05, 0.05))
+    both = Section("both", (0.0, 0.01, 0.01), (0.0, 1.0, 0.0))
+    area = surface.section_flux(both, [1.0]).area
+    assert area == pytest.approx(8e-4, rel=1e-9)
+    # Through both limbs together nearly as much comes back as goes.
+    whole = abs(potential.section_flux(limb, [1.0]).flux)
+    ours, theirs = (closed[form].section_flux(both, [1.0]).flux for form in ("surface", "potential"))
+    assert ours == pytest.approx(theirs, abs=5e-3 * whole)
+    with pytest.raises(InputError):
+        surface.section_flux(limb, [1.0])
+
+
+@pytest.fixture(scope="module")
+def open_circuit():
+    device = fm.read_device("loop_and_sphere")
+    return {form: fm.solve_linear(device, form=form) for form in ("surface", "potential")}
+
+
+def test_sphere_and_coil_against_the_closed_form_of_its_file(open_circuit):
+    device, unit = fm.read_device("loop_and_sphere"), open_circuit["surface"]
+    for known in device.references:
+        ours = (
+            unit.field(known.at, known.currents)[2]
+            if known.quantity == "Bz"
+            else unit.gradient(known.at, known.currents)[2, 2]
+        )
+        assert ours == pytest.approx(known.value, rel=2e-3)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_taylor_of_the_field(open_circuit, axis):
+    unit = open_circuit["surface"]
+    points = np.array([[0.0, 0.0, -0.014], [0.003, 0.002, -0.016], [0.02, -0.01, 0.0]])
+    step = np.eye(3)[axis]
+    slope = unit.gradient(points, [2.0])[:, :, axis]
+    remainder = [
+        np.abs(unit.field(points + h * step, [2.0]) - unit.field(points, [2.0]) - h * slope).max()
+        for h in (1e-3, 5e-4, 2.5e-4)
+    ]
+    assert np.log2(remainder[0] / remainder[1]) > 1.8
+    assert np.log2(remainder[1] / remainder[2]) > 1.8
+
+
+def test_forces_energies_and_limits_of_the_solution(open_circuit):
+    surface, potential = open_circuit["surface"], open_circuit["potential"]
+    (name,) = (body.name for body in fm.read_device("loop_and_sphere").bodies)
+    force = surface.force_on(name, [1.0])
+    assert force == pytest.approx(potential.force_on(name, [1.0]), rel=2e-3, abs=2e-3 * np.abs(force).max())
+    assert surface.force_on(surface.coil_names, [1.0]) == pytest.approx(
+        -force, rel=1e-3, abs=1e-3 * np.abs(force).max()
+    )
+    assert surface.inductance() == pytest.approx(potential.inductance(), rel=1e-4)
+    assert surface.flux_density(name, [1.0])[2] == pytest.approx(
+        potential.flux_density(name, [1.0])[2], rel=1e-3
+    )
+    centre = surface.surface.points.mean(axis=0)
+    with pytest.raises(InputError):
+        surface.gradient(centre, [1.0])
+    with pytest.raises(InputError):
+        surface.flux_density("nothing", [1.0])
+    assert len(surface.outlines()) == 2
+
+
+def test_matrices_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
+    monkeypatch.setattr("fieldmap.iron.solvers.surface.memory_bytes", lambda: 1e6)
+    assert assembled.memory_bytes() is None or assembled.memory_bytes() > 1e6
+    with pytest.raises(InputError) as raised:
+        in_field(10.0, sphere("ball"))
+    assert "GB" in raised.value.problems[0].received
