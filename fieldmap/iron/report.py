@@ -18,8 +18,8 @@ class SolverReport(Record):
 
     form: "potential" or "flux", both of second order, or "surface", without tetrahedra, see docs/theory/iron.md;
     tetrahedra, surface_faces, charged_faces, unknowns: size of the problem; magnetic_bodies: connected pieces of iron;
-    iterations and residual: of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the matrix of mutual
-    potentials and its inverse; storage: how that matrix is stored, in words;
+    iterations and residual: of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the matrix
+    of mutual potentials and its inverse; storage: how that matrix is stored, in words;
     seconds: wall time per step; assumptions: everything the result rests on that the device file or the caller
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
     lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made;
