@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.constants import mu_0
 
 from fieldmap.device.drawing import Outline, source_outline, winding_outline
@@ -49,7 +49,7 @@ class RegionField(Record):
     turned: Array
     strength: Array
     density: Array
-    linked: Array
+    linked: NDArray[np.bool_]
 
     @property
     def flux_density(self) -> Array:
@@ -299,8 +299,7 @@ def region_field(
     # The curl n x grad u, turned about n once more.
     across = np.cross(own.faces.normals[:, :, None], of.total.curl, axis=1) / own.faces.areas[:, None, None]
     strength = across - own.faces.normals[:, :, None] * normal[:, None]
-    linked = np.asarray(solved.linked)
-    potential = np.where(linked, solved.reduced, solved.total)[own.nodes]
+    potential = np.where(solved.linked, solved.reduced, solved.total)[own.nodes]
     means = own.means @ potential
     # A constant has no field inside, but for the discretisation: at large mu_r it would be all there is.
     means = means - own.faces.areas @ means / own.faces.areas.sum()
@@ -316,14 +315,14 @@ def region_field(
         turned,
         np.ascontiguousarray(np.moveaxis(strength, 2, 0)),
         np.ascontiguousarray(density.T),
-        linked,
+        solved.linked,
     )
 
 
 def iron_linkages(solved: SurfacePotential, coils: int) -> Array:
     """Flux linkages (coils, c) in Wb that the iron adds: int t_k . (B - mu0 H) dV / mu0 with the field t_k of one
     ampere in coil k (docs/theory/forces.md)."""
-    total = 0.0
+    total = np.zeros((coils, len(solved.magnets)))
     for of in solved.regions:
         own = of.applied.part(slice(coils))
         total = total + (of.region.mu_r - 1) * of.side.energy(own, of.total)
@@ -331,4 +330,4 @@ def iron_linkages(solved: SurfacePotential, coils: int) -> Array:
         applied = -(of.side.normal_derivative(own) * of.side.surface.faces.areas[:, None]).T
         mean = applied @ of.side.surface.faces.centres
         total = total + np.outer(mean @ of.region.remanence, solved.magnets)
-    return np.asarray(total) / mu_0
+    return total / mu_0

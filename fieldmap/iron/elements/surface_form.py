@@ -24,7 +24,6 @@ from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from fieldmap.iron.materials import BodyProperties
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.surface_mesh import AIR, IronSurface, connected_solids
 from fieldmap.iron.operators.closed_surface import ClosedSurface, Potentials, Side, corner_curls
@@ -51,9 +50,9 @@ class Region(Record):
     remanence: Array
 
 
-def regions_of(surface: IronSurface, properties: BodyProperties) -> tuple[Region, ...]:
-    """Join solids that touch and have one permeability and remanence."""
-    mu_r, remanence = properties.mu_r[surface.body], properties.remanence[surface.body]
+def regions_of(surface: IronSurface, mu_r: Array, remanence: Array) -> tuple[Region, ...]:
+    """Join solids that touch and have one permeability and remanence; these are given of each body, (b,) and (b, 3)."""
+    mu_r, remanence = mu_r[surface.body], remanence[surface.body]
     touching = surface.sides[surface.sides[:, 1] != AIR]
     one, other = touching.T
     alike = (mu_r[one] == mu_r[other]) & (remanence[one] == remanence[other]).all(axis=1)

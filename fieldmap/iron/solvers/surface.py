@@ -27,7 +27,7 @@ def solve_by_surface(
     surface = generate_surface(device, refinement)
     _require_memory(surface, device)
     stages.next("operators of the surface", 0.1)
-    form = SurfaceForm(surface, regions_of(surface, properties))
+    form = SurfaceForm(surface, regions_of(surface, properties.mu_r, properties.remanence))
     stages.next("coil fields and solution", 0.7)
     has_remanence = bool(properties.remanence.any())
     background = device.background
