@@ -75,7 +75,7 @@ def solve_linear(
     if form == "surface":
         from fieldmap.iron.solvers.surface import solve_by_surface
 
-        return solve_by_surface(device, properties, refinement, stages)
+        return solve_by_surface(device, properties, tolerance * _RESIDUAL_PER_TOLERANCE, refinement, stages)
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)

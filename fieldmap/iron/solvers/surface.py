@@ -15,14 +15,16 @@ from fieldmap.iron.surface_solution import SurfaceSolution, iron_linkages, regio
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array
 
-# W, its factor, and K, its product with the inverse of the factor and the like on both sides, half as large each.
-_BYTES_PER_PAIR = 36
+# W with its factor in single precision, K, half as large as W, and D and its factor, a quarter each; and as much for
+# the inside of several bodies.
+_BYTES_PER_PAIR = 30
 
 
 def solve_by_surface(
-    device: Device, properties: BodyProperties, refinement: float, stages: Stages
+    device: Device, properties: BodyProperties, tolerance: float, refinement: float, stages: Stages
 ) -> SurfaceSolution:
-    """The surface form on the mesh of a sound device with iron and sources; see `fieldmap.solve_linear`."""
+    """The surface form on the mesh of a sound device with iron and sources; see `fieldmap.solve_linear`. tolerance: of
+    the residual. Raises NotConverged."""
     stages.next("meshing the surface", 0.02)
     surface = generate_surface(device, refinement)
     _require_memory(surface, device)
@@ -44,16 +46,16 @@ def solve_by_surface(
     coils = len(device.coils)
     magnets = np.zeros(coils + has_constant)
     magnets[coils:] = 1.0
-    solved = form.solve(applied, magnets)
+    solved = form.solve(applied, magnets, tolerance)
     faces = solved.outside.surface.faces
     density = np.ascontiguousarray((solved.charges / faces.areas[:, None]).T)
-    state = IronState(faces, density, np.zeros((len(density), 0, 3)), 1, (solved.residual,))
+    state = IronState(faces, density, np.zeros((len(density), 0, 3)), len(solved.residuals), solved.residuals)
     regions = tuple(
         region_field(surface, solved, of, np.outer(magnets, of.region.remanence)) for of in solved.regions
     )
     linkage = iron_linkages(solved, coils)
     stages.done()
-    report = _report(device, surface, form, solved.residual, stages, properties)
+    report = _report(device, surface, form, solved.residuals, stages, properties)
     about = (device.sections, device.bounds, device.background)
     solution = (device.coils, None, state, has_remanence, report, linkage, *about)
     return SurfaceSolution(*solution, surface=surface, regions=regions)
@@ -63,7 +65,7 @@ def _report(
     device: Device,
     surface: IronSurface,
     form: SurfaceForm,
-    residual: float,
+    residuals: tuple[float, ...],
     stages: Stages,
     properties: BodyProperties,
 ) -> SolverReport:
@@ -75,8 +77,8 @@ def _report(
         charged_faces=faces,
         unknowns=form.unknowns,
         magnetic_bodies=int(surface.pieces.max()) + 1,
-        iterations=1,
-        residual=residual,
+        iterations=len(residuals),
+        residual=residuals[-1],
         matrix_bytes=_BYTES_PER_PAIR * len(surface.triangles) ** 2,
         seconds=stages.seconds,
         assumptions=properties.assumptions + geometry_notes(device),
