@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from validation.axisymmetric import linear_case
 
 import fieldmap as fm
 from fieldmap.device.model import (
@@ -27,7 +28,6 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.iron import LinearSolution
-from validation.axisymmetric import axisymmetric_case
 
 UP = np.array([0.0, 0.0, 1.0])
 RADIUS = 0.05
@@ -83,14 +83,9 @@ def barrier(size: float) -> tuple[Device, Error]:
 
 
 def _axisymmetric(case: str, size: float) -> tuple[Device, Error]:
-    device, points, exact = axisymmetric_case(case, 4000)
-
-    def error(solution: LinearSolution) -> float:
-        b = solution.unit_fields(points)[0][0]
-        return float(np.linalg.norm(b - exact, axis=1).max() / np.linalg.norm(exact, axis=1).max())
-
+    device, errors = linear_case(case, 4000)
     bodies = tuple(_scaled(body, size) for body in device.bodies)
-    return Device("d", "", device.coils, bodies, device.materials), error
+    return Device("d", "", device.coils, bodies, device.materials), lambda solution: errors(solution)[0]
 
 
 def _scaled(body: Body, size: float) -> Body:

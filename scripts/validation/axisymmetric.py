@@ -1,6 +1,6 @@
 """Disk, core and plate about the axis of a thick coil, against axisymmetric finite elements (tests/reference)."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from fieldmap.device.model import (
     Part,
     Placement,
 )
-from fieldmap.iron import NonlinearSolver
+from fieldmap.iron import LinearSolution, NonlinearSolver
 from validation.row import Array, Row, timed
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
@@ -38,14 +38,10 @@ def linear() -> Iterator[Row]:
     """Constant permeability, both forms."""
     source = "axisymmetric finite elements, 5e-7 (tests/reference/axisymmetric.csv)"
     for case, mu in LINEAR:
-        points, exact = _reference("axisymmetric.csv", f"{case},{mu}")
-        device = on_one_axis(case, LinearMaterial("iron", float(mu)))
+        device, errors = linear_case(case, mu)
         for form in ("potential", "flux"):
             unit, wall, cpu = timed(lambda device=device, form=form: fm.solve_linear(device, form=form))
-            b, g = unit.unit_fields(points)
-            for what, value, bound in zip(
-                ("B", "gradient"), _errors(b[0], g[0], exact), BOUNDS[case], strict=True
-            ):
+            for what, value, bound in zip(("B", "gradient"), errors(unit), BOUNDS[case], strict=True):
                 yield Row(
                     f"{WORDS[case]}, mu_r {mu}, {form} form",
                     f"error of {what}",
@@ -57,6 +53,17 @@ def linear() -> Iterator[Row]:
                     wall,
                     cpu,
                 )
+
+
+def linear_case(case: str, mu_r: int) -> tuple[Device, Callable[[LinearSolution], tuple[float, float]]]:
+    """A device of the reference, and what gives the errors of its solution: of B and of the gradient."""
+    points, exact = _reference("axisymmetric.csv", f"{case},{mu_r}")
+
+    def errors(unit: LinearSolution) -> tuple[float, float]:
+        b, g = unit.unit_fields(points)
+        return _errors(b[0], g[0], exact)
+
+    return on_one_axis(case, LinearMaterial("iron", float(mu_r))), errors
 
 
 def saturated() -> Iterator[Row]:
