@@ -71,7 +71,7 @@ def export(
         typer.Option(
             "--currents",
             metavar="A[,A...]",
-            help="Fixed currents: one per coil, or one for all. Default: each coil by itself.",
+            help="Fixed currents: one per coil, or one for all. Default: set by the program.",
         ),
     ] = None,
     spacing_mm: Annotated[
@@ -218,12 +218,14 @@ def _of_map(
     how: tuple[str, str],
 ) -> tuple[Path, ...]:
     from fieldmap.cli.arguments import parse_currents
-    from fieldmap.interop import write_c32_files, write_c_files
+    from fieldmap.interop import write_c32_files, write_c_files, write_c_iron_files
     from fieldmap.io import existing_map
     from fieldmap.lookup import open_map
 
     opened: FieldMap = open_map(existing_map(source), *how)
     amperes = parse_currents(currents, opened.coil_names) if currents else None
+    if to == "c" and amperes is None and not opened.affine:
+        return write_c_iron_files(opened, output)
     if to in ("c", "c32"):
         require_currents(not opened.affine, currents, f"{source} --to {to}")
         write = write_c_files if to == "c" else write_c32_files

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import Field, require_bounds
+from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.kernels.motion.currents import SUPERPOSED, TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_table import no_table
@@ -86,6 +86,7 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     Raises InputError for a map of saturating iron.
     """
     check_positive("superposed", scale=scale)
+    require_affine(field_map, "superposed")
     _, block = field_map.compiled()
     return FieldOfCurrents(block, _superposed(scale), _calibration(scale), bool(field_map.fixed_sources))
 

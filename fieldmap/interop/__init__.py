@@ -3,6 +3,7 @@
 Depends on: errors, extras, store, lookup, dynamics. Never on the packages that make maps.
 """
 
+from fieldmap.interop.c_iron import c_iron_header, write_c_iron_files, write_c_iron_map
 from fieldmap.interop.c_map import c_header, write_c32_files, write_c_files, write_c_map
 from fieldmap.interop.csv_map import write_csv
 from fieldmap.interop.fmu import write_fmu
@@ -22,6 +23,7 @@ __all__ = [
     "Measurements",
     "VectorFields",
     "c_header",
+    "c_iron_header",
     "fit_map",
     "jax_field",
     "read_mag_manip",
@@ -29,6 +31,8 @@ __all__ = [
     "sample_for_mag_manip",
     "write_c32_files",
     "write_c_files",
+    "write_c_iron_files",
+    "write_c_iron_map",
     "write_c_map",
     "write_csv",
     "write_fmu",

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS, kernels_of
 from fieldmap.kernels.map import map_block
 from fieldmap.lookup import FieldMap, MapAtCurrents
@@ -54,13 +55,15 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
     target = Path(path)
-    write_whole(target, _bytes(plain_block(block), names, constant))
+    write_whole(target, map_bytes(plain_block(block), names, constant))
     return target
 
 
 def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
     """The block, the names of its coils, and whether one more set behind them is a field that no current drives."""
     source = field.at(0.0) if isinstance(field, FieldMap) and not field.coil_names else field
+    if isinstance(source, FieldMap):
+        require_affine(source, "map for C")
     _, block = source.compiled()
     if isinstance(source, FieldMap):
         return block, source.coil_names, not source.proportional
@@ -168,7 +171,8 @@ def plain_block(block: NDArray[np.float64]) -> NDArray[np.float64]:
     return block[: map_block.HEADER + cells * int(block[map_block.SETS]) * size]
 
 
-def _bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:
+def map_bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:
+    """The file of a block whose sets have these names; constant: whether one more has the weight 1 at any currents."""
     block = block.copy()
     block[_CONSTANT] = float(constant)
     text = b"".join(name.encode() + b"\0" for name in names)

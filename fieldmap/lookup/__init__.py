@@ -14,6 +14,7 @@ from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.iron_response import (
+    compiled_currents,
     division_domain,
     iron_weights,
     saturates,
@@ -32,6 +33,7 @@ __all__ = [
     "Jump",
     "MapAtCurrents",
     "capability",
+    "compiled_currents",
     "division_domain",
     "field_actuation",
     "finite_magnet",

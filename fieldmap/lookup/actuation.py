@@ -1,7 +1,7 @@
 """What a coil's ampere does at a pose: actuation matrices, and what limited currents can reach with them.
 
 docs/theory/actuation.md. Rows are components, columns coils; for fields that are the sum of their coils' fields, and of
-one that no current drives, whose share is the matrix's `constant`.
+one that no current drives, whose share is the matrix's `constant`, and for saturating iron about given currents.
 """
 
 from __future__ import annotations
@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import AnyField, as_field
+from fieldmap.field import AnyField, as_field, coil_currents
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -75,40 +76,75 @@ class Actuation(Record):
 Limits = float | tuple[ArrayLike, ArrayLike] | None
 
 
-def field_actuation(field: AnyField, position: ArrayLike) -> Actuation:
-    """The 3 x n matrix of the flux density at a position (3,), T/A."""
-    source, where = as_field(field), _one(position)
-    constant = None if source.proportional else source.constant_field(where)
-    return Actuation(FIELD_ROWS, np.ascontiguousarray(source.unit_field(where).T), constant)
+def actuation(
+    field: AnyField, position: ArrayLike, currents: Any, moment: ArrayLike | None = None
+) -> Actuation:
+    """The matrix (8 x n) of flux density, T/A, and the five independent entries of its gradient, T/(m A), about
+    currents (n_coils,), A; with a dipole of `moment` (3,), A m^2, (14 x n): force, N/A, and torque, N m/A, below.
+
+    matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils', to first order
+    about `currents` where iron saturates. Raises InputError for a field that neither superposes nor has derivatives by
+    its currents (`FieldMap.by_currents`).
+    """
+    rows, selection = FIELD_ROWS + GRADIENT_ROWS, _SELECTED
+    if moment is not None:
+        rows, selection = (
+            rows + FORCE_ROWS + TORQUE_ROWS,
+            np.concatenate([_SELECTED, _on_dipole(_one(moment))]),
+        )
+    return _selected(field, position, rows, selection, currents)
 
 
-def gradient_actuation(field: AnyField, position: ArrayLike) -> Actuation:
+def field_actuation(field: AnyField, position: ArrayLike, currents: Any = None) -> Actuation:
+    """The 3 x n matrix of the flux density at a position (3,), T/A. currents: about which, where iron saturates."""
+    return _selected(field, position, FIELD_ROWS, _SELECTED[:3], currents)
+
+
+def gradient_actuation(field: AnyField, position: ArrayLike, currents: Any = None) -> Actuation:
     """The 8 x n matrix of the flux density, T/A, and the five independent entries of its gradient, T/(m A)."""
-    where = _one(position)
-    source = as_field(field)
-    rows = FIELD_ROWS + GRADIENT_ROWS
-    matrix = np.concatenate([source.unit_field(where).T, _five(source.unit_gradient(where)).T])
-    if source.proportional:
-        return Actuation(rows, matrix)
-    constant = np.concatenate([source.constant_field(where), _five(source.constant_gradient(where))])
-    return Actuation(rows, matrix, constant)
+    return _selected(field, position, FIELD_ROWS + GRADIENT_ROWS, _SELECTED, currents)
 
 
-def _five(slope: Array) -> Array:
-    """The independent entries (..., 5) of gradients (..., 3, 3)."""
-    return slope[..., [0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
+def wrench_actuation(
+    field: AnyField, position: ArrayLike, moment: ArrayLike, currents: Any = None
+) -> Actuation:
+    """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2. currents: about which,
+    where iron saturates."""
+    return _selected(field, position, FORCE_ROWS + TORQUE_ROWS, _on_dipole(_one(moment)), currents)
 
 
-def wrench_actuation(field: AnyField, position: ArrayLike, moment: ArrayLike) -> Actuation:
-    """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2."""
-    where, dipole, source = _one(position), _one(moment), as_field(field)
-    force = np.einsum("kij,i->jk", source.unit_gradient(where), dipole)
-    torque = np.cross(dipole, source.unit_field(where)).T
-    rows, matrix = FORCE_ROWS + TORQUE_ROWS, np.concatenate([force, torque])
-    if source.proportional:
-        return Actuation(rows, matrix)
-    pull, turn = dipole @ source.constant_gradient(where), np.cross(dipole, source.constant_field(where))
-    return Actuation(rows, matrix, np.concatenate([pull, turn]))
+# Rows of B and the independent entries of G on (B, G row by row).
+_SELECTED = np.eye(12)[[0, 1, 2, 3, 4, 5, 7, 8]]
+
+
+def _on_dipole(moment: Array) -> Array:
+    """(6, 12): force F_j = m_i G_ij and torque m x B of (B, G row by row)."""
+    force = np.hstack([np.zeros((3, 3)), np.kron(moment, np.eye(3))])
+    x, y, z = moment
+    turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.concatenate([force, np.hstack([turn, np.zeros((3, 9))])])
+
+
+def _selected(
+    field: AnyField, position: ArrayLike, rows: tuple[str, ...], selection: Array, currents: Any
+) -> Actuation:
+    """selection (rows, 12) of (B, G row by row) and its derivatives by the currents."""
+    source, where = as_field(field), _one(position)
+
+    def chosen(flux: Array, slope: Array) -> Array:
+        both = np.concatenate([flux, slope.reshape(*flux.shape[:-1], 9)], axis=-1)
+        return np.ascontiguousarray(selection @ both.T)
+
+    by_currents = getattr(source, "by_currents", None)
+    if source.affine or currents is None or by_currents is None:
+        matrix = chosen(source.unit_field(where), source.unit_gradient(where))
+        if source.proportional:
+            return Actuation(rows, matrix)
+        return Actuation(rows, matrix, chosen(source.constant_field(where), source.constant_gradient(where)))
+    matrix = chosen(*by_currents(where, currents))
+    amperes = coil_currents(currents, source.coil_names)
+    here = chosen(source.field(where, amperes), source.gradient(where, amperes))
+    return Actuation(rows, matrix, here - matrix @ amperes)
 
 
 def capability(

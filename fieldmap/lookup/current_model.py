@@ -2,53 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
-from fieldmap.errors import NotConverged, OutsideMapError, Problem
-from fieldmap.kernels.map.continuation import continued
-from fieldmap.kernels.map.matrix_vector import times
-from fieldmap.kernels.map.reduced_iron import blended_start, newton, sensitivities
+from fieldmap.errors import OutsideMapError, Problem
+from fieldmap.kernels.map import current_solver as kernels
+from fieldmap.kernels.map.current_solver import CompiledModel, SolverState
+from fieldmap.kernels.map.reduced_iron import sensitivities
+from fieldmap.lookup.current_solver import compiled_model, new_state, not_converged
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
-# The last step is taken past this decrement: what is left is a few tenths of it. For lookups the larger one, still a
-# thousandth of what such models are off; the other for searches that divide differences of the weights.
-_TOLERANCE, _FOR_LOOKUPS = 1e-7, 1e-6
-_MOST_STEPS = 60
-# States behind that tell where the next one lies.
-_PASSED = 3
+# What Newton's method may leave, of the state, in the norm of the energy: where results are tabulated or searched.
+_TIGHT, _OF_SEARCH = 1e-8, 1e-10
+# Of lookups from Python, which cost more by themselves than the step that this takes.
+_OF_LOOKUPS = 1e-6
 # States whose tangents are kept at a time.
 _AT_ONCE = 256
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
-@dataclass(frozen=True, eq=False)
-class _Path:
-    """The last currents (k, c) with their amplitudes (k, r), newest last, and the factor of a tangent near the last."""
+class CurrentSearch:
+    """The model from point to point of a search: each solve begins from the last, wherever the currents lie, and is
+    exact enough to meet a demand to 1e-9."""
 
-    currents: Array
-    amplitudes: Array
-    factor: Array
+    def __init__(self, model: CompiledModel) -> None:
+        domain = model.domain._replace(checked=False)
+        self._model = model._replace(tolerance=_OF_SEARCH, domain=domain)
+        self._state = new_state(model)
 
-    def ahead(self, currents: Array) -> tuple[Array, Array]:
-        """Amplitudes (r,) to begin with, where those passed lead to, and a factor (r, r)."""
-        start, (weights, nodes) = np.empty(self.amplitudes.shape[1]), np.empty((2, len(self.currents)))
-        continued(currents, self.currents, self.amplitudes, weights, nodes, start)
-        return start, self.factor.copy()
+    def weights(self, currents: Array) -> Array:
+        """Weights (n_fields,) at currents (c,)."""
+        weights = np.empty(len(self._state.weights))
+        self._check(kernels.current_weights(self._model, self._state, currents, weights), currents)
+        return weights
 
-    def further(self, currents: Array, amplitudes: Array, factor: Array) -> _Path:
-        """With one state more."""
-        kept = 1 - _PASSED
-        return _Path(
-            np.vstack((self.currents[kept:], currents)),
-            np.vstack((self.amplitudes[kept:], amplitudes)),
-            factor,
+    def slopes(self, currents: Array) -> Array:
+        """Their derivatives (n_fields, c) by the currents, 1/A."""
+        weights = np.empty(len(self._state.weights))
+        slopes = np.empty((len(weights), len(currents)))
+        status = kernels.current_slopes(
+            self._model._replace(tolerance=100.0 * _OF_SEARCH), self._state, currents, weights, slopes
         )
+        self._check(status, currents)
+        return slopes
+
+    def _check(self, status: int, currents: Array) -> None:
+        if status != kernels.FOUND:
+            raise not_converged(currents, self._state.numbers[kernels.LEFT])
 
 
 class CurrentModel:
@@ -56,7 +62,8 @@ class CurrentModel:
 
     outside: what currents beyond the map's domain give: "raise" (OutsideMapError), "nan", or "evaluate", which
     evaluates the model there without a statement of its error. follow: begin from the currents asked for before, which
-    is quicker where they change little from call to call; the results then depend on earlier calls, by 1e-6 at most.
+    is quicker where they change little from call to call; the results then depend on earlier calls, by 1e-6 at
+    most, and each thread follows its own.
     """
 
     def __init__(
@@ -64,19 +71,26 @@ class CurrentModel:
     ) -> None:
         self.model = model
         self._follow = follow
-        self._path: _Path | None = None
         self._names = coil_names
         self._outside = outside
-        # Lengths by which currents are compared.
-        self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
         # Copies that may be written to, as those of a pickled model: compiled for another kind of array, the kernels
         # would round otherwise.
         weights, law, offset, knots, coefficients = map(np.array, (model.weights, model.law, *model.laws))
         gradients, air = np.array(model.gradients), np.array(model.air)
         single = gradients.astype(np.float32)
         self._iron = (gradients, single, weights, law, offset, knots, coefficients, air)
-        self._source, self._constant = np.array(model.source), np.array(model.constant)
+        self._source = np.array(model.source)
         self._fixed = np.array(model.fixed) if model.fixed.size else None
+        self._own = threading.local()
+        self._last_slopes: tuple[bytes, Array] = (b"", np.empty(0))
+
+    @cached_property
+    def compiled(self) -> CompiledModel:
+        """What `fieldmap.kernels.map.current_solver` takes; made when it is first asked for, in half a second or less.
+
+        Currents outside the domain get no weights there, unless the model evaluates them. Raises NotConverged.
+        """
+        return compiled_model(self.model, checked=self._outside != "evaluate")
 
     @property
     def fields_beside_coils(self) -> int:
@@ -103,12 +117,39 @@ class CurrentModel:
         domain, if asked to, and NotConverged if Newton's method fails.
         """
         rows = currents.reshape(-1, currents.shape[-1])
-        result = np.array([self._row(row) for row in rows]).reshape(*currents.shape[:-1], -1)
-        return np.concatenate([currents, result], axis=-1)
+        result = np.empty((len(rows), rows.shape[1] + self.fields_beside_coils))
+        for row, out in zip(np.array(rows, order="C"), result, strict=True):
+            self._fill(row, out)
+        return result.reshape(*currents.shape[:-1], -1)
+
+    def weights_and_slopes(self, currents: Array) -> tuple[Array, Array]:
+        """`weights` of one set of currents (c,), and their derivatives (n_fields, c) by the currents, 1/A."""
+        weights = np.empty(len(currents) + self.fields_beside_coils)
+        slopes = np.empty((len(weights), len(currents)))
+        self._solved(kernels.current_slopes, np.array(currents), weights, slopes)
+        return weights, slopes
+
+    def search(self) -> CurrentSearch:
+        """Weights and slopes for a search that goes from currents to currents."""
+        return CurrentSearch(self.compiled)
+
+    def slopes_at(self, currents: Array) -> Array:
+        """The slopes of a search at currents (c,): (n_fields, c). The last ones are cached."""
+        key = currents.tobytes()
+        known, slopes = self._last_slopes
+        if known != key:
+            slopes = self.search().slopes(currents)
+            self._last_slopes = (key, slopes)
+        return slopes
 
     def amplitudes(self, currents: Array) -> Array:
-        """Amplitudes (r,) of the modes at currents (c,), begun from what the known states predict."""
-        return self._solve(currents, *self._predicted(currents), _TOLERANCE)
+        """Amplitudes (r,) of the modes at currents (c,), wherever they lie, more exactly than for a lookup."""
+        state = self._state("tight")
+        state.numbers[kernels.COUNT] = 0.0
+        status = kernels.solve(self._tight, state, np.array(currents, dtype=np.float64), _TIGHT)
+        if status != kernels.FOUND:
+            raise not_converged(currents, state.numbers[kernels.LEFT])
+        return state.amplitudes[-1].copy()
 
     def slopes(self, currents: Array, amplitudes: Array) -> Array:
         """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c) and
@@ -121,46 +162,22 @@ class CurrentModel:
             return found
         return np.concatenate([found, np.zeros((len(found), 1, found.shape[2]))], axis=1)
 
-    def _predicted(self, currents: Array) -> tuple[Array, Array]:
-        """Amplitudes (r,) to begin with, and the factor (r, r) of the tangent of the nearest known state."""
-        slopes, factors = self._tangents
-        known = self.model.known_currents
-        start = blended_start(currents, known, self.model.known_amplitudes, slopes, self._range)
-        nearest = (((currents - known) / self._range) ** 2).sum(axis=1).argmin()
-        return start, factors[nearest].copy()
-
-    def _solve(self, currents: Array, start: Array, factor: Array, tolerance: float) -> Array:
-        """Amplitudes (r,), begun from `start`; factor, tolerance: see `fieldmap.kernels.map.reduced_iron.newton`."""
-        found, _, decrement = newton(
-            self._applied(currents),
-            *self._iron,
-            self._constant,
-            start,
-            factor,
-            tolerance,
-            _MOST_STEPS,
-        )
-        if not decrement <= tolerance:
-            raise NotConverged(
-                Problem(
-                    "reduced model of the iron",
-                    f"Newton's method must reach {tolerance:g}",
-                    f"{decrement:.1e} after {_MOST_STEPS} steps at {currents.tolist()} A",
-                    "stay within the currents that the map was made for",
-                ),
-                residuals=(float(decrement),),
-            )
-        return np.asarray(found)
-
-    def _applied(self, currents: Array) -> Array:
-        """Field (3 p,) of coils and background at the sample points, T."""
-        own = times(self._source, currents)
-        return own if self._fixed is None else own + self._fixed
+    @cached_property
+    def _of_lookups(self) -> CompiledModel:
+        return self.compiled._replace(tolerance=_OF_LOOKUPS)
 
     @cached_property
-    def _tangents(self) -> tuple[Array, Array]:
-        """Of the known states: derivatives (s, r, c) of the amplitudes by the currents, factors (s, r, r) of K."""
-        return self._sensitivities(self.model.known_currents, self.model.known_amplitudes)
+    def _tight(self) -> CompiledModel:
+        domain = self.compiled.domain._replace(checked=False)
+        return self.compiled._replace(tolerance=_TIGHT, domain=domain)
+
+    def _state(self, name: str) -> SolverState:
+        """What solves of this name remember in this thread."""
+        known = self._own.__dict__
+        if name not in known:
+            known[name] = new_state(self.compiled)
+        state: SolverState = known[name]
+        return state
 
     def _sensitivities(self, currents: Array, amplitudes: Array) -> tuple[Array, Array]:
         sources = np.ascontiguousarray(self._source @ currents.T)
@@ -169,39 +186,34 @@ class CurrentModel:
         slopes, factors = sensitivities(sources, *self._iron, np.array(amplitudes), self._source)
         return slopes, factors
 
-    def _row(self, currents: Array) -> Array:
-        if not self._holds(currents):
-            return np.full(self.fields_beside_coils, np.nan)
-        if self._follow:
-            return self.of_state(self._followed(currents))
-        return self.of_state(self._solve(currents, *self._predicted(currents), _FOR_LOOKUPS))
+    def _fill(self, currents: Array, out: Array) -> None:
+        self._solved(kernels.current_weights, currents, out)
 
-    def _followed(self, currents: Array) -> Array:
-        """The amplitudes, begun from the last ones."""
-        path = self._path
-        start, factor = self._predicted(currents) if path is None else path.ahead(currents)
-        try:
-            found = self._solve(currents, start, factor, _FOR_LOOKUPS)
-        except NotConverged:
-            start, factor = self._predicted(currents)
-            found = self._solve(currents, start, factor, _FOR_LOOKUPS)
-        # One assignment: another thread sees the old path or the new one, never a mixture.
-        self._path = (
-            _Path(currents[None].copy(), found[None], factor)
-            if path is None
-            else path.further(currents, found, factor)
-        )
-        return found
+    def _solved(self, kernel: Callable[..., int], currents: Array, *results: Array) -> None:
+        """Let the kernel fill the results at currents (c,); raise, or leave NaN, where they lie outside."""
+        state = self._state("lookups")
+        if not self._follow:
+            state.numbers[kernels.COUNT] = 0.0
+        status = kernel(self._of_lookups, state, currents, *results)
+        if status == kernels.NOT_CONVERGED and self._follow:
+            status = kernel(self._of_lookups, state, currents, *results)
+        if status == kernels.BEYOND and self._outside == "raise":
+            problem = self._outside_domain(currents)
+            if problem is not None:
+                raise OutsideMapError(problem)
+            # Beyond the margin of one rule and within that of the other, which counts.
+            status = kernel(self._tight, state, currents, *results)
+        if status == kernels.NOT_CONVERGED:
+            raise not_converged(currents, state.numbers[kernels.LEFT])
+        if status != kernels.FOUND:
+            results[0][: len(currents)] = currents
 
-    def _holds(self, currents: Array) -> bool:
-        if not np.isfinite(currents).all():
-            return False
-        if self._outside == "evaluate":
-            return True
-        problem = self._outside_domain(currents)
-        if problem is not None and self._outside == "raise":
-            raise OutsideMapError(problem)
-        return problem is None
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "_own"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._own = threading.local()
 
     def _outside_domain(self, currents: Array) -> Problem | None:
         domain = self.model.domain

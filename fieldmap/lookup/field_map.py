@@ -25,9 +25,11 @@ from fieldmap.field import (
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
 from fieldmap.kernels.map.constant_field import with_constant
+from fieldmap.kernels.map.current_solver import solved_at_currents
 from fieldmap.kernels.map.current_table import tabulated_at_currents
-from fieldmap.lookup.actuation import Limits
+from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
+from fieldmap.lookup.current_solver import new_state
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.evaluation import (
     Box,
@@ -295,15 +297,22 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         """(function, data) to call from your own numba functions, without Python objects.
 
         With currents: B, G = function(data, x, y, z). Without: B, G = function(data, currents, x, y, z), the
-        currents a float64 array (n_coils,) that may change from call to call; of saturating iron only with
-        tabulate_currents. B is a tuple of three in T, G one
+        currents a float64 array (n_coils,) that may change from call to call. B is a tuple of three in T, G one
         of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
         outside="clamp"; a compiled function cannot raise OutsideMapError.
+
+        Of saturating iron without currents, `data` remembers the last currents, from which the next solve begins: ask
+        for one in each thread. Results are off by a tenth of `current_error` or less, more than those of `field`.
+        Currents beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it remembers
+        nothing, and only currents in the table do not give NaN. Its second and third part are what
+        `fieldmap.kernels.map.current_solver.current_weights` and `current_slopes` take.
         """
         if currents is None and self._table is not None:
             return tabulated_at_currents, (self._form.unit, self._table.arrays)
+        if currents is None and self._model is not None:
+            (_, block), model = self._evaluator.compiled(), self._model.compiled
+            return solved_at_currents, (block, model, new_state(model))
         if currents is None:
-            require_affine(self, "compiled without currents")
             function, data = self._evaluator.compiled()
             return (with_constant(function), data) if self._constant else (function, data)
         return self.at(currents).compiled()
@@ -403,6 +412,15 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
         return result[0] if single else result
 
+    def actuation(self, position: ArrayLike, currents: Any, moment: ArrayLike | None = None) -> Actuation:
+        """What each coil's ampere does at a position (3,), about currents (n_coils,), A, linear or saturating iron.
+
+        Rows: flux density, T/A, five entries of its gradient, T/(m A); with a dipole of `moment` (3,), A m^2, force,
+        N/A, and torque, N m/A. `matrix @ i + constant` is the map to first order about the currents, and exact where it
+        superposes: docs/theory/actuation.md. Raises OutsideMapError.
+        """
+        return actuation(self, position, currents, moment)
+
     def currents_for(
         self,
         position: ArrayLike,
@@ -465,6 +483,25 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         """Gradient per ampere in each coil, (n, n_coils, 3, 3), T/(m A)."""
         _, slope, single = self._units(points, 3)
         return slope[0] if single else slope
+
+    def by_currents(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        """Derivatives by the currents (n_coils,) at these currents: dB/dI (n, n_coils, 3), T/A, and dG/dI (n, n_coils,
+        3, 3), T/(m A).
+
+        Of a map that superposes they are `unit_field` and `unit_gradient`, whatever the currents; of saturating iron
+        those of its model, exact, for each coil by itself also where the map is made for divided currents.
+        """
+        amperes = self._amperes(currents)
+        if self._model is None:
+            return self.unit_field(points), self.unit_gradient(points)
+        _, slopes = self._model.weights_and_slopes(amperes)
+        where, single = checked_vectors("points", points)
+        shape = (len(where), len(slopes))
+        flux, slope = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
+        in_chunks(self._evaluator.each_field, where, [flux, slope], self._box)
+        by_flux = np.einsum("nfi,fc->nci", flux, slopes, optimize=True)
+        by_slope = np.einsum("nfij,fc->ncij", slope, slopes, optimize=True)
+        return (by_flux[0], by_slope[0]) if single else (by_flux, by_slope)
 
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
         require_affine(self, "unit_field")

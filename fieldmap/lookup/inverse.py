@@ -248,7 +248,6 @@ def _no_place(position: Array) -> OutsideMapError:
 
 _MOST_STEPS = 100
 _TOLERANCE = 1e-9  # of the demand, row by row in units of what a typical current gives
-_DIFFERENCE = 1e-4  # of the range of the currents, for the derivative of the model's weights
 _NO_PROGRESS = 1e-4  # a share of the step below which the search gives up
 _NO_SAVING = 1e-12  # of the power
 
@@ -288,11 +287,11 @@ class _Search:
         high: Array,
         weight: Array,
     ) -> None:
-        self.model, self.names, self.at, self.demand = model, names, at, demand
+        self.model, self.names, self.at, self.demand = model.search(), names, at, demand
         self.low, self.high, self.weight = low, high, weight
-        self.step = _DIFFERENCE * np.maximum(np.ptp(model.model.known_currents, axis=0), 1e-12)
         typical = np.maximum(np.abs(model.model.known_currents).max(axis=0), 1e-12)
-        self.size = np.maximum(np.abs(self._slope(np.clip(0.0, low, high))) @ typical, 1e-300)
+        unsaturated = at @ model.slopes_at(np.clip(0.0, low, high))
+        self.size = np.maximum(np.abs(unsaturated) @ typical, 1e-300)
         # The merit of currents: their power, and this price for what they miss of the demand.
         self.price = 10.0 * self._power(typical)
 
@@ -345,16 +344,11 @@ class _Search:
         return float(self.weight @ currents**2)
 
     def _slope(self, currents: Array) -> Array:
-        """Derivative (r, n_coils) of what is given by the currents: central differences of the model's weights."""
-        columns = []
-        for k, step in enumerate(self.step):
-            shift = step * np.eye(len(currents))[k]
-            columns.append((self._given(currents + shift) - self._given(currents - shift)) / (2 * step))
-        return np.ascontiguousarray(np.stack(columns, axis=1))
+        """Derivative (r, n_coils) of what is given by the currents."""
+        return np.ascontiguousarray(self.at @ self.model.slopes(currents))
 
     def _given(self, currents: Array) -> Array:
-        behind = self.model.of_state(self.model.amplitudes(currents))
-        return np.asarray(self.at @ np.concatenate([currents, behind]))
+        return np.asarray(self.at @ self.model.weights(currents))
 
     def _off(self, currents: Array) -> float:
         """How far the demand is missed."""

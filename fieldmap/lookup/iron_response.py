@@ -18,6 +18,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
 from fieldmap.kernels.map import map_block
+from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.field_map import FieldMap
@@ -63,10 +64,17 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
     model = _model(field_map)
     amperes = coil_currents(currents, field_map.coil_names, len(np.atleast_2d(currents)), finite=False)
     rows = np.ascontiguousarray(np.atleast_2d(amperes))
-    for row in rows:
-        model.weights(row)  # raises where the currents lie outside
-    amplitudes = np.array([model.amplitudes(row) for row in rows])
-    return model.of_amplitudes(amplitudes), model.slopes(rows, amplitudes)
+    found = [model.weights_and_slopes(row) for row in rows]
+    coils = len(field_map.coil_names)
+    return np.array([weights[coils:] for weights, _ in found]), np.array([s[coils:] for _, s in found])
+
+
+def compiled_currents(field_map: FieldMap) -> CompiledModel:
+    """What `fieldmap.kernels.map.current_solver` takes of a map of saturating iron, for its currents without a table.
+
+    Raises InputError for a map that superposes.
+    """
+    return _model(field_map).compiled
 
 
 def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:

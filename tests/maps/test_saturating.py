@@ -365,7 +365,10 @@ def test_a_map_of_groups_knows_its_currents(data):
     model = CurrentModel(replace(data.reduced_model, **bounds), data.coil_names)
     free = CurrentModel(data.reduced_model, data.coil_names)
     equal = np.array([1.5, 1.5])
-    np.testing.assert_array_equal(model.weights(equal), free.weights(equal))
+    weights, others = model.weights(equal), free.weights(equal)
+    for values in (data.flux_density, data.gradient):
+        difference = np.abs(np.tensordot(others - weights, values, 1)).max()
+        assert difference < 1e-6 * np.abs(np.tensordot(weights, values, 1)).max()
     for beyond in ([1.5, 1.4], [2.5, 2.5]):
         with pytest.raises(OutsideMapError):
             model.weights(np.array(beyond))
@@ -452,12 +455,12 @@ def test_currents_that_give_a_field_through_saturated_iron(data, folder):
 
 
 def test_what_newtons_method_leaves_is_far_below_what_the_model_is_off(data):
-    """A lookup against the same equations solved to 1e-11, in the fields that it adds up."""
+    """A lookup against the same equations solved to 1e-10, in the fields that it adds up."""
     model = CurrentModel(data.reduced_model, data.coil_names)
     reduced = data.reduced_model
     shares = np.random.default_rng(3).random((12, 2))
     for currents in reduced.lower + shares * (reduced.upper - reduced.lower):
-        exact = reduced.output @ model._solve(currents, *model._predicted(currents), 1e-11)
+        exact = model.search().weights(currents)[2:]
         left = model.weights(currents)[2:] - exact
         for values, own in (
             (data.flux_density, data.current_error.flux_density),

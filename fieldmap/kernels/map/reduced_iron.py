@@ -161,7 +161,7 @@ def _add_points(factors, at, total):
 
 
 @njit(cache=True, fastmath=True)
-def _material_tangent(h, single, isotropic, along):
+def material_tangent(h, single, isotropic, along):
     """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete."""
     count, points = single.shape[1], isotropic.size
     # Rows of whole vector registers; the numbers behind the last one are zero.
@@ -187,9 +187,9 @@ def _material_tangent(h, single, isotropic, along):
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _tangent_factor(h, single, isotropic, along, air, factor):
+def fill_tangent_factor(h, single, isotropic, along, air, factor):
     """factor (r, r), lower: that of Cholesky of K."""
-    tangent = _material_tangent(h, single, isotropic, along)
+    tangent = material_tangent(h, single, isotropic, along)
     for i in range(air.shape[0]):
         whole = np.float64(tangent[i, i]) + air[i, i]
         for j in range(i + 1):
@@ -201,7 +201,7 @@ def _tangent_factor(h, single, isotropic, along, air, factor):
 
 
 @njit(cache=True, fastmath=True)
-def _energy(factor, amplitude):
+def energy_of(factor, amplitude):
     """a . K a."""
     product = np.zeros(amplitude.size)
     for i in range(amplitude.size):
@@ -250,12 +250,12 @@ def newton(
         for _ in range(2):
             fresh = not known
             if fresh:
-                _tangent_factor(h, single, isotropic, along, air, factor)
+                fill_tangent_factor(h, single, isotropic, along, air, factor)
                 count = 0
             direction(factor, residual, changes, responses, count, change)
             slope = np.dot(residual, change)
             # A thousandth of what there was counts as well: where the solution is zero, nothing is small beside it.
-            energy = _energy(factor, a)
+            energy = energy_of(factor, a)
             largest = max(largest, energy)
             decrement = math.sqrt(max(slope, 0.0) / max(energy, 1e-6 * largest))
             known = fresh or decrement < _GAIN * before
@@ -321,12 +321,12 @@ def tangent_factor(source, gradients, single, weights, law, offset, knots, coeff
     vector, isotropic, along = np.empty_like(h), np.empty(weights.size), np.empty(weights.size)
     _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
     factor = np.zeros_like(air)
-    _tangent_factor(h, single, isotropic, along, air, factor)
+    fill_tangent_factor(h, single, isotropic, along, air, factor)
     return factor
 
 
 @njit(cache=True, fastmath=True)
-def _right_sides(h, single, isotropic, along, unit):
+def right_sides(h, single, isotropic, along, unit):
     """G^T w (db/dh - 1) s (c, r) for the coils' fields per ampere `unit` (3 p, c)."""
     count = single.shape[1]
     out = np.zeros((unit.shape[1], count))
@@ -359,8 +359,8 @@ def sensitivities(
     for s in range(states):
         h = sources[:, s] - times(gradients, amplitudes[s])
         _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
-        _tangent_factor(h, single, isotropic, along, air, factors[s])
-        right = _right_sides(h, single, isotropic, along, unit_source)
+        fill_tangent_factor(h, single, isotropic, along, air, factors[s])
+        right = right_sides(h, single, isotropic, along, unit_source)
         for c in range(coils):
             solve_factored(factors[s], right[c], column)
             for i in range(modes):

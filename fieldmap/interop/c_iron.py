@@ -1,0 +1,137 @@
+"""A map of saturating iron as one flat file for C programs, at any currents.
+
+fieldmap_iron.h, beside this module, reads it.
+
+Layout, in the byte order of the machine that writes:
+
+    0   8 bytes   "fmapiron"
+    8   uint32    0x01020304, which shows the byte order
+    12  uint32    version: 1
+    16  uint64    size of the file in bytes
+    24  uint32    CRC-32 of all that follows
+    28  uint32    0
+    32  uint64    number of float64 numbers of the model
+    40  float64   20 numbers: points, modes, numbers in a row of single precision, coils, fields of the iron, whether
+                  there is a background, laws, knots, terms, signals, whether the currents are a lift and directions,
+                  whether currents outside are refused, all fields; exponent, limit of a current, tolerance of currents
+                  off the parametrisation, tolerance of a solve; three zeros
+        float64   the arrays of `fieldmap.kernels.map.current_solver.CompiledModel`
+        float32   gradients and expansion, rows filled with zeros to a multiple of 16
+        bytes     the fields of coils, iron and background as a map of `fieldmap.interop.c_map`
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes, plain_block
+from fieldmap.kernels.map.current_solver import CompiledModel
+from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
+from fieldmap.lookup import FieldMap, compiled_currents, unit_block
+from fieldmap.store.whole_files import write_whole
+from fieldmap.typing import Array
+
+VERSION = 1
+_LANES, _SIZES = 16, 20
+
+
+def c_iron_header() -> Path:
+    """The header for C programs, as it lies in the package; it needs `fieldmap.interop.c_header()` beside it."""
+    return Path(__file__).with_name("fieldmap_iron.h")
+
+
+def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
+    """Write an opened map of saturating iron for C programs that set its currents.
+
+    The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate". Raises InputError for a map
+    whose fields superpose, which `write_c_map` writes, and for a Hermite form.
+
+    >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
+    >>> write_c_iron_map(open_map("workspace.h5"), "workspace.fmap")                        # doctest: +SKIP
+    """
+    if field.affine:
+        must_hold = "must be a map of saturating iron"
+        raise InputError(
+            Problem("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
+        )
+    block, model = unit_block(field), compiled_currents(field)
+    check_harmonic(block, "write_c_iron_map, field")
+    target = Path(path)
+    names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
+    names += ("background",) if model.fixed.size else ()
+    numbers = _numbers(model)
+    behind = map_bytes(plain_block(block), names, constant=False)
+    tail = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
+    head = struct.pack("=8sIIQ", b"fmapiron", 0x01020304, VERSION, 28 + len(tail))
+    write_whole(target, head + struct.pack("=I", zlib.crc32(tail)) + tail)
+    return target
+
+
+def write_c_iron_files(field: FieldMap, path: str | PathLike[str]) -> tuple[Path, Path, Path]:
+    """`write_c_iron_map`, and the two headers that read it beside it."""
+    written = write_c_iron_map(field, path)
+    headers = [written.with_name(header.name) for header in (c_iron_header(), c_header())]
+    for beside, header in zip(headers, (c_iron_header(), c_header()), strict=True):
+        write_whole(beside, header.read_bytes())
+    return written, headers[0], headers[1]
+
+
+def _numbers(model: CompiledModel) -> Array:
+    """Sizes and arrays of a model, behind one another."""
+    domain, modes = model.domain, len(model.constant)
+    wide = _LANES * -(-modes // _LANES)
+    division = domain.kind == LIFT_AND_DIRECTIONS
+    sizes = np.zeros(_SIZES)
+    sizes[:17] = (
+        len(model.weights),
+        modes,
+        wide,
+        model.source.shape[1],
+        len(model.output),
+        model.fixed.size > 0,
+        len(model.offset) - 1,
+        len(model.knots),
+        len(model.terms),
+        len(domain.lower),
+        division,
+        domain.checked,
+        model.source.shape[1] + len(model.output) + (model.fixed.size > 0),
+        domain.exponent,
+        domain.limit,
+        domain.tolerance,
+        model.tolerance,
+    )
+    arrays = (
+        model.source,
+        model.fixed,
+        model.weights,
+        model.law,
+        model.offset,
+        model.knots,
+        model.coefficients,
+        model.air,
+        model.constant,
+        model.output,
+        model.factor,
+        model.terms,
+        domain.matrix,
+        domain.inverse,
+        domain.lower,
+        domain.upper,
+    )
+    doubles = [sizes, *(np.asarray(each, dtype=np.float64).ravel() for each in arrays)]
+    singles = [_widened(each, wide).view(np.float64).ravel() for each in (model.gradients, model.expansion)]
+    return np.concatenate([*doubles, *singles])
+
+
+def _widened(rows: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
+    out = np.zeros((len(rows), wide), np.float32)
+    out[:, : rows.shape[1]] = rows
+    return out

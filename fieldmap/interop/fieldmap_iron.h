@@ -1,0 +1,854 @@
+/* fieldmap_iron.h: field, gradient, wrench and actuation of coils with saturating iron at any currents, in C99.
+ *
+ * The map is a file that `fieldmap export MAP --to c -o iron.fmap` writes of a map of saturating iron; docs/c.md has an
+ * example. It holds the fields of the coils and of the iron, as fieldmap.h reads them, and the model that turns currents
+ * into their weights (docs/theory/current_dependence.md). What a solve remembers and works with lies in memory of the
+ * caller, fieldmap_iron_memory() bytes for each thread: nothing here takes memory but fieldmap_iron_open. A solve takes
+ * FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once.
+ *
+ * Every function returns FIELDMAP_OK or the reason why not, and NaN with it: of fieldmap.h, or one of those below.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_IRON_H
+#define FIELDMAP_IRON_H
+
+#include "fieldmap.h"
+
+enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRON_MEMORY = 34 };
+
+enum {
+    FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16,
+    FIELDMAP_IRON_SIZES = 20, FIELDMAP_IRON_NAMES = 32, FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
+};
+
+/* A map of saturating iron: treat as read-only. fields: those of the coils, the iron and a background, of whose weights
+ * the field is the sum. p points, r modes, of which rows of `wide` numbers are stored, c coils, k fields of the iron. */
+typedef struct fieldmap_iron {
+    fieldmap fields;
+    int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked;
+    double exponent, limit, off, tolerance;
+    const double *source, *fixed, *weights, *law, *offset, *knots, *coefficients, *air, *constant, *output, *factor;
+    const double *terms, *matrix, *inverse, *lower, *upper;
+    const float *gradients, *expansion;
+    void *owned;
+} fieldmap_iron;
+
+/* What solves remember and work with; one for each thread. steps, decrement: of the last solve, its number of steps and
+ * the last of them as a share of the state, in the norm of the energy. tolerance: at which a solve ends; may be set. */
+typedef struct fieldmap_iron_state {
+    const fieldmap_iron *map;
+    int count, factored, steps;
+    double decrement, tolerance;
+    double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
+    double *change, *rest, *left, *changes, *responses, *isotropic, *along, *right, *products;
+    float *single, *single_change, *total, *rows;
+    int *piece;
+} fieldmap_iron_state;
+
+/* What a status means. */
+static inline const char *fieldmap_iron_message(int status)
+{
+    switch (status) {
+    case FIELDMAP_IRON_BEYOND: return "currents outside the domain that the map was made for";
+    case FIELDMAP_IRON_NOT_CONVERGED: return "Newton's method did not converge";
+    case FIELDMAP_IRON_MEMORY: return "memory of the state is too small, or not at a multiple of 64";
+    default: return fieldmap_message(status);
+    }
+}
+
+/* The next `count` numbers of a file of which `left` are not taken yet, or NULL if there are not as many. */
+static inline const double *fieldmap_iron_take(const double **at, uint64_t *left, uint64_t count)
+{
+    const double *here = *at;
+    if (count > *left) return NULL;
+    *at += count;
+    *left -= count;
+    return here;
+}
+
+/* Whether numbers that are positions lie in low..high, each at `step` from the last. */
+static inline int fieldmap_iron_positions(const double *values, int count, int step, long low, long high)
+{
+    int i;
+    for (i = 0; i < count; i++)
+        if (fieldmap_whole(values[(size_t)i * (size_t)step], low, high) < 0) return 0;
+    return 1;
+}
+
+/* Take the arrays of the model behind its sizes, and check what positions are read through. */
+static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uint64_t left)
+{
+    const uint64_t p = (uint64_t)map->p, r = (uint64_t)map->r, c = (uint64_t)map->n_coils, d = (uint64_t)map->n_signals;
+    const uint64_t t = (uint64_t)map->n_terms, n = (uint64_t)map->n_knots, matrix = map->division ? 0 : c * d;
+    const double *numbers;
+    int i;
+    map->source = fieldmap_iron_take(&at, &left, 3 * p * c);
+    map->fixed = fieldmap_iron_take(&at, &left, map->has_fixed ? 3 * p : 0);
+    map->weights = fieldmap_iron_take(&at, &left, p);
+    map->law = fieldmap_iron_take(&at, &left, p);
+    map->offset = fieldmap_iron_take(&at, &left, (uint64_t)map->n_laws + 1);
+    map->knots = fieldmap_iron_take(&at, &left, n);
+    map->coefficients = fieldmap_iron_take(&at, &left, 4 * n);
+    map->air = fieldmap_iron_take(&at, &left, r * r);
+    map->constant = fieldmap_iron_take(&at, &left, r);
+    map->output = fieldmap_iron_take(&at, &left, (uint64_t)map->k * r);
+    map->factor = fieldmap_iron_take(&at, &left, r * r);
+    map->terms = fieldmap_iron_take(&at, &left, 3 * t);
+    map->matrix = fieldmap_iron_take(&at, &left, matrix);
+    map->inverse = fieldmap_iron_take(&at, &left, matrix);
+    map->lower = fieldmap_iron_take(&at, &left, d);
+    map->upper = fieldmap_iron_take(&at, &left, d);
+    numbers = fieldmap_iron_take(&at, &left, 3 * p * (uint64_t)map->wide / 2);
+    map->gradients = (const float *)(const void *)numbers;
+    numbers = fieldmap_iron_take(&at, &left, t * (uint64_t)map->wide / 2);
+    map->expansion = (const float *)(const void *)numbers;
+    if (numbers == NULL || left != 0) return FIELDMAP_DAMAGED;
+    if (map->offset[0] != 0.0 || map->offset[map->n_laws] != (double)map->n_knots) return FIELDMAP_DAMAGED;
+    for (i = 0; i < map->n_laws; i++)
+        if (fieldmap_whole(map->offset[i], 0, map->n_knots - 1) < 0 || !(map->offset[i] < map->offset[i + 1]))
+            return FIELDMAP_DAMAGED;
+    if (!fieldmap_iron_positions(map->law, map->p, 1, 0, map->n_laws - 1)) return FIELDMAP_DAMAGED;
+    for (i = 0; i < map->n_terms; i++)
+        if (fieldmap_whole(map->terms[3 * i], 0, i > 0 ? i - 1 : 0) < 0) return FIELDMAP_DAMAGED;
+    if (!fieldmap_iron_positions(map->terms + 1, map->n_terms, 3, 0, map->n_signals - 1)) return FIELDMAP_DAMAGED;
+    if (!fieldmap_iron_positions(map->terms + 2, map->n_terms, 3, 0, FIELDMAP_IRON_MAX_DEGREE)) return FIELDMAP_DAMAGED;
+    return FIELDMAP_OK;
+}
+
+/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive the
+ * map. No memory is taken. */
+static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
+{
+    static const long most[13] = {1000000, 4096, 4096 + 16, 256, 4096, 1, 4096, 1000000, 100000,
+                                  FIELDMAP_IRON_MAX_SIGNALS, 1, 1, 4096 + 257};
+    const unsigned char *raw = (const unsigned char *)bytes;
+    const double *numbers;
+    long sizes[13];
+    uint32_t order, version, crc;
+    uint64_t total, count, i;
+    int status;
+    if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
+    memset(map, 0, sizeof *map);
+    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
+    if (size < 8 || memcmp(raw, "fmapiron", 8) != 0) return FIELDMAP_NOT_A_MAP;
+    if (size < 40 + 8 * FIELDMAP_IRON_SIZES) return FIELDMAP_TRUNCATED;
+    memcpy(&order, raw + 8, 4);
+    memcpy(&version, raw + 12, 4);
+    memcpy(&total, raw + 16, 8);
+    memcpy(&crc, raw + 24, 4);
+    memcpy(&count, raw + 32, 8);
+    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
+    if (version != 1u) return FIELDMAP_VERSION;
+    if (total > size) return FIELDMAP_TRUNCATED;
+    if (total < size || count < FIELDMAP_IRON_SIZES || count > (size - 40) / 8) return FIELDMAP_DAMAGED;
+    if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
+    numbers = (const double *)(const void *)(raw + 40);
+    for (i = 0; i < 13; i++) {
+        sizes[i] = fieldmap_whole(numbers[i], 0, most[i]);
+        if (sizes[i] < 0) return FIELDMAP_DAMAGED;
+    }
+    map->p = (int)sizes[0], map->r = (int)sizes[1], map->wide = (int)sizes[2], map->n_coils = (int)sizes[3];
+    map->k = (int)sizes[4], map->has_fixed = (int)sizes[5], map->n_laws = (int)sizes[6], map->n_knots = (int)sizes[7];
+    map->n_terms = (int)sizes[8], map->n_signals = (int)sizes[9], map->division = (int)sizes[10];
+    map->checked = (int)sizes[11], map->n_fields = (int)sizes[12];
+    map->exponent = numbers[13], map->limit = numbers[14], map->off = numbers[15], map->tolerance = numbers[16];
+    if (map->p < 1 || map->r < 1 || map->n_coils < 1 || map->n_laws < 1 || map->n_knots < 1 || map->n_terms < 1
+        || map->n_signals < 1 || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
+        || map->n_fields != map->n_coils + map->k + map->has_fixed
+        || (map->division && (map->n_coils != 6 || map->n_signals != 3)) || !(map->tolerance > 0.0)) {
+        memset(map, 0, sizeof *map);
+        return FIELDMAP_DAMAGED;
+    }
+    status = fieldmap_iron_arrays(map, numbers + FIELDMAP_IRON_SIZES, count - FIELDMAP_IRON_SIZES);
+    if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + 40 + 8 * count, size - 40 - 8 * (size_t)count);
+    if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
+    if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
+    return status;
+}
+
+/* Give back what fieldmap_iron_open took. */
+static inline void fieldmap_iron_close(fieldmap_iron *map)
+{
+    if (map != NULL) {
+        free(map->owned);
+        memset(map, 0, sizeof *map);
+    }
+}
+
+/* Read a file whole. */
+static inline int fieldmap_iron_open(fieldmap_iron *map, const char *path)
+{
+    FILE *file;
+    long size;
+    void *bytes;
+    int status;
+    if (map == NULL || path == NULL) return FIELDMAP_ARGUMENT;
+    memset(map, 0, sizeof *map);
+    file = fopen(path, "rb");
+    if (file == NULL) return FIELDMAP_NO_FILE;
+    if (fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
+        fclose(file);
+        return FIELDMAP_NO_FILE;
+    }
+    bytes = malloc(size > 0 ? (size_t)size : 1);
+    status = bytes == NULL ? FIELDMAP_NO_MEMORY : FIELDMAP_OK;
+    if (bytes != NULL && fread(bytes, 1, (size_t)size, file) != (size_t)size) status = FIELDMAP_NO_FILE;
+    fclose(file);
+    if (status == FIELDMAP_OK) status = fieldmap_iron_view(map, bytes, (size_t)size);
+    if (status == FIELDMAP_OK)
+        map->owned = bytes;
+    else
+        free(bytes);
+    return status;
+}
+
+/* Where the next array of `count` things of `size` bytes begins, in steps of 64 bytes. */
+static inline void *fieldmap_iron_place(unsigned char *memory, size_t *used, size_t count, size_t size)
+{
+    void *here = memory == NULL ? NULL : memory + *used;
+    *used += (count * size + 63) / 64 * 64;
+    return here;
+}
+
+/* Lay out the arrays of a state; how many bytes they take. */
+static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_iron_state *s, unsigned char *memory)
+{
+    const size_t n = 3 * (size_t)map->p, p = (size_t)map->p, r = (size_t)map->r, w = (size_t)map->wide, d = sizeof(double);
+    const size_t c = (size_t)map->n_coils, f = sizeof(float), pairs = FIELDMAP_IRON_PAIRS;
+    size_t used = 0;
+    s->currents = (double *)fieldmap_iron_place(memory, &used, FIELDMAP_IRON_PASSED * c, d);
+    s->amplitudes = (double *)fieldmap_iron_place(memory, &used, FIELDMAP_IRON_PASSED * r, d);
+    s->factor = (double *)fieldmap_iron_place(memory, &used, r * r, d);
+    s->h = (double *)fieldmap_iron_place(memory, &used, n, d);
+    s->solution = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_fields, d);
+    s->applied = (double *)fieldmap_iron_place(memory, &used, n, d);
+    s->vector = (double *)fieldmap_iron_place(memory, &used, n, d);
+    s->moved = (double *)fieldmap_iron_place(memory, &used, n, d);
+    s->step_h = (double *)fieldmap_iron_place(memory, &used, n, d);
+    s->residual = (double *)fieldmap_iron_place(memory, &used, w, d);
+    s->response = (double *)fieldmap_iron_place(memory, &used, w, d);
+    s->change = (double *)fieldmap_iron_place(memory, &used, w, d);
+    s->rest = (double *)fieldmap_iron_place(memory, &used, w, d);
+    s->left = (double *)fieldmap_iron_place(memory, &used, w, d);
+    s->changes = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
+    s->responses = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
+    s->isotropic = (double *)fieldmap_iron_place(memory, &used, p, d);
+    s->along = (double *)fieldmap_iron_place(memory, &used, p, d);
+    s->right = (double *)fieldmap_iron_place(memory, &used, c * w, d);
+    s->products = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_terms, d);
+    s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
+    s->single_change = (float *)fieldmap_iron_place(memory, &used, w, f);
+    s->total = (float *)fieldmap_iron_place(memory, &used, r * w, f);
+    s->rows = (float *)fieldmap_iron_place(memory, &used, 4 * w, f);
+    s->piece = (int *)fieldmap_iron_place(memory, &used, p, sizeof(int));
+    return used;
+}
+
+/* Bytes that a state needs. */
+static inline size_t fieldmap_iron_memory(const fieldmap_iron *map)
+{
+    fieldmap_iron_state state;
+    return map == NULL || map->p == 0 ? 0 : fieldmap_iron_lay_out(map, &state, NULL);
+}
+
+/* Begin a state in memory of the caller, at an address that is a multiple of 64, which must outlive it. */
+static inline int fieldmap_iron_start(
+    fieldmap_iron_state *state, const fieldmap_iron *map, void *memory, size_t size)
+{
+    int i;
+    if (state == NULL || map == NULL || map->p == 0 || memory == NULL) return FIELDMAP_ARGUMENT;
+    if ((uintptr_t)memory % 64 != 0 || size < fieldmap_iron_memory(map)) return FIELDMAP_IRON_MEMORY;
+    memset(state, 0, sizeof *state);
+    memset(memory, 0, fieldmap_iron_memory(map));
+    fieldmap_iron_lay_out(map, state, (unsigned char *)memory);
+    state->map = map;
+    state->tolerance = map->tolerance;
+    for (i = 0; i < map->p; i++) state->piece[i] = (int)map->offset[(int)map->law[i]];
+    return FIELDMAP_OK;
+}
+
+/* Sums of `wide` products, in lanes that a compiler makes vectors of. */
+static inline float fieldmap_iron_dot(const float *a, const float *b, int wide)
+{
+    float lanes[FIELDMAP_IRON_LANES] = {0}, total = 0.0f;
+    int i, j;
+    for (i = 0; i < wide; i += FIELDMAP_IRON_LANES)
+        for (j = 0; j < FIELDMAP_IRON_LANES; j++) lanes[j] += a[i + j] * b[i + j];
+    for (j = 0; j < FIELDMAP_IRON_LANES; j++) total += lanes[j];
+    return total;
+}
+
+static inline double fieldmap_iron_mixed_dot(const float *a, const double *b, int wide)
+{
+    double lanes[8] = {0}, total = 0.0;
+    int i, j;
+    for (i = 0; i < wide; i += 8)
+        for (j = 0; j < 8; j++) lanes[j] += (double)a[i + j] * b[i + j];
+    for (j = 0; j < 8; j++) total += lanes[j];
+    return total;
+}
+
+static inline double fieldmap_iron_product(const double *a, const double *b, int count)
+{
+    double lanes[8] = {0}, total = 0.0;
+    int i, j;
+    for (i = 0; i + 8 <= count; i += 8)
+        for (j = 0; j < 8; j++) lanes[j] += a[i + j] * b[i + j];
+    for (; i < count; i++) total += a[i] * b[i];
+    for (j = 0; j < 8; j++) total += lanes[j];
+    return total;
+}
+
+/* The six currents of a lift u and directions x, y, as fieldmap.currents.LiftAndDirections. */
+static inline void fieldmap_iron_divide(double u, double x, double y, double n, double *i)
+{
+    double half;
+    i[0] = u * (1.0 - x) * (1.0 - y), i[2] = u * (1.0 - x) * (1.0 + y);
+    i[3] = u * (1.0 + x) * (1.0 - y), i[5] = u * (1.0 + x) * (1.0 + y);
+    half = 3.0 * u - 0.5 * (i[0] + i[2] + i[3] + i[5]);
+    i[1] = half * (1.0 - n * x), i[4] = half * (1.0 + n * x);
+}
+
+/* The signals nearest to currents; whether they lie in the domain. */
+static inline int fieldmap_iron_signals(const fieldmap_iron *map, const double *currents, double *out)
+{
+    double largest = 0.0, worst = 0.0, n = map->exponent, u = 0.0, near[6];
+    int inside, j, k;
+    for (k = 0; k < map->n_coils; k++) largest = fmax(largest, fabs(currents[k]));
+    if (map->division) {
+        for (k = 0; k < 6; k++) u += currents[k];
+        u /= 6.0;
+        out[0] = out[1] = out[2] = 0.0;
+        if (u == 0.0) {
+            worst = (double)INFINITY;
+        } else {
+            out[0] = u;
+            out[1] = currents[3] + currents[5] - currents[0] - currents[2] + n * (currents[4] - currents[1]);
+            out[1] /= (4.0 + 2.0 * n * n) * u;
+            out[2] = (currents[2] + currents[5] - currents[0] - currents[3]) / (4.0 * u);
+            fieldmap_iron_divide(u, out[1], out[2], n, near);
+            for (k = 0; k < 6; k++) worst = fmax(worst, fabs(near[k] - currents[k]));
+            worst /= fabs(u);
+        }
+    } else {
+        for (j = 0; j < map->n_signals; j++)
+            out[j] = fieldmap_iron_product(map->inverse + (size_t)j * (size_t)map->n_coils, currents, map->n_coils);
+        for (k = 0; k < map->n_coils; k++)
+            worst = fmax(worst, fabs(fieldmap_iron_product(
+                map->matrix + (size_t)k * (size_t)map->n_signals, out, map->n_signals) - currents[k]));
+        if (largest > 0.0) worst /= largest;
+    }
+    inside = worst <= map->off && largest <= map->limit;
+    for (j = 0; j < map->n_signals; j++) inside = inside && map->lower[j] <= out[j] && out[j] <= map->upper[j];
+    return inside;
+}
+
+/* Amplitudes to begin with, at signals that are taken to the nearest of the domain. */
+static inline void fieldmap_iron_expand(const fieldmap_iron *map, fieldmap_iron_state *s, const double *values, double *a)
+{
+    double t[FIELDMAP_IRON_MAX_SIGNALS][FIELDMAP_IRON_MAX_DEGREE + 1];
+    int i, j, m, n;
+    for (j = 0; j < map->n_signals; j++) {
+        double width = map->upper[j] - map->lower[j];
+        double x = width > 0.0 ? fmin(fmax(2.0 * (values[j] - map->lower[j]) / width - 1.0, -1.0), 1.0) : 0.0;
+        t[j][0] = 1.0, t[j][1] = x;
+        for (n = 2; n <= FIELDMAP_IRON_MAX_DEGREE; n++) t[j][n] = 2.0 * x * t[j][n - 1] - t[j][n - 2];
+    }
+    for (m = 0; m < map->wide; m++) s->single[m] = 0.0f;
+    for (i = 0; i < map->n_terms; i++) {
+        const double *term = map->terms + 3 * i;
+        const float *row = map->expansion + (size_t)i * (size_t)map->wide;
+        float share;
+        s->products[i] = i > 0 ? s->products[(int)term[0]] * t[(int)term[1]][(int)term[2]] : 1.0;
+        share = (float)s->products[i];
+        for (m = 0; m < map->wide; m++) s->single[m] += share * row[m];
+    }
+    for (m = 0; m < map->r; m++) a[m] = (double)s->single[m];
+}
+
+/* b and db/dh at point p; its piece of the law is renewed. */
+static inline double fieldmap_iron_law(const fieldmap_iron *map, int *piece, int p, double h, double *slope)
+{
+    const int law = (int)map->law[p], high = (int)map->offset[law + 1] - 1;
+    const double *knots = map->knots, *c;
+    double t, c0, c1;
+    int j = piece[p];
+    if (!(knots[j] <= h && (j == high || h < knots[j + 1]))) {
+        int above = high;
+        j = (int)map->offset[law];
+        while (above - j > 1) {
+            int middle = (j + above) / 2;
+            if (knots[middle] <= h)
+                j = middle;
+            else
+                above = middle;
+        }
+        if (h >= knots[high]) j = high;
+        piece[p] = j;
+    }
+    t = h - knots[j];
+    c = map->coefficients + 4 * (size_t)j;
+    c0 = j == high ? 0.0 : c[0], c1 = j == high ? 0.0 : c[1];
+    *slope = (3.0 * c0 * t + 2.0 * c1) * t + c[2];
+    return ((c0 * t + c1) * t + c[2]) * t + c[3];
+}
+
+/* w m(|h|) of point p. */
+static inline double fieldmap_iron_magnetised(const fieldmap_iron *map, int *piece, int p, const double *h)
+{
+    double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope;
+    return map->weights[p] * (fieldmap_iron_law(map, piece, p, size, &slope) / size - 1.0);
+}
+
+/* h, vector = w m h and the residual at amplitudes a (wide numbers, zero behind the last): sums in double precision. */
+static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
+{
+    const int w = map->wide, r = map->r;
+    int i, j, p;
+    for (j = 0; j < w; j++) s->residual[j] = 0.0;
+    for (p = 0; p < map->p; p++) {
+        const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
+        double *h = s->h + 3 * (size_t)p, *v = s->vector + 3 * (size_t)p, m;
+        for (i = 0; i < 3; i++) h[i] = s->applied[3 * p + i] - fieldmap_iron_mixed_dot(g + i * w, a, w);
+        m = fieldmap_iron_magnetised(map, s->piece, p, h);
+        for (i = 0; i < 3; i++) v[i] = m * h[i];
+        for (j = 0; j < w; j++)
+            s->residual[j] += v[0] * (double)g[j] + v[1] * (double)g[w + j] + v[2] * (double)g[2 * w + j];
+    }
+    for (i = 0; i < r; i++)
+        s->residual[i] += map->constant[i] - fieldmap_iron_product(map->air + (size_t)i * (size_t)r, a, r);
+}
+
+/* step_h = G change, moved = w m h at h - step_h, single = G^T (moved - vector), in one pass; the law's slopes along the
+ * step before and behind it. */
+static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_state *s, double *before, double *behind)
+{
+    const int w = map->wide;
+    int i, j, p;
+    *before = *behind = 0.0;
+    for (j = 0; j < w; j++) s->single[j] = 0.0f;
+    for (p = 0; p < map->p; p++) {
+        const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
+        const size_t at = 3 * (size_t)p;
+        double h[3], m;
+        float d[3];
+        for (i = 0; i < 3; i++) {
+            s->step_h[at + (size_t)i] = (double)fieldmap_iron_dot(g + i * w, s->single_change, w);
+            h[i] = s->h[at + (size_t)i] - s->step_h[at + (size_t)i];
+        }
+        m = fieldmap_iron_magnetised(map, s->piece, p, h);
+        for (i = 0; i < 3; i++) {
+            const size_t k = at + (size_t)i;
+            s->moved[k] = m * h[i];
+            *before += s->vector[k] * s->step_h[k];
+            *behind += s->moved[k] * s->step_h[k];
+            d[i] = (float)(s->moved[k] - s->vector[k]);
+        }
+        for (j = 0; j < w; j++) s->single[j] += d[0] * g[j] + d[1] * g[w + j] + d[2] * g[2 * w + j];
+    }
+}
+
+/* The share in (0, 1) of a step that is too long at which the functional is least; moved and single as behind a pass. */
+static inline double fieldmap_iron_shorter(
+    const fieldmap_iron *map, fieldmap_iron_state *s, double rest, double curved, double start, double end)
+{
+    const int w = map->wide;
+    double low = 0.0, high = 1.0, low_value = start, high_value = end, t = 1.0;
+    int attempt, i, j, p;
+    for (attempt = 0; attempt < 11; attempt++) {
+        double share = low_value / (low_value - high_value), value = 0.0;
+        t = low + (high - low) * fmin(fmax(share, 0.1), 0.9);
+        for (p = 0; p < map->p; p++) {
+            const size_t at = 3 * (size_t)p;
+            double h[3], m;
+            for (i = 0; i < 3; i++) h[i] = s->h[at + (size_t)i] - t * s->step_h[at + (size_t)i];
+            m = fieldmap_iron_magnetised(map, s->piece, p, h);
+            for (i = 0; i < 3; i++) {
+                s->moved[at + (size_t)i] = m * h[i];
+                value += m * h[i] * s->step_h[at + (size_t)i];
+            }
+        }
+        value -= rest + t * curved;
+        if (fabs(value) < 0.1 * fabs(start)) break;
+        if (value < 0.0) {
+            high = t;
+            high_value = value;
+        } else {
+            low = t;
+            low_value = value;
+        }
+    }
+    for (j = 0; j < w; j++) s->single[j] = 0.0f;
+    for (i = 0; i < 3 * map->p; i++) {
+        const float share = (float)(s->moved[i] - s->vector[i]), *g = map->gradients + (size_t)i * (size_t)w;
+        for (j = 0; j < w; j++) s->single[j] += share * g[j];
+    }
+    return t;
+}
+
+/* One row (wide numbers) each of w (db/dh - 1) G for the three components of point p. */
+static inline void fieldmap_iron_rows(const fieldmap_iron *map, fieldmap_iron_state *s, int p)
+{
+    const int w = map->wide;
+    const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
+    const double *h = s->h + 3 * (size_t)p;
+    const float x = (float)h[0], y = (float)h[1], z = (float)h[2], m = (float)s->isotropic[p], e = (float)s->along[p];
+    float *radial = s->rows, *out = s->rows + w;
+    int j;
+    for (j = 0; j < w; j++) radial[j] = e * (x * g[j] + y * g[w + j] + z * g[2 * w + j]);
+    for (j = 0; j < w; j++) out[j] = m * g[j] + x * radial[j];
+    for (j = 0; j < w; j++) out[w + j] = m * g[w + j] + y * radial[j];
+    for (j = 0; j < w; j++) out[2 * w + j] = m * g[2 * w + j] + z * radial[j];
+}
+
+/* The factor of Cholesky of the tangent at h. */
+static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s)
+{
+    const int w = map->wide, r = map->r, l = FIELDMAP_IRON_LANES;
+    int i, j, p;
+    for (p = 0; p < map->p; p++) {
+        const double *h = s->h + 3 * (size_t)p;
+        double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope, b;
+        b = fieldmap_iron_law(map, s->piece, p, size, &slope);
+        s->isotropic[p] = map->weights[p] * (b / size - 1.0);
+        s->along[p] = map->weights[p] * (slope - b / size) / (size * size);
+    }
+    for (j = 0; j < r * w; j++) s->total[j] = 0.0f;
+    for (p = 0; p < map->p; p++) {
+        const float *g = map->gradients + 3 * (size_t)p * (size_t)w, *out = s->rows + w;
+        fieldmap_iron_rows(map, s, p);
+        for (i = 0; i < r; i++) {
+            const float a = g[i], b = g[w + i], c = g[2 * w + i];
+            float *row = s->total + (size_t)i * (size_t)w;
+            const int end = (i / l + 1) * l;
+            for (j = 0; j < end; j++) row[j] += a * out[j] + b * out[w + j] + c * out[2 * w + j];
+        }
+    }
+    for (i = 0; i < r; i++) {
+        double *row = s->factor + (size_t)i * (size_t)r;
+        const double whole = (double)s->total[(size_t)i * (size_t)w + (size_t)i] + map->air[(size_t)i * (size_t)r + (size_t)i];
+        for (j = 0; j <= i; j++) {
+            const double *other = s->factor + (size_t)j * (size_t)r;
+            double value = (double)s->total[(size_t)i * (size_t)w + (size_t)j] + map->air[(size_t)i * (size_t)r + (size_t)j];
+            value -= fieldmap_iron_product(row, other, j);
+            row[j] = i == j ? sqrt(fmax(value, 1e-7 * whole)) : value / other[j];
+        }
+    }
+}
+
+/* out = (L L^T)^-1 right. */
+static inline void fieldmap_iron_solve(const fieldmap_iron_state *s, const double *right, double *out)
+{
+    const int r = s->map->r;
+    int i, k;
+    for (i = 0; i < r; i++) {
+        const double *row = s->factor + (size_t)i * (size_t)r;
+        out[i] = (right[i] - fieldmap_iron_product(row, out, i)) / row[i];
+    }
+    for (i = r - 1; i >= 0; i--) {
+        const double *row = s->factor + (size_t)i * (size_t)r;
+        out[i] /= row[i];
+        for (k = 0; k < i; k++) out[k] -= row[k] * out[i];
+    }
+}
+
+/* change: what the factor and the pairs of the last steps propose for the residual (limited-memory BFGS). */
+static inline void fieldmap_iron_direction(fieldmap_iron_state *s, int pairs)
+{
+    const int r = s->map->r;
+    double shares[FIELDMAP_IRON_PAIRS];
+    int i, k;
+    for (i = 0; i < r; i++) s->left[i] = s->residual[i];
+    for (k = pairs - 1; k >= 0; k--) {
+        const double *c = s->changes + (size_t)k * (size_t)r, *y = s->responses + (size_t)k * (size_t)r;
+        shares[k] = fieldmap_iron_product(c, s->left, r) / fieldmap_iron_product(c, y, r);
+        for (i = 0; i < r; i++) s->left[i] -= shares[k] * y[i];
+    }
+    fieldmap_iron_solve(s, s->left, s->change);
+    for (k = 0; k < pairs; k++) {
+        const double *c = s->changes + (size_t)k * (size_t)r, *y = s->responses + (size_t)k * (size_t)r;
+        const double excess = fieldmap_iron_product(y, s->change, r) / fieldmap_iron_product(c, y, r);
+        for (i = 0; i < r; i++) s->change[i] += (shares[k] - excess) * c[i];
+    }
+}
+
+/* Number of pairs behind a step; the oldest gives way. */
+static inline int fieldmap_iron_keep(fieldmap_iron_state *s, int pairs)
+{
+    const size_t r = (size_t)s->map->r, all = (FIELDMAP_IRON_PAIRS - 1) * r;
+    if (!(fieldmap_iron_product(s->change, s->response, (int)r) > 0.0)) return pairs;
+    if (pairs == FIELDMAP_IRON_PAIRS) {
+        memmove(s->changes, s->changes + r, all * sizeof(double));
+        memmove(s->responses, s->responses + r, all * sizeof(double));
+        pairs -= 1;
+    }
+    memcpy(s->changes + (size_t)pairs * r, s->change, r * sizeof(double));
+    memcpy(s->responses + (size_t)pairs * r, s->response, r * sizeof(double));
+    return pairs + 1;
+}
+
+/* a . K a. */
+static inline double fieldmap_iron_energy(fieldmap_iron_state *s, const double *a)
+{
+    const int r = s->map->r;
+    int i, k;
+    for (i = 0; i < r; i++) s->left[i] = 0.0;
+    for (i = 0; i < r; i++)
+        for (k = 0; k <= i; k++) s->left[k] += s->factor[(size_t)i * (size_t)r + (size_t)k] * a[i];
+    return fieldmap_iron_product(s->left, s->left, r);
+}
+
+/* How far a place lies from the newest currents along the last step, times that step's length. */
+static inline double fieldmap_iron_along(const fieldmap_iron_state *s, const double *place)
+{
+    const int c = s->map->n_coils;
+    const double *last = s->currents + (FIELDMAP_IRON_PASSED - 1) * c, *before = s->count > 1 ? last - c : last;
+    double total = 0.0;
+    int k;
+    for (k = 0; k < c; k++) total += (place[k] - last[k]) * (last[k] - before[k]);
+    return total;
+}
+
+/* Weights of values at nodes[first] and behind for their polynomial's value at `at`; of those before them 0. */
+static inline void fieldmap_iron_lagrange(const double *nodes, int count, double at, int first, double *weights)
+{
+    int j, m;
+    for (j = 0; j < count; j++) {
+        weights[j] = j >= first ? 1.0 : 0.0;
+        for (m = first; m < count; m++)
+            if (j >= first && m != j) weights[j] *= (at - nodes[m]) / (nodes[j] - nodes[m]);
+    }
+}
+
+/* Amplitudes where the states passed lead to: fieldmap.kernels.map.continuation. */
+static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iron_state *s, const double *aim, double *a)
+{
+    const int c = map->n_coils, r = map->r, count = s->count, last = s->count - 1;
+    const double *passed = s->currents + (FIELDMAP_IRON_PASSED - count) * c;
+    const double *states = s->amplitudes + (FIELDMAP_IRON_PASSED - count) * r;
+    double nodes[FIELDMAP_IRON_PASSED] = {0}, weights[FIELDMAP_IRON_PASSED] = {0};
+    double length, at = 0.0, least = (double)INFINITY;
+    int best = last, first, i, j, k;
+    length = -fieldmap_iron_along(s, passed + (last > 0 ? last - 1 : 0) * c);
+    if (length > 0.0) at = fmin(fmax(fieldmap_iron_along(s, aim) / length, 0.0), 2.0);
+    for (j = 0; j < count; j++) nodes[j] = fieldmap_iron_along(s, passed + j * c) / fmax(length, 1e-300);
+    for (first = last; first >= 0; first--) {
+        double miss = 0.0;
+        if (first < last && !(length > 0.0)) break;
+        if (first < last - 1 && nodes[first] > nodes[first + 1] - 0.25) break;
+        fieldmap_iron_lagrange(nodes, count, at, first, weights);
+        for (k = 0; k < c; k++) {
+            double value = -aim[k];
+            for (j = 0; j < count; j++) value += weights[j] * passed[j * c + k];
+            miss += value * value;
+        }
+        if (miss <= least + 1e-9 * length) {
+            best = first;
+            least = fmin(miss, least);
+        }
+    }
+    fieldmap_iron_lagrange(nodes, count, at, best, weights);
+    for (i = 0; i < r; i++) {
+        a[i] = 0.0;
+        for (j = 0; j < count; j++) a[i] += weights[j] * states[j * r + i];
+    }
+}
+
+/* h at the newest currents and everything a solve leaves. */
+static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
+{
+    const int c = map->n_coils;
+    int i;
+    for (i = 0; i < 3 * map->p; i++) {
+        s->applied[i] = fieldmap_iron_product(map->source + (size_t)i * (size_t)c, currents, c);
+        if (map->has_fixed) s->applied[i] += map->fixed[i];
+    }
+}
+
+/* Put the newest state behind the others, or in place of them where it did not begin from them. */
+static inline void fieldmap_iron_remember(
+    const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents, const double *a, int near)
+{
+    const size_t c = (size_t)map->n_coils, r = (size_t)map->r, before = FIELDMAP_IRON_PASSED - 1;
+    size_t f;
+    if (near) {
+        memmove(s->currents, s->currents + c, before * c * sizeof(double));
+        memmove(s->amplitudes, s->amplitudes + r, before * r * sizeof(double));
+    }
+    s->count = !near ? 1 : s->count < FIELDMAP_IRON_PASSED ? s->count + 1 : FIELDMAP_IRON_PASSED;
+    memcpy(s->currents + before * c, currents, c * sizeof(double));
+    memcpy(s->amplitudes + before * r, a, r * sizeof(double));
+    memcpy(s->solution, currents, c * sizeof(double));
+    for (f = 0; f < (size_t)map->k; f++) s->solution[c + f] = fieldmap_iron_product(map->output + f * r, a, (int)r);
+    if (map->has_fixed) s->solution[c + (size_t)map->k] = 1.0;
+}
+
+/* Newton's method: fieldmap.kernels.map.current_solver.solve. */
+static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
+{
+    const fieldmap_iron *map = s->map;
+    const int r = map->r, w = map->wide, c = map->n_coils;
+    const double *last = s->currents + (FIELDMAP_IRON_PASSED - 1) * c;
+    double values[FIELDMAP_IRON_MAX_SIGNALS] = {0}, behind[FIELDMAP_IRON_MAX_SIGNALS] = {0}, *a = s->rest;
+    double decrement = (double)INFINITY, before = (double)INFINITY, farthest = 0.0, largest = 1e-300;
+    int same, near, known, found = 0, pairs = 0, steps = 0, attempt, i, k;
+    for (k = 0; k < c; k++)
+        if (!isfinite(currents[k])) return FIELDMAP_NOT_FINITE;
+    if (!fieldmap_iron_signals(map, currents, values) && map->checked) return FIELDMAP_IRON_BEYOND;
+    same = s->count > 0 && s->decrement <= tolerance;
+    for (k = 0; k < c; k++) same = same && last[k] == currents[k];
+    if (same) return FIELDMAP_OK;
+    near = s->count > 0;
+    if (near) fieldmap_iron_signals(map, last, behind);
+    for (k = 0; k < map->n_signals; k++) near = near && fabs(values[k] - behind[k]) <= 0.1 * (map->upper[k] - map->lower[k]);
+    for (i = 0; i < w; i++) a[i] = s->change[i] = s->residual[i] = 0.0;
+    if (near)
+        fieldmap_iron_continue(map, s, currents, a);
+    else
+        fieldmap_iron_expand(map, s, values, a);
+    known = near && s->factored;
+    if (!known) {
+        memcpy(s->factor, map->factor, (size_t)r * (size_t)r * sizeof(double));
+        known = s->factor[0] > 0.0;
+    }
+    fieldmap_iron_apply(map, s, currents);
+    fieldmap_iron_evaluate(map, s, a);
+    while (steps < FIELDMAP_IRON_STEPS) {
+        double slope = 0.0, energy, was, end, rest, curved, t = 1.0, *swap;
+        int fresh = 0;
+        steps++;
+        for (attempt = 0; attempt < 2; attempt++) {
+            fresh = !known;
+            if (fresh) {
+                fieldmap_iron_tangent(map, s);
+                pairs = 0;
+            }
+            fieldmap_iron_direction(s, pairs);
+            slope = fieldmap_iron_product(s->residual, s->change, r);
+            energy = fieldmap_iron_energy(s, a);
+            largest = fmax(largest, energy);
+            decrement = sqrt(fmax(slope, 0.0) / fmax(energy, 1e-6 * largest));
+            known = fresh || decrement < 0.6 * before;
+            if (known) break;
+        }
+        if ((fresh || before < (double)INFINITY || near) && decrement < tolerance) {
+            if (1e-6 * farthest < tolerance) {
+                for (i = 0; i < r; i++) a[i] += s->change[i];
+                found = 1;
+                break;
+            }
+            fieldmap_iron_evaluate(map, s, a);
+            before = (double)INFINITY;
+            farthest = 0.0;
+            continue;
+        }
+        before = decrement;
+        farthest = fmax(farthest, decrement);
+        known = decrement < 0.1;
+        for (i = 0; i < w; i++) s->single_change[i] = i < r ? (float)s->change[i] : 0.0f;
+        fieldmap_iron_pass(map, s, &was, &end);
+        for (i = 0; i < r; i++) s->left[i] = fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
+        rest = was - slope;
+        curved = fieldmap_iron_product(s->left, s->change, r);
+        end -= rest + curved;
+        if (end < -0.3 * fabs(slope)) t = fieldmap_iron_shorter(map, s, rest, curved, slope, end);
+        for (i = 0; i < 3 * map->p; i++) s->h[i] -= t * s->step_h[i];
+        swap = s->vector;
+        s->vector = s->moved;
+        s->moved = swap;
+        for (i = 0; i < r; i++) {
+            s->response[i] = t * s->left[i] - (double)s->single[i];
+            s->residual[i] -= s->response[i];
+            s->change[i] *= t;
+            a[i] += s->change[i];
+        }
+        pairs = fieldmap_iron_keep(s, pairs);
+    }
+    s->steps = steps;
+    s->decrement = decrement;
+    s->factored = found;
+    if (!found) {
+        s->count = 0;
+        return FIELDMAP_IRON_NOT_CONVERGED;
+    }
+    fieldmap_iron_remember(map, s, currents, a, near);
+    return FIELDMAP_OK;
+}
+
+/* weights[n_fields] of the map's fields at currents[n_coils]: the currents, then those of the iron's fields, then 1 for a
+ * background if there is any. */
+static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double *currents, double *weights)
+{
+    int f, status;
+    if (state == NULL || state->map == NULL || currents == NULL || weights == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
+    for (f = 0; f < state->map->n_fields; f++) weights[f] = status == FIELDMAP_OK ? state->solution[f] : (double)NAN;
+    return status;
+}
+
+/* The same, to a hundredth of the tolerance, and slopes[n_coils * f + c] = d weights[f] / d currents[c], 1/A. */
+static inline int fieldmap_iron_slopes(
+    fieldmap_iron_state *state, const double *currents, double *weights, double *slopes)
+{
+    const fieldmap_iron *map;
+    int c, f, i, j, p, r, w, coils, status;
+    if (state == NULL || state->map == NULL || currents == NULL || weights == NULL || slopes == NULL)
+        return FIELDMAP_ARGUMENT;
+    map = state->map;
+    r = map->r, w = map->wide, coils = map->n_coils;
+    status = fieldmap_iron_solve_at(state, currents, 0.01 * state->tolerance);
+    for (f = 0; f < map->n_fields; f++) weights[f] = status == FIELDMAP_OK ? state->solution[f] : (double)NAN;
+    for (f = 0; f < map->n_fields * coils; f++) slopes[f] = status == FIELDMAP_OK ? 0.0 : (double)NAN;
+    if (status != FIELDMAP_OK) return status;
+    for (i = 0; i < w; i++) state->rest[i] = i < r ? state->amplitudes[(FIELDMAP_IRON_PASSED - 1) * r + i] : 0.0;
+    fieldmap_iron_apply(map, state, currents);
+    fieldmap_iron_evaluate(map, state, state->rest);
+    fieldmap_iron_tangent(map, state);
+    for (i = 0; i < coils * w; i++) state->right[i] = 0.0;
+    for (p = 0; p < map->p; p++) {
+        const float *out = state->rows + w;
+        const double *unit = map->source + 3 * (size_t)p * (size_t)coils;
+        fieldmap_iron_rows(map, state, p);
+        for (c = 0; c < coils; c++) {
+            double *right = state->right + (size_t)c * (size_t)w;
+            const double x = unit[c], y = unit[coils + c], z = unit[2 * coils + c];
+            for (j = 0; j < w; j++)
+                right[j] += x * (double)out[j] + y * (double)out[w + j] + z * (double)out[2 * w + j];
+        }
+    }
+    for (c = 0; c < coils; c++) {
+        slopes[c * coils + c] = 1.0;
+        fieldmap_iron_solve(state, state->right + (size_t)c * (size_t)w, state->change);
+        for (f = 0; f < map->k; f++)
+            slopes[(coils + f) * coils + c] = fieldmap_iron_product(map->output + (size_t)f * (size_t)r, state->change, r);
+    }
+    return status;
+}
+
+/* flux[3] and, unless NULL, gradient[9] at point[3] for currents[n_coils]. */
+static inline int fieldmap_iron_field(
+    fieldmap_iron_state *state, const double *currents, const double *point, double *flux, double *gradient)
+{
+    int i, status;
+    if (state == NULL || state->map == NULL || currents == NULL || flux == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
+    if (status == FIELDMAP_OK) return fieldmap_field(&state->map->fields, state->solution, point, flux, gradient);
+    for (i = 0; i < 3; i++) flux[i] = (double)NAN;
+    for (i = 0; i < 9 && gradient != NULL; i++) gradient[i] = (double)NAN;
+    return status;
+}
+
+/* wrench[6] on a dipole of moment[3] at point[3]. */
+static inline int fieldmap_iron_wrench(
+    fieldmap_iron_state *state, const double *currents, const double *point, const double *moment, double *wrench)
+{
+    int i, status;
+    if (state == NULL || state->map == NULL || currents == NULL || wrench == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
+    if (status == FIELDMAP_OK) return fieldmap_wrench(&state->map->fields, state->solution, point, moment, wrench);
+    for (i = 0; i < 6; i++) wrench[i] = (double)NAN;
+    return status;
+}
+
+#endif

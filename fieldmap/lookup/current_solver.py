@@ -1,0 +1,154 @@
+"""The model of a map of saturating iron for compiled code: arrays, an expansion to begin with, states of callers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.kernels.map import current_solver as kernels
+from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, SolverState
+from fieldmap.store import ReducedModel
+from fieldmap.typing import Array
+
+COMPILED_TOLERANCE = 1e-5
+"""What a solve of compiled callers may leave, of the state, in the norm of the energy. The field is then off by a tenth
+of what such models are, or less: docs/theory/current_dependence.md."""
+# Terms of the expansion, states for each of them, and how exactly these are solved.
+_MOST_TERMS, _STATES_PER_TERM, _TOLERANCE = 220, 2, 1e-4
+# The solve from nothing, in the middle of the domain.
+_TOLERANCE_OF_MIDDLE = 1e-6
+
+
+def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
+    """The arrays of a model, with an expansion fitted to its solutions: some 600 solves, half a second at most.
+
+    checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
+    domain.
+    """
+    free = CompiledModel(
+        np.array(model.source),
+        np.array(model.fixed),
+        np.array(model.gradients, dtype=np.float32),
+        np.array(model.weights),
+        np.array(model.law),
+        *map(np.array, model.laws),
+        np.array(model.air),
+        np.array(model.constant),
+        np.array(model.output),
+        np.zeros_like(model.air),
+        np.zeros((1, 3), np.int64),
+        np.zeros((1, len(model.constant)), np.float32),
+        compiled_domain(model.domain, False),
+        _TOLERANCE_OF_MIDDLE,
+    )
+    domain, middle = model.domain, model.domain.middle
+    state = new_state(free)
+    weights = np.empty(len(state.weights))
+    status = kernels.current_slopes(free, state, middle, weights, np.empty((len(weights), len(middle))))
+    _check(status, middle)
+    known = free._replace(
+        factor=state.factor.copy(), expansion=state.amplitudes[-1:].astype(np.float32), tolerance=_TOLERANCE
+    )
+    terms = expansion_terms(domain.parametrisation.signal_count)
+    shares = qmc.Sobol(len(model.lower), scramble=False).random_base2(
+        int(np.ceil(np.log2(_STATES_PER_TERM * len(terms))))
+    )
+    currents = domain.at(shares)
+    return known._replace(
+        terms=terms,
+        expansion=_fitted(known, terms, currents),
+        domain=compiled_domain(domain, checked),
+        tolerance=COMPILED_TOLERANCE,
+    )
+
+
+def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
+    """The domain as compiled code takes it; checked: whether it refuses currents outside."""
+    kind, exponent, matrix = domain.parametrisation.kernel()
+    beside = ROUNDING * (domain.upper - domain.lower)
+    limit = getattr(domain.parametrisation, "limit", None)
+    return SignalDomain(
+        int(kind),
+        float(exponent),
+        np.array(matrix, order="C"),
+        np.array(np.linalg.pinv(matrix) if matrix.size else matrix.T, order="C"),
+        np.array(domain.lower - beside),
+        np.array(domain.upper + beside),
+        np.inf if limit is None else float(limit) * (1.0 + ROUNDING),
+        TOLERANCE,
+        checked,
+    )
+
+
+def new_state(model: CompiledModel) -> SolverState:
+    """What one caller's solves remember, empty."""
+    coils, r, n = model.source.shape[1], len(model.constant), len(model.source)
+    return SolverState(
+        np.zeros((kernels.PASSED, coils)),
+        np.zeros((kernels.PASSED, r)),
+        np.zeros((r, r)),
+        np.zeros(n),
+        np.array(model.offset[model.law]),
+        np.zeros(kernels.NUMBERS),
+        np.zeros(coils + len(model.output) + (1 if model.fixed.size else 0)),
+    )
+
+
+def expansion_terms(signals: int) -> NDArray[np.int64]:
+    """Terms (t, 3) of all products up to the highest total degree that has no more of them than there may be."""
+    chosen: list[tuple[int, ...]] = [(0,) * signals]
+    for degree in range(1, 31):
+        more = chosen + _of_degree(signals, degree)
+        if len(more) > _MOST_TERMS:
+            break
+        chosen = more
+    place = {powers: k for k, powers in enumerate(chosen)}
+    terms = [(0, 0, 0)]
+    for powers in chosen[1:]:
+        last = max(j for j, power in enumerate(powers) if power)
+        parent = (*powers[:last], *(0,) * (signals - last))
+        terms.append((place[parent], last, powers[last]))
+    return np.array(terms, dtype=np.int64)
+
+
+def _of_degree(signals: int, degree: int) -> list[tuple[int, ...]]:
+    """The powers of all products of this total degree."""
+    if signals == 1:
+        return [(degree,)]
+    return [(n, *rest) for n in range(degree + 1) for rest in _of_degree(signals - 1, degree - n)]
+
+
+def _fitted(model: CompiledModel, terms: NDArray[np.int64], currents: Array) -> NDArray[np.float32]:
+    """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c)."""
+    state, amplitudes, products = new_state(model), [], []
+    values = np.empty(len(model.domain.lower))
+    for row in currents:
+        # Each from the middle: the states are the same in any order.
+        state.numbers[kernels.COUNT] = 0.0
+        _check(kernels.solve(model, state, row, model.tolerance), row)
+        amplitudes.append(state.amplitudes[-1].copy())
+        kernels.signals_of(model.domain, row, values)
+        products.append(kernels.products_of_terms(terms, values, model.domain))
+    found = np.linalg.lstsq(np.array(products), np.array(amplitudes), rcond=None)[0]
+    return np.ascontiguousarray(found, dtype=np.float32)
+
+
+def _check(status: int, currents: Array) -> None:
+    if status != kernels.FOUND:
+        raise not_converged(currents, np.nan)
+
+
+def not_converged(currents: Array, decrement: float) -> NotConverged:
+    """The error for currents (c,) at which Newton's method fails."""
+    return NotConverged(
+        Problem(
+            "reduced model of the iron",
+            f"Newton's method must end within {kernels.MOST_STEPS} steps",
+            f"a relative step of {decrement:.1e} at {currents.tolist()} A",
+            "stay within the currents that the map was made for",
+        ),
+        residuals=(float(decrement),),
+    )

@@ -1,0 +1,193 @@
+"""The C header of saturating iron: the numbers of Python, no memory taken, strict compilers, broken files."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
+from fieldmap.errors import InputError
+from fieldmap.interop import c_header, c_iron_header, write_c_iron_files, write_c_iron_map
+from fieldmap.kernels.map.current_solver import current_slopes
+from fieldmap.lookup import interpolate
+from fieldmap.lookup.current_solver import new_state
+from fieldmap.store import MapData, ReducedModel
+
+HERE = Path(__file__).parent / "c"
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
+COUNTED = ["-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc"]
+POINTS, MODES = 20, 5
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+
+
+def build(target, *flags):
+    command = ["gcc", *flags, "-I", c_header().parent, HERE / "ask_iron.c", *COUNTED, "-lm", "-o", target]
+    subprocess.run(command, check=True, capture_output=True, text=True)
+    return target
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    return build(tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O2")
+
+
+def saturating(ring, coils, of, lower, upper, fixed=False, outside_currents="raise"):
+    """Fields of the ring's loops: those of `coils` coils, then of iron, then of a background."""
+    rng = np.random.default_rng(7)
+    used = np.resize(np.arange(6), coils + 2 + fixed)
+    iron = {
+        "constant": np.zeros(MODES),
+        "fixed": 1e-3 * rng.standard_normal(3 * POINTS) if fixed else np.zeros(0),
+    }
+    model = ReducedModel(
+        gradients=3e-3 * rng.standard_normal((3 * POINTS, MODES)),
+        source=3e-3 * rng.standard_normal((3 * POINTS, coils)),
+        weights=rng.random(POINTS) + 0.1,
+        law=np.arange(POINTS) % 2,
+        law_offset=[0, 3, 6],
+        law_knots=[0, 1e-3, 3e-3] * 2,
+        law_coefficients=[[0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]] * 2,
+        air=1e-4 * np.eye(MODES),
+        output=rng.standard_normal((2, MODES)),
+        known_currents=of.currents(0.5 * (np.array(lower) + upper))[None],
+        known_amplitudes=np.zeros((1, MODES)),
+        lower=lower,
+        upper=upper,
+        parametrisation=of,
+        reference_weights=np.zeros(2),
+        **iron,
+    )
+    data = ring.data
+    return interpolate(
+        MapData(
+            data.grid,
+            tuple("abcdef"[:coils]),
+            np.ones(coils),
+            flux_density=np.array(data.flux_density)[used],
+            gradient=np.array(data.gradient)[used],
+            reduced_model=model,
+            fixed_sources=("background",) if fixed else (),
+        ),
+        outside_currents=outside_currents,
+    )
+
+
+KINDS = {
+    "free": (4, IndependentCurrents(4), [-1.0] * 4, [1.0] * 4),
+    "background": (3, IndependentCurrents(3), [-1.0] * 3, [1.0] * 3, True),
+    "groups": (4, CoilGroups([[0, 2], [1, 3]]), [-1.0, 0.0], [1.0, 2.0]),
+    "division": (6, LiftAndDirections(1.25, 2.0), [0.5, -0.4, -0.4], [2.0, 0.4, 0.4]),
+}
+
+
+def ask(program, m, questions, folder, tolerance):
+    """Weights, slopes, B, G, wrench and status of every row."""
+    path = write_c_iron_map(m, folder / "iron.fmap")
+    np.hstack(questions).tofile(folder / "questions")
+    subprocess.run(
+        [program, path, folder / "questions", folder / "answers", repr(tolerance)],
+        check=True,
+        capture_output=True,
+    )
+    coils = questions[0].shape[1]
+    fields = len(new_state(m.compiled()[1][1]).weights)
+    answers = np.fromfile(folder / "answers").reshape(len(questions[0]), -1)
+    return np.split(answers, np.cumsum([fields, fields * coils, 3, 9, 6]), axis=1)
+
+
+def questions(m, n, seed=1):
+    rng, domain = np.random.default_rng(seed), m.info.reduced_model.domain
+    points = m.lower + rng.random((n, 3)) * (m.upper - m.lower)
+    currents = domain.at(0.5 + 0.5 * np.sin(np.cumsum(rng.random((n, len(domain.lower))), axis=0) ** 2))
+    return currents, points, rng.normal(size=(n, 3))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_c_gives_the_numbers_of_python_and_takes_no_memory(program, ring, tmp_path, kind):
+    m = saturating(ring, *KINDS[kind])
+    currents, points, moments = questions(m, 300)
+    weights, slopes, flux, slope, wrench, status = ask(
+        program, m, (currents, points, moments), tmp_path, 1e-13
+    )
+    assert not status.any()
+    exact = m.compiled()[1][1]._replace(tolerance=1e-13)
+    state = new_state(exact)
+    for k, row in enumerate(currents):
+        ours, ours_slopes = np.empty(weights.shape[1]), np.empty((weights.shape[1], len(row)))
+        assert current_slopes(exact, state, row, ours, ours_slopes) == 0
+        assert np.abs(weights[k] - ours).max() < 1e-12 * np.abs(ours).max()
+        # The tangent is summed in single precision.
+        assert np.abs(slopes[k] - ours_slopes.ravel()).max() < 1e-4 * np.abs(ours_slopes).max()
+    expected = [m.field(p, i) for p, i in zip(points, currents, strict=True)]
+    assert np.abs(flux - expected).max() < 1e-5 * np.abs(expected).max()
+    loads = [m.wrench(p, n, i) for p, n, i in zip(points, moments, currents, strict=True)]
+    assert np.abs(wrench - loads).max() < 1e-5 * np.abs(loads).max()
+    assert np.isfinite(slope).all()
+
+
+def test_at_the_stated_tolerance_and_outside(program, ring, tmp_path):
+    m = saturating(ring, *KINDS["free"])
+    currents, points, moments = questions(m, 50)
+    currents[3, 0], currents[7, 1] = 1.5, np.nan
+    weights, _, flux, _, wrench, status = ask(program, m, (currents, points, moments), tmp_path, 1e-5)
+    assert status[[3, 7], 0].tolist() == [32, 2]
+    assert np.flatnonzero(status).tolist() == [3, 7]
+    for part in (weights, flux, wrench):
+        assert np.isnan(part[[3, 7]]).all()
+    inside = status[:, 0] == 0
+    expected = [m.field(p, i) for p, i in zip(points[inside], currents[inside], strict=True)]
+    assert np.abs(flux[inside] - expected).max() < 1e-3 * np.abs(expected).max()
+    wide = saturating(ring, *KINDS["free"], outside_currents="evaluate")
+    *_, status = ask(program, wide, (currents, points, moments), tmp_path, 1e-5)
+    assert np.flatnonzero(status).tolist() == [7]
+
+
+def test_broken_files_are_refused_or_safe(ring, tmp_path):
+    """Every number of the model's head and some of its positions damaged, under a checksum that is right."""
+    import struct
+    import zlib
+
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
+    try:
+        program = build(tmp_path / "checked", *STRICT, *checks)
+    except subprocess.CalledProcessError:
+        pytest.skip("gcc has no address sanitizer here")
+    good = write_c_iron_map(saturating(ring, *KINDS["division"]), tmp_path / "good.fmap").read_bytes()
+    rng, opened = np.random.default_rng(3), 0
+    count = struct.unpack_from("=Q", good, 32)[0]
+    cases = [good[:30], good[:-8], good + b"12345678", b"fieldmap" + good[8:], good]
+    for k in [*range(20), *rng.integers(20, count, 60)]:
+        for value in (-1.0, 0.0, 1e9, 0.5, float("nan"), float(rng.integers(0, 40))):
+            changed = bytearray(good)
+            struct.pack_into("=d", changed, 40 + 8 * int(k), value)
+            struct.pack_into("=I", changed, 24, zlib.crc32(bytes(changed[28:])))
+            cases.append(bytes(changed))
+    for content in cases:
+        (tmp_path / "case").write_bytes(content)
+        done = subprocess.run([program, tmp_path / "case"], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-2000:]
+        opened += done.stdout.startswith("0 ")
+    assert 20 < opened < len(cases) - 60
+
+
+def test_clean_under_valgrind(ring, tmp_path):
+    if shutil.which("valgrind") is None:
+        pytest.skip("no valgrind on this machine")
+    m = saturating(ring, *KINDS["division"])
+    path = write_c_iron_map(m, tmp_path / "iron.fmap")
+    program = build(tmp_path / "ask", *STRICT, "-g", "-O1")
+    np.hstack(questions(m, 5)).tofile(tmp_path / "questions")
+    command = ["valgrind", "--error-exitcode=99", "--leak-check=full", program, path, tmp_path / "questions"]
+    done = subprocess.run([*command, tmp_path / "answers", "1e-6"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "no leaks are possible" in done.stderr
+
+
+def test_files_lie_side_by_side_and_linear_maps_have_their_own(ring, tmp_path):
+    written = write_c_iron_files(saturating(ring, *KINDS["groups"]), tmp_path / "iron.fmap")
+    assert [path.name for path in written] == ["iron.fmap", c_iron_header().name, c_header().name]
+    with pytest.raises(InputError):
+        write_c_iron_map(ring.map, tmp_path / "linear.fmap")

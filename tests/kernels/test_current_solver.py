@@ -1,0 +1,185 @@
+"""The compiled model of saturating iron against equations in numpy, and its derivative by Taylor's theorem."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.optimize import root
+
+from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
+from fieldmap.kernels.map import current_solver as kernels
+from fieldmap.kernels.map.current_solver import current_slopes, current_weights
+from fieldmap.lookup.current_solver import compiled_model, expansion_terms, new_state
+from fieldmap.store import ReducedModel
+
+POINTS, MODES, FIELDS = 30, 5, 3
+# b = 2000 h up to 1 mT, a parabola to slope 1 at 3 mT, then slope 1.
+CURVE = np.array([[0.0, 0.0, 2000.0, 0.0], [0.0, -1999.0 / 4e-3, 2000.0, 2.0], [0.0, 0.0, 1.0, 4.001]])
+KNOTS = np.array([0.0, 1e-3, 3e-3])
+
+
+def law(h):
+    inner = np.where(h < 1e-3, 2000.0 * h, 2.0 + 2000.0 * (h - 1e-3) - 1999.0 / 4e-3 * (h - 1e-3) ** 2)
+    return np.where(h < 3e-3, inner, 4.001 + h - 3e-3)
+
+
+def model(parametrisation, lower, upper, fixed=False):
+    rng = np.random.default_rng(4)
+    coils = parametrisation.coil_count
+    square = rng.standard_normal((MODES, MODES))
+    known = parametrisation.currents(0.5 * (np.array(lower) + np.array(upper)))[None]
+    return ReducedModel(
+        gradients=3e-3 * rng.standard_normal((3 * POINTS, MODES)),
+        source=3e-3 * rng.standard_normal((3 * POINTS, coils)),
+        weights=rng.random(POINTS) + 0.1,
+        law=np.arange(POINTS) % 2,
+        law_offset=[0, 3, 6],
+        law_knots=np.tile(KNOTS, 2),
+        law_coefficients=np.concatenate([CURVE, CURVE]),
+        air=1e-4 * (square @ square.T + np.eye(MODES)),
+        constant=1e-4 * rng.standard_normal(MODES) if fixed else np.zeros(MODES),
+        output=rng.standard_normal((FIELDS, MODES)),
+        known_currents=known,
+        known_amplitudes=np.zeros((1, MODES)),
+        lower=lower,
+        upper=upper,
+        parametrisation=parametrisation,
+        reference_weights=np.zeros(FIELDS),
+        fixed=1e-3 * rng.standard_normal(3 * POINTS) if fixed else np.zeros(0),
+    )
+
+
+def residual(of, amplitudes, currents):
+    applied = of.source @ currents + (of.fixed if of.fixed.size else 0.0)
+    gradients = of.gradients.astype(np.float32).astype(float)
+    h = (applied - gradients @ amplitudes).reshape(POINTS, 3)
+    size = np.linalg.norm(h, axis=1)
+    share = of.weights * (law(size) / size - 1)
+    return (share[:, None] * h).ravel() @ gradients + of.constant - of.air @ amplitudes
+
+
+CASES = {
+    "free": model(IndependentCurrents(3), [-1.0, -1.0, 0.0], [1.0, 1.0, 2.0]),
+    "fixed": model(IndependentCurrents(3), [-1.0, -1.0, 0.0], [1.0, 1.0, 2.0], fixed=True),
+    "groups": model(CoilGroups([[0, 2], [1, 3]]), [-1.0, 0.0], [1.0, 2.0]),
+    "division": model(LiftAndDirections(1.25, 2.0), [0.5, -0.4, -0.4], [2.0, 0.4, 0.4]),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    """A model, and what is compiled of it."""
+    of = CASES[request.param]
+    return of, compiled_model(of, checked=True)
+
+
+def weights_of(compiled, state, currents, tolerance=None):
+    out = np.empty(len(state.weights))
+    used = compiled if tolerance is None else compiled._replace(tolerance=tolerance)
+    return current_weights(used, state, currents, out), out
+
+
+def drawn(of, count, seed=3):
+    return of.domain.at(np.random.default_rng(seed).random((count, len(of.lower))))
+
+
+def test_the_equation_holds(case):
+    of, compiled = case
+    state = new_state(compiled)
+    for currents in drawn(of, 30):
+        status, out = weights_of(compiled, state, currents, 1e-13)
+        assert status == kernels.FOUND
+        found = state.amplitudes[-1]
+        exact = root(lambda a, i=currents: residual(of, a, i), found, tol=1e-15).x
+        assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
+        expected = [*currents, *(of.output @ found), *([1.0] if of.fixed.size else [])]
+        np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-14 * np.abs(out).max())
+
+
+def test_lookups_are_as_exact_as_their_tolerance(case):
+    of, compiled = case
+    for currents in drawn(of, 30, 5):
+        (_, cold), (_, exact) = (
+            weights_of(compiled, new_state(compiled), currents, t) for t in (None, 1e-12)
+        )
+        assert np.abs(cold - exact).max() < 1e-3 * np.abs(exact).max()
+        assert np.array_equal(cold, weights_of(compiled, new_state(compiled), currents)[1])
+
+
+def test_near_the_last_currents_fewer_steps_are_needed(case):
+    of, compiled = case
+    shares = 0.5 + 0.3 * np.sin(np.arange(60)[:, None] / 60 + np.arange(len(of.lower)))
+    follower, steps = new_state(compiled), []
+    for currents in of.domain.at(shares):
+        cold = new_state(compiled)
+        _, exact = weights_of(compiled, cold, currents, 1e-10)
+        _, found = weights_of(compiled, follower, currents)
+        assert np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()
+        weights_of(compiled, cold := new_state(compiled), currents)
+        steps.append((follower.numbers[kernels.STEPS], cold.numbers[kernels.STEPS]))
+    followed, begun = np.mean(steps[3:], axis=0)
+    assert followed < 0.8 * begun
+
+
+def test_slopes_are_the_derivative_to_second_order(case):
+    of, compiled = case
+    exact = compiled._replace(tolerance=1e-12, domain=compiled.domain._replace(checked=False))
+    (currents,), direction = drawn(of, 1, 8), np.random.default_rng(1).standard_normal(of.coil_count)
+    state = new_state(exact)
+    here, slopes = np.empty(len(state.weights)), np.empty((len(state.weights), of.coil_count))
+    assert current_slopes(exact, state, currents, here, slopes) == kernels.FOUND
+    steps = 0.02 * 0.5 ** np.arange(4)
+    left = [
+        np.linalg.norm(weights_of(exact, state, currents + t * direction)[1] - here - t * slopes @ direction)
+        for t in steps
+    ]
+    orders = np.log2(np.array(left[:-1]) / left[1:])
+    assert np.all(np.abs(orders - 2.0) < 0.25)
+
+
+def test_what_has_no_solution_says_so(case):
+    of, compiled = case
+    state, middle = new_state(compiled), np.array(of.domain.middle)
+    beyond = 5.0 * of.domain.largest
+    assert weights_of(compiled, state, middle)[0] == kernels.FOUND
+    for wrong, reason in ((beyond, kernels.BEYOND), (np.nan * middle, kernels.NOT_FINITE)):
+        status, out = weights_of(compiled, state, wrong)
+        assert status == reason
+        assert np.isnan(out).all()
+    open_ended = compiled._replace(domain=compiled.domain._replace(checked=False))
+    assert weights_of(open_ended, state, beyond)[0] == kernels.FOUND
+
+
+def test_currents_off_the_parametrisation_are_beyond_it():
+    for name in ("groups", "division"):
+        compiled = compiled_model(CASES[name], checked=True)
+        off = np.array(CASES[name].domain.middle)
+        off[0] += 0.01
+        assert weights_of(compiled, new_state(compiled), off)[0] == kernels.BEYOND
+
+
+def test_terms_are_products_of_terms_before_them():
+    terms = expansion_terms(4)
+    assert (terms[1:, 0] < np.arange(1, len(terms))).all()
+    powers = np.zeros((len(terms), 4), int)
+    for k, (parent, signal, degree) in enumerate(terms[1:], 1):
+        powers[k] = powers[parent]
+        powers[k, signal] += degree
+    assert len(np.unique(powers, axis=0)) == len(terms)
+    assert np.bincount(powers.sum(axis=1)).tolist() == [1, 4, 10, 20, 35, 56, 84]
+
+
+def test_compiled_callers_need_no_python():
+    compiled = compiled_model(CASES["free"], checked=True)
+    state = new_state(compiled)
+
+    @numba.njit
+    def total(model, state, currents):
+        out, found = np.empty(state.weights.size), 0
+        for row in currents:
+            found += current_weights(model, state, row, out) == 0
+        return found, out
+
+    currents = drawn(CASES["free"], 20)
+    found, last = total(compiled, state, currents)
+    assert found == 20
+    np.testing.assert_allclose(last, weights_of(compiled, new_state(compiled), currents[-1])[1], rtol=1e-3)

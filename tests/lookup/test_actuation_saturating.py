@@ -1,0 +1,142 @@
+"""What an ampere does where iron saturates: the derivative of the map by its currents, and compiled lookups at any."""
+
+import pickle
+
+import numba
+import numpy as np
+import pytest
+
+from fieldmap.currents import IndependentCurrents
+from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.lookup import field_actuation, gradient_actuation, interpolate, wrench_actuation
+from fieldmap.store import MapData, ReducedModel
+
+MOMENT = np.array([0.1, -0.2, 0.7])
+PLACE = np.array([0.001, -0.002, 0.003])
+CURRENTS = np.array([1.1])
+POINTS, MODES = 20, 3
+
+
+@pytest.fixture(scope="module")
+def data(dipoles):
+    """One dipole as a coil, two as fields of iron that saturates at half an ampere."""
+    rng = np.random.default_rng(7)
+    linear, knots = dipoles.map((6, 5, 6)), np.array([0.0, 1e-3, 3e-3])
+    model = ReducedModel(
+        gradients=3e-3 * rng.standard_normal((3 * POINTS, MODES)),
+        source=3e-3 * rng.standard_normal((3 * POINTS, 1)),
+        weights=rng.random(POINTS) + 0.1,
+        law=np.zeros(POINTS),
+        law_offset=[0, 3],
+        law_knots=knots,
+        law_coefficients=[[0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]],
+        air=1e-4 * np.eye(MODES),
+        constant=np.zeros(MODES),
+        output=rng.standard_normal((2, MODES)),
+        known_currents=[[0.0]],
+        known_amplitudes=np.zeros((1, MODES)),
+        lower=[-2.0],
+        upper=[2.0],
+        parametrisation=IndependentCurrents(1),
+        reference_weights=np.zeros(2),
+    )
+    return MapData(
+        linear.grid,
+        ("a",),
+        [1.0],
+        flux_density=linear.flux_density,
+        gradient=linear.gradient,
+        reduced_model=model,
+    )
+
+
+@pytest.fixture(scope="module")
+def m(data):
+    return interpolate(data)
+
+
+def rows_of(m, currents):
+    """B, five entries of G, force and torque at PLACE."""
+    flux, slope = m.field_and_gradient(PLACE, currents)
+    five = slope[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]
+    return np.concatenate([flux, five, m.wrench(PLACE, MOMENT, currents)])
+
+
+def test_rows_are_tangent_to_the_map(m):
+    found = m.actuation(PLACE, CURRENTS, MOMENT)
+    assert found.matrix.shape == (14, 1)
+    np.testing.assert_allclose(
+        found.matrix @ CURRENTS + found.constant, rows_of(m, CURRENTS), rtol=1e-4, atol=1e-12
+    )
+    steps, left = 0.1 * 0.5 ** np.arange(5), []
+    for t in steps:
+        there = rows_of(m, CURRENTS + t)
+        left.append(np.abs(there - rows_of(m, CURRENTS) - t * found.matrix[:, 0]) / np.abs(there).max())
+    orders = np.log2(np.linalg.norm(left[:-1], axis=1) / np.linalg.norm(left[1:], axis=1))
+    assert np.all(np.abs(orders[:3] - 2.0) < 0.3)
+    # The iron saturates: an ampere at the origin does something else.
+    origin = m.actuation(PLACE, [0.0], MOMENT)
+    assert np.linalg.norm(origin.matrix - found.matrix) > 0.01 * np.linalg.norm(found.matrix)
+
+
+def test_parts_are_rows_of_the_whole(m):
+    whole = m.actuation(PLACE, CURRENTS, MOMENT)
+    for part in (
+        field_actuation(m, PLACE, CURRENTS),
+        gradient_actuation(m, PLACE, CURRENTS),
+        wrench_actuation(m, PLACE, MOMENT, CURRENTS),
+    ):
+        rows = [whole.rows.index(name) for name in part.rows]
+        np.testing.assert_allclose(part.matrix, whole.matrix[rows], rtol=1e-12)
+        np.testing.assert_allclose(part.constant, whole.constant[rows], rtol=1e-9, atol=1e-15)
+
+
+def test_of_a_map_that_superposes_currents_change_nothing(coarse):
+    currents = np.array([1.0, -2.0, 0.5])
+    found, units = coarse.actuation(PLACE, currents, MOMENT), wrench_actuation(coarse, PLACE, MOMENT)
+    np.testing.assert_array_equal(found.matrix[8:], units.matrix)
+    assert found.constant is None
+    flux, slope = coarse.by_currents(PLACE, currents)
+    np.testing.assert_array_equal(flux, coarse.unit_field(PLACE))
+    np.testing.assert_array_equal(slope, coarse.unit_gradient(PLACE))
+    np.testing.assert_allclose(found.matrix @ currents, rows_of(coarse, currents), rtol=1e-12, atol=1e-15)
+
+
+def test_refusals(m):
+    with pytest.raises(InputError):
+        wrench_actuation(m, PLACE, MOMENT)
+    with pytest.raises(OutsideMapError):
+        m.actuation(PLACE, [3.0])
+    with pytest.raises(OutsideMapError):
+        m.actuation([1.0, 0.0, 0.0], CURRENTS)
+
+
+def test_points_at_once_are_points_one_by_one(m):
+    points = PLACE - 0.001 * np.arange(6).reshape(2, 3)
+    together = m.by_currents(points, CURRENTS)
+    for k, point in enumerate(points):
+        for many, one in zip(together, m.by_currents(point, CURRENTS), strict=True):
+            np.testing.assert_allclose(many[k], one, rtol=1e-13)
+
+
+def test_compiled_lookups_solve_for_new_currents(m, data):
+    function, own = m.compiled()
+
+    @numba.njit
+    def total(function, own, currents):
+        found = 0.0
+        for value in currents:
+            flux, slope = function(own, np.array([value]), 0.001, -0.002, 0.003)
+            found += flux[2] + slope[2][2]
+        return found
+
+    currents = np.linspace(0.1, 1.9, 40)
+    rows = [m.field_and_gradient(PLACE, [i]) for i in currents]
+    assert total(function, own, currents) == pytest.approx(sum(b[2] + g[2, 2] for b, g in rows), rel=1e-4)
+    assert np.isnan(function(own, np.array([2.5]), *PLACE)[0]).all()
+    wide, open_ended = interpolate(data, outside_currents="evaluate").compiled()
+    assert np.isfinite(wide(open_ended, np.array([2.5]), *PLACE)[0]).all()
+
+
+def test_a_pickled_map_gives_the_same_bits(m):
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(m)).field(PLACE, [1.3]), m.field(PLACE, [1.3]))
