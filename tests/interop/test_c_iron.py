@@ -69,6 +69,7 @@ def saturating(ring, coils, of, lower, upper, fixed=False, outside_currents="rai
             flux_density=np.array(data.flux_density)[used],
             gradient=np.array(data.gradient)[used],
             reduced_model=model,
+            constant_field=fixed,
             fixed_sources=("background",) if fixed else (),
         ),
         outside_currents=outside_currents,
