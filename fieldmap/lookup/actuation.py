@@ -86,12 +86,11 @@ def actuation(
     about `currents` where iron saturates. Raises InputError for a field that neither superposes nor has derivatives by
     its currents (`FieldMap.by_currents`).
     """
-    rows, selection = FIELD_ROWS + GRADIENT_ROWS, _SELECTED
+    rows: tuple[str, ...] = FIELD_ROWS + GRADIENT_ROWS
+    selection = _SELECTED
     if moment is not None:
-        rows, selection = (
-            rows + FORCE_ROWS + TORQUE_ROWS,
-            np.concatenate([_SELECTED, _on_dipole(_one(moment))]),
-        )
+        rows += FORCE_ROWS + TORQUE_ROWS
+        selection = np.concatenate([_SELECTED, _on_dipole(_one(moment))])
     return _selected(field, position, rows, selection, currents)
 
 
