@@ -3,10 +3,11 @@
     python scripts/benchmark.py [--only SECTION ...] [--quick] [--json]
 
 Sections: kernels (nanoseconds per point, beside magpylib), iron (error against seconds and unknowns for an iron disk,
-beside magpylib-material-response: the extra `bench`), controllers (steps per second), lookup (a field from a map,
-beside five interpolation libraries of the same extra) generation (points times coils per second, beside magpylib),
-dynamics (a levitated magnet in closed loop, times real time), app (what follows a slider of `fieldmap app`) and
-magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT).
+beside magpylib-material-response: the extra `bench`), peers (that program's own validation cases, and a cube),
+controllers (steps per second), lookup (a field from a map, beside five interpolation libraries of the same extra),
+generation (points times coils per second, beside magpylib), dynamics (a levitated magnet in closed loop, times real
+time), app (what follows a slider of `fieldmap app`) and magpylib (fields as magpylib sources: time beside `field`,
+differences, moved and turned, getFT).
 Prints figures, not verdicts:
 the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
 
@@ -31,6 +32,7 @@ SECTIONS = {
     "kernels": "benchmarks.kernels",
     "iron": "benchmarks.iron_disk",
     "controllers": "benchmarks.controllers",
+    "peers": "benchmarks.peer_cases",
     "lookup": "benchmarks.lookup",
     "generation": "benchmarks.generation",
     "dynamics": "benchmarks.dynamics",

@@ -69,6 +69,31 @@ def test_other_solver_sees_the_same_problem(disk):
     assert row.field_error < 0.15
 
 
+@pytest.fixture
+def peers(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    return importlib.import_module("benchmarks.peer_cases")
+
+
+def test_cases_of_others(peers):
+    """The table of truth fits the points; coarse meshes come near it, and the cube's is the published number."""
+    for case in peers.CASES:
+        exact = peers.truth(case.name)
+        assert exact.shape == case.points.shape
+        assert peers.relative_error(peers.our_field(case, 0.5, 0.1)[0], exact) < 1e-2
+    polarizability, faces = peers.our_cube(0.4, 0.03)
+    assert polarizability == pytest.approx(peers.POLARIZABILITY, rel=3e-3)
+    assert faces > 500
+
+
+def test_other_solver_comes_near_the_same_truth(peers):
+    pytest.importorskip("magpylib_material_response")
+    for case in peers.CASES:
+        assert peers.relative_error(peers.their_field(case, 64)[0], peers.truth(case.name)) < 3e-2
+        assert peers.relative_error(peers.finite_elements(case), peers.truth(case.name)) < 1e-2
+    assert peers.their_cube(8)[0] == pytest.approx(peers.POLARIZABILITY, rel=3e-2)
+
+
 def row(disk, seconds, error):
     return disk.Row("", "", 1, seconds, 2 * seconds, 0.0, error, None)
 

@@ -31,6 +31,8 @@ from fieldmap.typing import Array, Index
 
 T = TypeVar("T")
 R = TypeVar("R")
+# Blocks with fewer numbers are added up in less time than threads take to start.
+_WORTH_THREADS = 4_000_000
 
 
 def face_orbits(symmetry: MeshSymmetry, triangles: Index) -> Index:
@@ -118,6 +120,7 @@ def _blocks(
     own = surface.part(faces[:, 0])
     blocks = [np.empty((m.shape[1] * count,) * 2) for m in representations]
     diagonal, block = np.zeros(count), np.empty((count, count))
+    small = sum(total.size for total in blocks) < _WORTH_THREADS
     for c, back in enumerate(inverse):
         if back < c:
             continue
@@ -137,7 +140,11 @@ def _blocks(
                 if back != c:
                     _add(view[j, :, k], matrices[back, j, k], block.T)
 
-        _side_by_side(add, range(len(blocks)))
+        if small:
+            for number in range(len(blocks)):
+                add(number)
+        else:
+            _side_by_side(add, range(len(blocks)))
     return blocks, diagonal
 
 
