@@ -68,7 +68,7 @@ class ChargedFaces(Record):
         one, other = self.kernel_geometry(), others.kernel_geometry()
         # NumPy asks for large pages, numba does not.
         block = np.empty((len(self.areas),) * 2) if out is None else out
-        mutual_potential(one, self.far_points(), other, others.far_points(), NEAR_RADII, symmetric, block)
+        mutual_potential(one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
         return block
 
     def kernel_geometry(self) -> tuple[Array, ...]:
@@ -81,6 +81,10 @@ class ChargedFaces(Record):
         """x, y and z (3, 3 n) of the points of the degree-2 rule, triangle by triangle."""
         far, _ = self.rule_points(2)
         return np.ascontiguousarray(far.reshape(-1, 3).T)
+
+    def _far(self) -> tuple[Array, Array]:
+        """Points of the degree-2 rule, centres and radii, as rows (`fieldmap.kernels.iron.mutual_potential`)."""
+        return self.far_points(), np.vstack([self.centres.T, self.radii])
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""

@@ -8,6 +8,7 @@ from numba import njit, prange
 from fieldmap.kernels.iron.charged_triangle import triangle_potential
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
+_INVERSE_36PI = _INVERSE_4PI / 9.0
 
 
 @njit(cache=True, fastmath=True, inline="always")
@@ -19,7 +20,7 @@ def _mean_potential(points, weights, corners, normal):
     return total
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def _inverse_distance(dx, dy, dz):
     """1/sqrt of a sum of squares: in single precision, which costs a fraction, and one step of Newton's method."""
     # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
@@ -28,21 +29,33 @@ def _inverse_distance(dx, dy, dz):
     return guess * (1.5 - 0.5 * square * guess * guess)
 
 
-@njit(cache=True, fastmath=True)
-def _far_row(i, stop, far, other_far, sums):
-    """Fill sums (3 stop,) with the sum of 1/|p - q| over the three points p of triangle i, for the points q of the
-    other set's triangles below `stop`. No branches over contiguous arrays: the compiler turns it into vector code."""
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _far_row(i, far, other_far, sums):
+    """Fill sums (m,) with the sum of 1/|p - q| over the three points p of triangle i, for the first m points q of the
+    other set's triangles. No branches (a division that may raise is one) over contiguous arrays: the compiler turns it
+    into vector code."""
     x, y, z = other_far[0], other_far[1], other_far[2]
     a, b, c = 3 * i, 3 * i + 1, 3 * i + 2
     ax, ay, az = far[0, a], far[1, a], far[2, a]
     bx, by, bz = far[0, b], far[1, b], far[2, b]
     cx, cy, cz = far[0, c], far[1, c], far[2, c]
-    for q in range(3 * stop):
+    for q in range(sums.size):
         sums[q] = (
             _inverse_distance(ax - x[q], ay - y[q], az - z[q])
             + _inverse_distance(bx - x[q], by - y[q], bz - z[q])
             + _inverse_distance(cx - x[q], cy - y[q], cz - z[q])
         )
+
+
+@njit(cache=True, fastmath=True)
+def _row_beyond(i, one, other, reach, beyond):
+    """Fill beyond (m,) with what the squared distances of triangle i from the first m of the other set exceed those of
+    `reach` summed radii by; one, other (4, n): centres and radii."""
+    x, y, z, r = other[0], other[1], other[2], other[3]
+    a, b, c, radius = one[0, i], one[1, i], one[2, i], one[3, i]
+    for j in range(beyond.size):
+        dx, dy, dz, size = a - x[j], b - y[j], c - z[j], reach * (radius + r[j])
+        beyond[j] = dx * dx + dy * dy + dz * dz - size * size
 
 
 @njit(cache=True, fastmath=True, inline="always")
@@ -71,46 +84,43 @@ def close_pair(i, j, apart, one, other):
     return _mean_potential(other_near[j], near_weights, corners[i], normals[i]) / areas[i]
 
 
-@njit(cache=True, fastmath=True)
-def _fill_row(i, stop, one, other, reach, sums, w):
-    """w[i, j] for j < stop, from the point sums of `_far_row` and closed forms near by."""
-    for j in range(stop):
-        distance2, size = separation(i, j, one, other)
-        if distance2 > (reach * size) ** 2:
-            value = (sums[3 * j] + sums[3 * j + 1] + sums[3 * j + 2]) / 9.0
-        else:
-            value = close_pair(i, j, distance2 > size * size, one, other)
-        w[i, j] = value * _INVERSE_4PI
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _fill_row(i, one, other, sums, beyond, row):
+    """row (m,) of W from the point sums of `_far_row`, and closed forms where beyond (m,) < 0."""
+    for j in range(row.size):
+        row[j] = (sums[3 * j] + sums[3 * j + 1] + sums[3 * j + 2]) * _INVERSE_36PI
+    for j in range(row.size):
+        if beyond[j] <= 0.0:
+            distance2, size = separation(i, j, one, other)
+            row[j] = close_pair(i, j, distance2 > size * size, one, other) * _INVERSE_4PI
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def mutual_potential(one, one_far, other, other_far, reach, symmetric, w):
+def mutual_potential(one, far, other, other_far, reach, symmetric, w):
     """Fill w (n, n), 1/m, with W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the
     one set of unit charge on triangle j of the other; for one set symmetric, positive definite.
 
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
-    pairs whose inner integral is done in closed form. far (3, 3 n): x, y and z of the points of the degree-2 rule,
-    triangle by triangle. Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap
+    pairs whose inner integral is done in closed form. far, other_far: x, y and z (3, 3 n) of the points of the degree-2
+    rule, triangle by triangle, and those of the centres with the radii (4, n). Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap
     use the `touch` rule, whose outer integrand has a kink. symmetric: the lower triangle is computed and copied.
     """
     n = one[2].size
     # Rows k and n - 1 - k together cost the same for every k, so the threads share a triangle evenly.
     for k in prange((n + 1) // 2):
-        sums = np.empty(3 * n)
+        sums, beyond = np.empty(3 * n), np.empty(n)
         # The loop's own index is unsigned; its difference from n would be a float.
         low = np.int64(k)
         for i in (low, n - 1 - low):
             stop = i + 1 if symmetric else n
-            _far_row(i, stop, one_far, other_far, sums)
-            _fill_row(i, stop, one, other, reach, sums, w)
+            _far_row(i, far[0], other_far[0], sums[: 3 * stop])
+            _row_beyond(i, far[1], other_far[1], reach, beyond[:stop])
+            _fill_row(i, one, other, sums, beyond, w[i, :stop])
     if symmetric:
         for i in prange(n):
             for j in range(i + 1, n):
                 w[i, j] = w[j, i]
-
-
-_INVERSE_36PI = _INVERSE_4PI / 9.0
 
 
 @njit(cache=True, fastmath=True)
