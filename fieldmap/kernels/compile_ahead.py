@@ -26,7 +26,7 @@ KERNELS = """
 coils.path path_flux_density d2 d2 d2 d d d
 coils.path path_flux_density_and_gradient d2 d2 d2 d d d
 map.reduced_iron newton d1 d2 f2 d1 i1 i1 d1 d2 d2 d1 d1 d2 d i
-iron.charged_surface surface_field_and_gradient d2 d3 d2 d2 d1 d3 d2
+iron.charged_surface surface_field_and_gradient d2 d3 d2 d2 d2
 map.reduced_iron tangent_factor d1 d2 f2 d1 i1 i1 d1 d2 d2 d1
 growing_cholesky append d2 i d1 d
 growing_cholesky solve_lower d2 i d1

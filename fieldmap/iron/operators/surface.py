@@ -88,17 +88,16 @@ class ChargedFaces(Record):
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
-        charges, limits = self._far_charges()
-        return surface_field(points, self.corners, self.normals, self.centres, limits, charges, density)
+        return surface_field(points, self.corners, self.normals, self._as_charges(), density)
 
     def field_and_gradient(self, points: Array, density: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
-        charges, limits = self._far_charges()
-        return surface_field_and_gradient(
-            points, self.corners, self.normals, self.centres, limits, charges, density
-        )
+        return surface_field_and_gradient(points, self.corners, self.normals, self._as_charges(), density)
 
-    def _far_charges(self) -> tuple[Array, Array]:
-        """Points (n, 3, 3) that replace a triangle, and the squared distance (n,) beyond which they do."""
+    def _as_charges(self) -> Array:
+        """Of every triangle the points that replace it, a third of its area, its centre and the squared distance
+        beyond which they do: (14, n)."""
         charges, _ = self.rule_points(2)
-        return charges, (_FAR_RADII * self.radii) ** 2
+        limit = (_FAR_RADII * self.radii) ** 2
+        rows = [charges.reshape(-1, 9).T, self.areas / 3, self.centres.T, limit]
+        return np.ascontiguousarray(np.vstack(rows))

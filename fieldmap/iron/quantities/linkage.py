@@ -20,21 +20,19 @@ def linkage_and_coenergy(
     field of their coils alone; unit (c, e, 4, 3): field of one ampere in each of c coils. The linkage is the exact
     derivative of the discrete co-energy, so both agree on any mesh.
     """
-    sources = len(strength)
-    linkage, coenergy = np.zeros((len(unit), sources)), np.zeros(sources)
-    weight = 0.25 * volume / mu_0
-    for s in range(sources):
-        remanence = material.remanence[s]
-        for q in range(4):
-            h, t = strength[s, :, q], coils[s, :, q]
-            size = np.linalg.norm(h, axis=1)
-            b, stored = law_values(material.tables, material.law, size)
-            slope = np.divide(b, size, out=np.ones_like(b), where=size > 1e-30)
-            flux = slope[:, None] * h + remanence
-            added = flux - h
-            linkage[:, s] += np.einsum("e,ced,ed->c", weight, unit[:, :, q], added)
-            local = np.sum(remanence * h - 0.5 * flux * h + 0.5 * added * t, axis=1)
-            coenergy[s] += weight @ (stored + local)
+    share = (0.25 * volume / mu_0)[:, None]
+    linkage, coenergy = np.zeros((len(unit), len(strength))), np.zeros(len(strength))
+    per_coil = unit.reshape(len(unit), -1)
+    for s, (h, t) in enumerate(zip(strength, coils, strict=True)):
+        remanence = material.remanence[s][:, None]
+        size = np.linalg.norm(h, axis=2)
+        b, stored = law_values(material.tables, np.repeat(material.law, 4), size.ravel())
+        slope = np.divide(b.reshape(size.shape), size, out=np.ones_like(size), where=size > 1e-30)
+        flux = slope[..., None] * h + remanence
+        added = flux - h
+        linkage[:, s] = per_coil @ (share[..., None] * added).ravel()
+        local = np.sum(remanence * h - 0.5 * flux * h + 0.5 * added * t, axis=2)
+        coenergy[s] = np.sum(share * (stored.reshape(size.shape) + local))
     return linkage, coenergy
 
 

@@ -1,6 +1,12 @@
-"""Field and gradient of many charged triangles at many points: closed form near by, three point charges far off."""
+"""Field and gradient of many charged triangles at many points: closed form near by, three point charges far off.
+
+Triangles are taken a block at a time: what each of them gives per density is written into rows, of which one is filled
+by one loop over contiguous arrays without branches (a division that may raise is one). The compiler turns such loops
+into vector code; of a loop that fills two rows it cannot tell that they do not overlap.
+"""
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit, prange
@@ -8,108 +14,211 @@ from numba import njit, prange
 from fieldmap.kernels.iron.charged_triangle import triangle_field, triangle_field_and_gradient
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
+# Triangles of a block: its rows stay in the processor's first two caches.
+_BLOCK = 512
+# Without counts of references, which threads would fight for (as in `fieldmap.kernels.map.map_block`).
+_PLAIN: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
+_FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 
 
-@njit(cache=True, fastmath=True, inline="always")
-def _is_near(x, y, z, centre, limit2):
-    dx, dy, dz = x - centre[0], y - centre[1], z - centre[2]
-    return dx * dx + dy * dy + dz * dz < limit2
+@njit(**_FAST)
+def _inverse_distances(x, y, z, px, py, pz, out):
+    """1/|x - p| in single precision, which costs a fraction, and one step of Newton's method."""
+    for j in range(out.size):
+        dx, dy, dz = x - px[j], y - py[j], z - pz[j]
+        # At a charge itself the triangle is near: the value is not used.
+        square = dx * dx + dy * dy + dz * dz + 1e-30
+        guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+        out[j] = guess * (1.5 - 0.5 * square * guess * guess)
 
 
-@njit(cache=True, parallel=True, fastmath=True)
-def surface_field(points, corners, normals, centres, limits2, charges, density):
+@njit(**_FAST)
+def _strengths(inverse, third, out):
+    for j in range(out.size):
+        out[j] = third[j] * inverse[j] * inverse[j] * inverse[j]
+
+
+@njit(**_FAST)
+def _slopes(inverse, strength, out):
+    for j in range(out.size):
+        out[j] = 3.0 * strength[j] * inverse[j] * inverse[j]
+
+
+@njit(**_FAST)
+def _add_field(x, px, strength, out):
+    for j in range(out.size):
+        out[j] += strength[j] * (x - px[j])
+
+
+@njit(**_FAST)
+def _add_own_slope(x, px, strength, slope, out):
+    for j in range(out.size):
+        out[j] += strength[j] - slope[j] * (x - px[j]) * (x - px[j])
+
+
+@njit(**_FAST)
+def _add_other_slope(x, y, px, py, slope, out):
+    for j in range(out.size):
+        out[j] -= slope[j] * (x - px[j]) * (y - py[j])
+
+
+@njit(**_FAST)
+def _squares_beyond(x, y, z, cx, cy, cz, limit, out):
+    """What the squared distances of the centres exceed their limits by."""
+    for j in range(out.size):
+        dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
+        out[j] = dx * dx + dy * dy + dz * dz - limit[j]
+
+
+@njit(**_PLAIN)
+def _zero(out):
+    for j in range(out.size):
+        out[j] = 0.0
+
+
+@njit(**_PLAIN)
+def _fill_rows(x, y, z, far, first, last, gradient, work, rows):
+    """rows: ex, ey, ez, gxx, gxy, gxz, gyy, gyz, each (b,), of the triangles `first` to `last` as point charges; the first
+    three without the gradient. far (14, m); work: scratch (b,)."""
+    size = last - first
+    inverse, strength, slope = work[0][:size], work[1][:size], work[2][:size]
+    third = far[9][first:last]
+    ex, ey, ez = rows[0][:size], rows[1][:size], rows[2][:size]
+    xx, xy, xz, yy, yz = rows[3][:size], rows[4][:size], rows[5][:size], rows[6][:size], rows[7][:size]
+    _zero(ex)
+    _zero(ey)
+    _zero(ez)
+    if gradient:
+        _zero(xx)
+        _zero(xy)
+        _zero(xz)
+        _zero(yy)
+        _zero(yz)
+    for q in range(3):
+        # Rows are cut one by one: they are then known to be contiguous.
+        px, py, pz = far[3 * q][first:last], far[3 * q + 1][first:last], far[3 * q + 2][first:last]
+        _inverse_distances(x, y, z, px, py, pz, inverse)
+        _strengths(inverse, third, strength)
+        _add_field(x, px, strength, ex)
+        _add_field(y, py, strength, ey)
+        _add_field(z, pz, strength, ez)
+        if gradient:
+            _slopes(inverse, strength, slope)
+            _add_own_slope(x, px, strength, slope, xx)
+            _add_other_slope(x, y, px, py, slope, xy)
+            _add_other_slope(x, z, px, pz, slope, xz)
+            _add_own_slope(y, py, strength, slope, yy)
+            _add_other_slope(y, z, py, pz, slope, yz)
+
+
+@njit(**_FAST)
+def _add_field_sums(rows, size, density, sums):
+    ex, ey, ez = rows[0], rows[1], rows[2]
+    a = b = c = 0.0
+    for j in range(size):
+        s = density[j]
+        a += s * ex[j]
+        b += s * ey[j]
+        c += s * ez[j]
+    sums[0] += a
+    sums[1] += b
+    sums[2] += c
+
+
+@njit(**_FAST)
+def _add_gradient_sums(rows, size, density, sums):
+    gxx, gxy, gxz, gyy, gyz = rows[3], rows[4], rows[5], rows[6], rows[7]
+    a = b = c = d = e = 0.0
+    for j in range(size):
+        s = density[j]
+        a += s * gxx[j]
+        b += s * gxy[j]
+        c += s * gxz[j]
+        d += s * gyy[j]
+        e += s * gyz[j]
+    sums[3] += a
+    sums[4] += b
+    sums[5] += c
+    sums[6] += d
+    sums[7] += e
+
+
+@njit(**_PLAIN)
+def _replace(x, y, z, corners, normal, gradient, rows, j):
+    """Entry j of the rows by the closed form of one triangle."""
+    if not gradient:
+        rows[0][j], rows[1][j], rows[2][j] = triangle_field(x, y, z, corners, normal)
+        return
+    g = triangle_field_and_gradient(x, y, z, corners, normal)
+    rows[0][j], rows[1][j], rows[2][j] = g[0], g[1], g[2]
+    rows[3][j], rows[4][j], rows[5][j], rows[6][j], rows[7][j] = g[3], g[4], g[5], g[6], g[7]
+
+
+@njit(cache=True, error_model="numpy")
+def _rows():
+    """Eight rows of a block and three for scratch: arrays of their own, which do not overlap."""
+    a, b, c, d = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    e, f, g, h = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
+    return (a, b, c, d, e, f, g, h), (np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK))
+
+
+@njit(**_PLAIN)
+def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sums):
+    """Add to sums (c, 3 or 8) what `_fill_rows` gives for all triangles, times the densities (c, m). work, rows:
+    scratch."""
+    m = normals.shape[0]
+    for first in range(0, m, _BLOCK):
+        last = min(first + _BLOCK, m)
+        _fill_rows(x, y, z, far, first, last, gradient, work, rows)
+        beyond = work[0][: last - first]
+        cx, cy, cz = far[10][first:last], far[11][first:last], far[12][first:last]
+        _squares_beyond(x, y, z, cx, cy, cz, far[13][first:last], beyond)
+        for j in range(last - first):
+            if beyond[j] < 0.0:
+                _replace(x, y, z, corners[first + j], normals[first + j], gradient, rows, j)
+        for k in range(sums.shape[0]):
+            of_block = density[k][first:last]
+            _add_field_sums(rows, last - first, of_block, sums[k])
+            if gradient:
+                _add_gradient_sums(rows, last - first, of_block, sums[k])
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def surface_field(points, corners, normals, far, density):
     """Field (c, n, 3) at points (n, 3) of triangles corners (m, 3, 3), normals (m, 3), for c densities (c, m).
 
-    centres (m, 3); limits2 (m,): squared distance within which the closed form is used; charges (m, 3, 3): points of
-    the degree-2 rule. The factor 1/(4 pi) is included, so a density in tesla gives a flux density in tesla.
+    far (14, m): x, y and z of the three points of the degree-2 rule, a third of the area, the centre, and the squared
+    distance from it within which the closed form is used. The factor 1/(4 pi) is included, so a density in tesla gives
+    a flux density in tesla.
     """
-    n, m, c = points.shape[0], corners.shape[0], density.shape[0]
-    out = np.zeros((c, n, 3))
-    third = _area_thirds(corners)
+    n, c = points.shape[0], density.shape[0]
+    out = np.empty((c, n, 3))
     for i in prange(n):
+        sums, (rows, work) = np.zeros((c, 3)), _rows()
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(m):
-            if _is_near(x, y, z, centres[j], limits2[j]):
-                ex, ey, ez = triangle_field(x, y, z, corners[j], normals[j])
-            else:
-                ex = ey = ez = 0.0
-                for q in range(3):
-                    dx, dy, dz = x - charges[j, q, 0], y - charges[j, q, 1], z - charges[j, q, 2]
-                    r2 = dx * dx + dy * dy + dz * dz
-                    g = third[j] / (r2 * math.sqrt(r2))
-                    ex += g * dx
-                    ey += g * dy
-                    ez += g * dz
-            for k in range(c):
-                s = density[k, j] * _INVERSE_4PI
-                out[k, i, 0] += s * ex
-                out[k, i, 1] += s * ey
-                out[k, i, 2] += s * ez
-    return out
-
-
-@njit(cache=True, fastmath=True)
-def _area_thirds(corners):
-    """A third of each triangle's area (m,)."""
-    out = np.empty(corners.shape[0])
-    for j in range(corners.shape[0]):
-        a, b, c = corners[j, 0], corners[j, 1], corners[j, 2]
-        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        out[j] = math.sqrt(nx * nx + ny * ny + nz * nz) / 6.0
-    return out
-
-
-@njit(cache=True, fastmath=True, inline="always")
-def _three_charges(x, y, z, charges, third):
-    """Field and five independent gradient entries of three equal point charges."""
-    ex = ey = ez = gxx = gxy = gxz = gyy = gyz = gzz = 0.0
-    for q in range(3):
-        dx, dy, dz = x - charges[q, 0], y - charges[q, 1], z - charges[q, 2]
-        inverse2 = 1.0 / (dx * dx + dy * dy + dz * dz)
-        g = third * inverse2 * math.sqrt(inverse2)
-        h = 3.0 * g * inverse2
-        ex += g * dx
-        ey += g * dy
-        ez += g * dz
-        gxx += g - h * dx * dx
-        gyy += g - h * dy * dy
-        gzz += g - h * dz * dz
-        gxy -= h * dx * dy
-        gxz -= h * dx * dz
-        gyz -= h * dy * dz
-    return ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz
-
-
-@njit(cache=True, parallel=True, fastmath=True)
-def surface_field_and_gradient(points, corners, normals, centres, limits2, charges, density):
-    """Field (c, n, 3) and gradient (c, n, 3, 3), exactly symmetric; arguments as for `surface_field`."""
-    n, m, c = points.shape[0], corners.shape[0], density.shape[0]
-    field = np.zeros((c, n, 3))
-    gradient = np.zeros((c, n, 3, 3))
-    third = _area_thirds(corners)
-    for i in prange(n):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(m):
-            if _is_near(x, y, z, centres[j], limits2[j]):
-                value = triangle_field_and_gradient(x, y, z, corners[j], normals[j])
-            else:
-                value = _three_charges(x, y, z, charges[j], third[j])
-            ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz = value
-            for k in range(c):
-                s = density[k, j] * _INVERSE_4PI
-                field[k, i, 0] += s * ex
-                field[k, i, 1] += s * ey
-                field[k, i, 2] += s * ez
-                gradient[k, i, 0, 0] += s * gxx
-                gradient[k, i, 0, 1] += s * gxy
-                gradient[k, i, 0, 2] += s * gxz
-                gradient[k, i, 1, 1] += s * gyy
-                gradient[k, i, 1, 2] += s * gyz
-                gradient[k, i, 2, 2] += s * gzz
+        _add_sums(x, y, z, corners, normals, far, density, False, work, rows, sums)
         for k in range(c):
-            gradient[k, i, 1, 0] = gradient[k, i, 0, 1]
-            gradient[k, i, 2, 0] = gradient[k, i, 0, 2]
-            gradient[k, i, 2, 1] = gradient[k, i, 1, 2]
+            for a in range(3):
+                out[k, i, a] = _INVERSE_4PI * sums[k, a]
+    return out
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def surface_field_and_gradient(points, corners, normals, far, density):
+    """Field (c, n, 3) and gradient (c, n, 3, 3), symmetric and free of trace; arguments as for `surface_field`."""
+    n, c = points.shape[0], density.shape[0]
+    field, gradient = np.empty((c, n, 3)), np.empty((c, n, 3, 3))
+    for i in prange(n):
+        sums, (rows, work) = np.zeros((c, 8)), _rows()
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        _add_sums(x, y, z, corners, normals, far, density, True, work, rows, sums)
+        for k in range(c):
+            s = sums[k]
+            for a in range(8):
+                s[a] *= _INVERSE_4PI
+            field[k, i, 0], field[k, i, 1], field[k, i, 2] = s[0], s[1], s[2]
+            gradient[k, i, 0, 0], gradient[k, i, 1, 1], gradient[k, i, 2, 2] = s[3], s[6], -s[3] - s[6]
+            gradient[k, i, 0, 1] = gradient[k, i, 1, 0] = s[4]
+            gradient[k, i, 0, 2] = gradient[k, i, 2, 0] = s[5]
+            gradient[k, i, 1, 2] = gradient[k, i, 2, 1] = s[7]
     return field, gradient

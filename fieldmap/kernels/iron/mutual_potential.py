@@ -11,7 +11,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _INVERSE_36PI = _INVERSE_4PI / 9.0
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def _mean_potential(points, weights, corners, normal):
     """Weighted mean over points (q, 3) of the potential of one triangle, by closed form."""
     total = 0.0
@@ -47,7 +47,7 @@ def _far_row(i, far, other_far, sums):
         )
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _row_beyond(i, one, other, reach, beyond):
     """Fill beyond (m,) with what the squared distances of triangle i from the first m of the other set exceed those of
     `reach` summed radii by; one, other (4, n): centres and radii."""
@@ -58,7 +58,7 @@ def _row_beyond(i, one, other, reach, beyond):
         beyond[j] = dx * dx + dy * dy + dz * dz - size * size
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def separation(i, j, one, other):
     """Squared distance of the centres of two triangles, and the sum of their radii."""
     centres, radii, other_centres, other_radii = one[3], one[4], other[3], other[4]
@@ -68,7 +68,7 @@ def separation(i, j, one, other):
     return x * x + y * y + z * z, radii[i] + other_radii[j]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def close_pair(i, j, apart, one, other):
     """Mean potential between close triangles, times 4 pi. `apart`: their circles do not overlap, and the outer rule
     belongs to the smaller one, over which the potential of the other varies less."""
@@ -95,7 +95,7 @@ def _fill_row(i, one, other, sums, beyond, row):
             row[j] = close_pair(i, j, distance2 > size * size, one, other) * _INVERSE_4PI
 
 
-@njit(cache=True, parallel=True, fastmath=True)
+@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
 def mutual_potential(one, far, other, other_far, reach, symmetric, w):
     """Fill w (n, n), 1/m, with W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the
     one set of unit charge on triangle j of the other; for one set symmetric, positive definite.
@@ -103,8 +103,9 @@ def mutual_potential(one, far, other, other_far, reach, symmetric, w):
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
     pairs whose inner integral is done in closed form. far, other_far: x, y and z (3, 3 n) of the points of the degree-2
-    rule, triangle by triangle, and those of the centres with the radii (4, n). Pairs closer than `reach` times the sum of their radii are near; pairs whose circles overlap
-    use the `touch` rule, whose outer integrand has a kink. symmetric: the lower triangle is computed and copied.
+    rule, triangle by triangle, and those of the centres with the radii (4, n). Pairs closer than `reach` times the sum
+    of their radii are near; pairs whose circles overlap use the `touch` rule, whose outer integrand has a kink.
+    symmetric: the lower triangle is computed and copied.
     """
     n = one[2].size
     # Rows k and n - 1 - k together cost the same for every k, so the threads share a triangle evenly.
@@ -123,7 +124,7 @@ def mutual_potential(one, far, other, other_far, reach, symmetric, w):
                 w[i, j] = w[j, i]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _far_pair(i, j, x, y, z):
     """Sum of 1/|p - q| over the three points of each triangle; x, y, z (3, n)."""
     total = 0.0
@@ -134,7 +135,7 @@ def _far_pair(i, j, x, y, z):
     return total
 
 
-@njit(cache=True, parallel=True, fastmath=True)
+@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
 def fill_near_blocks(blocks, offset, number, faces, x, y, z, reach, data):
     """data[offset[k] + ...] = block k (rows, columns) of W in 1/m. blocks (b, 4): first and last + 1 of rows and
     columns; number (n,): of the faces in the whole matrix, which then has the same entries; x, y, z (3, n): points of
@@ -154,7 +155,7 @@ def fill_near_blocks(blocks, offset, number, faces, x, y, z, reach, data):
                 place += 1
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def entry(i, j, leaf, start, block_of_leaves, offset, data, x, y, z):
     """W_ij from the stored near blocks, by the far rule where there is none.
 
