@@ -16,6 +16,8 @@ from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.topology import Faces
+from fieldmap.iron.operators.element_sums import ElementSums
+from fieldmap.iron.operators.sparse_cholesky import nested_dissection
 from fieldmap.kernels.iron import linear_flux as kernel
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -52,6 +54,12 @@ class FluxElements(Record):
         rows = np.repeat(np.arange(len(faces)), 3)
         mean = csr_matrix((np.full(rows.size, 1 / 3), (rows, columns)), shape=(len(faces), count))
         return cls(dofs, np.ascontiguousarray(area), nodal.volume, count, mean, nodal)
+
+    def elimination_order(self) -> Index:
+        """Order (n,) in which the unknowns are eliminated: that of nested dissection for the faces, all three of one
+        face together."""
+        faces = ElementSums(self.unknowns[:, ::3] // 3, self.count // 3)
+        return (3 * nested_dissection(faces.pattern)[:, None] + np.arange(3)).ravel()
 
     def coil_field_at_points(self, field: Array) -> Array:
         """t as it is."""

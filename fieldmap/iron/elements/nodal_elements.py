@@ -19,6 +19,8 @@ from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
+from fieldmap.iron.operators.element_sums import ElementSums
+from fieldmap.iron.operators.sparse_cholesky import nested_dissection
 from fieldmap.kernels.iron import quadratic_potential as kernel
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
@@ -64,6 +66,19 @@ class NodalElements(Record):
     def unknowns(self) -> Index:
         """Numbers (e, 10) of the elements' unknowns: their nodes."""
         return self.nodes
+
+    def elimination_order(self) -> Index:
+        """Order (n,) in which the nodes are eliminated: that of nested dissection for the mesh's points, with the
+        middle of an edge before the first of its ends.
+
+        Two edges of one tetrahedron whose first ends lie on different sides of a separator cannot be: those ends are
+        neighbours. So the separators of the points, with the edges between them, separate the edges' middles as well,
+        and the graph has a fifth of the nodes.
+        """
+        corners = ElementSums(self.nodes[:, :4], len(self.points))
+        rank = np.empty(len(self.points), np.int64)
+        rank[nested_dissection(corners.pattern)] = np.arange(len(rank))
+        return np.argsort(np.concatenate([2 * rank + 1, 2 * rank[self.edges].min(axis=1)]), kind="stable")
 
     @classmethod
     def from_mesh(cls, mesh: IronMesh, faces: Faces) -> Self:

@@ -51,6 +51,10 @@ class Elements(Protocol):
     @property
     def face_mean(self) -> csr_matrix: ...
 
+    def elimination_order(self) -> NDArray[np.int64]:
+        """Order (n,) in which the unknowns are eliminated."""
+        ...
+
     def no_field(self) -> Any:
         """One source that is zero."""
         ...
@@ -90,7 +94,7 @@ class ConvexForm(Generic[E]):
     def __init__(self, iron: AssembledIron, elements: E) -> None:
         self.iron = iron
         self.elements = elements
-        self._sums = ElementSums(elements.unknowns, elements.count)
+        self._sums = ElementSums(elements.unknowns, elements.count, elements.elimination_order)
         nothing, count = elements.no_field(), len(elements.volume)
         vacuum = Magnetisation(np.zeros(count, np.int64), _unit_law(), np.zeros((1, count, 3)))
         stiffness = self._tangent_entries(np.zeros(elements.count), nothing, 0, vacuum)

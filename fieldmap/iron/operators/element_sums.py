@@ -1,5 +1,6 @@
 """Sums over elements: global matrices and vectors from those of the elements, which all have one pattern."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -11,10 +12,12 @@ from fieldmap.typing import Array, Index
 
 
 class ElementSums:
-    """unknowns (e, k): numbers of every element's unknowns, of `count` in all. Entries of matrices are held in one
-    order: rows one after the other, columns rising."""
+    """unknowns (e, k): numbers of every element's unknowns, of `count` in all; order: that of their elimination, None:
+    `nested_dissection` of the pattern. Entries of matrices are held in one order: rows one after the other, columns
+    rising."""
 
-    def __init__(self, unknowns: Index, count: int) -> None:
+    def __init__(self, unknowns: Index, count: int, order: Callable[[], Index] | None = None) -> None:
+        self._order = order
         self._unknowns, self._count = np.ascontiguousarray(unknowns).ravel(), count
         pointer, columns, place = sparse_pattern(np.ascontiguousarray(unknowns, np.int64), count)
         self._keys = np.repeat(np.arange(count), np.diff(pointer)) * count + columns
@@ -26,10 +29,16 @@ class ElementSums:
         """Places (n,) of the diagonal."""
         return np.searchsorted(self._keys, np.arange(self._count) * (self._count + 1))
 
+    @property
+    def pattern(self) -> csr_matrix:
+        """Matrix (n, n) of the pattern, of zeros."""
+        return self.matrix(np.zeros(len(self._keys)))
+
     @cached_property
     def elimination(self) -> Elimination:
         """How matrices of this pattern are factored."""
-        return Elimination.of(self.matrix(np.zeros(len(self._keys))))
+        order = None if self._order is None else self._order()
+        return Elimination.of(self.pattern, order)
 
     def vector(self, elements: Array) -> Array:
         """Sum (n,) of element vectors (e, k)."""

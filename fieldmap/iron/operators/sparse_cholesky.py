@@ -61,10 +61,12 @@ class Elimination(Record):
     work: int
 
     @classmethod
-    def of(cls, matrix: csr_matrix) -> "Elimination":
-        """Analyse a matrix with a symmetric pattern, sorted indices and no duplicates."""
+    def of(cls, matrix: csr_matrix, order: Index | None = None) -> "Elimination":
+        """Analyse a matrix with a symmetric pattern, sorted indices and no duplicates. order (n,) of elimination; None:
+        nested dissection of the matrix's graph."""
         count = matrix.shape[0]
-        order = _nested_dissection(matrix)
+        if order is None:
+            order = nested_dissection(matrix)
         lower = _lower(matrix, order)
         parent = kernel.elimination_tree(lower.indptr.astype(np.int64), lower.indices.astype(np.int64))
         post = kernel.postorder(parent)
@@ -130,7 +132,8 @@ class Elimination(Record):
         return SparseFactor(self, panels)
 
 
-def _nested_dissection(matrix: csr_matrix) -> Index:
+def nested_dissection(matrix: csr_matrix) -> Index:
+    """Order (n,) of elimination for a matrix with a symmetric pattern, by nested dissection of its graph."""
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     off = matrix.indices != rows
     pointer = np.concatenate([[0], np.cumsum(np.bincount(rows[off], minlength=matrix.shape[0]))])

@@ -78,8 +78,8 @@ def _zero(out):
 
 @njit(**_PLAIN)
 def _fill_rows(x, y, z, far, first, last, gradient, work, rows):
-    """rows: ex, ey, ez, gxx, gxy, gxz, gyy, gyz, each (b,), of the triangles `first` to `last` as point charges; the first
-    three without the gradient. far (14, m); work: scratch (b,)."""
+    """rows: ex, ey, ez, gxx, gxy, gxz, gyy, gyz, each (b,), of the triangles `first` to `last` as point charges;
+    without the gradient three of them. far (14, m); work: scratch (b,)."""
     size = last - first
     inverse, strength, slope = work[0][:size], work[1][:size], work[2][:size]
     third = far[9][first:last]
