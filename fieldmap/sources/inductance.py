@@ -9,6 +9,13 @@ from scipy.spatial.distance import cdist
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
 from fieldmap.sources.coils import unit_flux_density
+from fieldmap.sources.line_currents import (
+    flux_elements_of_lines,
+    is_lines,
+    line_elements,
+    self_inductance,
+    vector_potential,
+)
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
 from fieldmap.typing import Array
 
@@ -20,7 +27,9 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
     """Inductance matrix (c, c) in H of coils without iron, turns and polarity included; symmetric.
 
     Self-inductance: flux of the closed-form field through the turns, docs/theory/forces.md (8). Mutual inductance:
-    Neumann's double integral over both windings, (9). Good to about 1e-4; windings must not overlap.
+    Neumann's double integral over both windings, (9), of loops and polylines the line integral of their vector
+    potential. Good to about 1e-4; windings must not overlap. Raises InputError for a coil that has no self-inductance:
+    loops and polylines without a wire_diameter, sheets, magpylib objects of other classes.
 
     >>> from fieldmap.device.model import CircularCoil
     >>> brooks = CircularCoil("brooks", inner_radius=0.02, outer_radius=0.04, height=0.02, turns=1000)
@@ -28,20 +37,40 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
     50.98 mH
     """
     matrix = np.zeros((len(coils), len(coils)))
-    elements = [current_elements(coil) for coil in coils] if len(coils) > 1 else []
+    elements = [_elements(coil) for coil in coils] if len(coils) > 1 else []
     for k, coil in enumerate(coils):
-        rule = flux_elements(coil)
-        matrix[k, k] = np.sum(unit_flux_density(coil, rule.points, digits=7) * rule.vectors)
+        if coil.has_winding:
+            rule = flux_elements(coil)
+            matrix[k, k] = np.sum(unit_flux_density(coil, rule.points, digits=7) * rule.vectors)
+        else:
+            matrix[k, k] = self_inductance(coil)
         for j in range(k):
-            matrix[k, j] = matrix[j, k] = _neumann(elements[k], elements[j])
+            if is_lines(coil):
+                mutual = _along(coil, elements[j])
+            else:
+                mutual = (
+                    _along(coils[j], elements[k])
+                    if is_lines(coils[j])
+                    else _neumann(elements[k], elements[j])
+                )
+            matrix[k, j] = matrix[j, k] = mutual
     return matrix
+
+
+def _elements(coil: Coil) -> WindingRule:
+    return line_elements(coil) if is_lines(coil) else current_elements(coil)
+
+
+def _along(lines: Coil, elements: WindingRule) -> float:
+    """Line integral of the vector potential of a coil of lines along the currents of another."""
+    return float(np.sum(vector_potential(lines, elements.points) * elements.vectors))
 
 
 def background_linkage(coils: Sequence[Coil], background: Background | None) -> Array:
     """Flux linkages (c,) in Wb that a background adds in air, turns and polarity included."""
     if background is None:
         return np.zeros(len(coils))
-    rules = [flux_elements(coil) for coil in coils]
+    rules = [flux_elements(coil) if coil.has_winding else flux_elements_of_lines(coil) for coil in coils]
     return np.array([float(np.sum(background.field(rule.points) * rule.vectors)) for rule in rules])
 
 

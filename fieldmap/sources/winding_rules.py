@@ -74,7 +74,7 @@ def flux_elements(coil: Coil) -> WindingRule:
     for arc in path.arcs:
         parts += [_arc_strip(arc, path.thickness, turning), _fan(*_arc_edge(arc, turning), middle, size)]
     for bar in path.bars:
-        along = _graded(bar[4], size)
+        along = graded(bar[4], size)
         parts += [
             _bar_strip(bar, along, path.thickness, turning),
             _fan(*_bar_edge(bar, along, turning * path.thickness / 2), middle, size),
@@ -82,7 +82,7 @@ def flux_elements(coil: Coil) -> WindingRule:
     flat, area = (np.concatenate([part[k] for part in parts]) for k in range(2))
     vectors = np.zeros((len(area), 3))
     vectors[:, 2] = area
-    return _stacked(coil, _graded(path.height / 2, size), flat, vectors)
+    return _stacked(coil, graded(path.height / 2, size), flat, vectors)
 
 
 def _count(length: float, spacing: float, most: int) -> int:
@@ -103,7 +103,7 @@ def _panels(smallest: float) -> tuple[Array, Array]:
     return np.concatenate([x for x, _ in pieces]), np.concatenate([w for _, w in pieces])
 
 
-def _graded(half: float, smallest: float) -> tuple[Array, Array]:
+def graded(half: float, smallest: float) -> tuple[Array, Array]:
     """Rule on [-half, half] in panels that shrink towards both ends."""
     x, w = _panels(smallest / half)
     return half * np.concatenate([-x[::-1], x]), half * np.concatenate([w[::-1], w])

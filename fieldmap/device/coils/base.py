@@ -55,7 +55,8 @@ class Coil(Movable):
 
     @property
     def has_winding(self) -> bool:
-        """Whether there is a winding of rectangular section; without one there is no solid, and no inductance."""
+        """Whether there is a winding of rectangular section; without one there is no solid, and a self-inductance
+        of round wires only."""
         return not self.filaments
 
     def reflected(self, axis: int) -> Self:

@@ -13,7 +13,7 @@ from fieldmap.device.coils.base import Coil, CoilKeys
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
-from fieldmap.inputs.tables import Positive
+from fieldmap.inputs.tables import MILLI, Length, Positive
 from fieldmap.typing import Array
 
 
@@ -22,8 +22,9 @@ class MagpylibCoil(Coil):
     """Sources that one current drives: B is (current x turns x polarity) times the sum of theirs.
 
     sources: with their own currents, those for 1 A in the coil. nominal_current: what the coil carries in the model
-    that it comes from, A, if known. Filaments and sheets have no winding of rectangular section: no solid that is
-    checked against the iron, no resistance, no inductance; the force on filaments and sheets is known.
+    that it comes from, A, if known. wire_diameter: of loops and polylines, m; without it they have no self-inductance.
+    Filaments and sheets have no winding of rectangular section: no solid that is checked against the iron, no
+    resistance; the force on them is known.
     """
 
     kind: ClassVar[str] = "magpylib"
@@ -36,6 +37,7 @@ class MagpylibCoil(Coil):
     nominal_current: float | None = None
     resistance: float | None = None
     inductance: float | None = None
+    wire_diameter: float | None = None
 
     def __post_init__(self) -> None:
         given = (self.sources,) if isinstance(self.sources, AirSource) else tuple(self.sources)
@@ -92,6 +94,10 @@ class MagpylibCoilKeys(CoilKeys):
     nominal_current_A: float | None = Field(
         default=None, description="what the coil carries in the model that it comes from"
     )
+    wire_diameter_mm: Length | None = Field(
+        default=None,
+        description="diameter of the round wire of loops and polylines, for their self-inductance",
+    )
     source: list[AirSourceKeys] = Field(
         min_length=1, description="[[coil.source]] tables: with their currents for 1 A in the coil"
     )
@@ -99,4 +105,7 @@ class MagpylibCoilKeys(CoilKeys):
     def to_model(self) -> MagpylibCoil:
         """In SI."""
         sources = tuple(source.to_model() for source in self.source)
-        return MagpylibCoil(sources=sources, nominal_current=self.nominal_current_A, **self.common())
+        wire = None if self.wire_diameter_mm is None else self.wire_diameter_mm * MILLI
+        return MagpylibCoil(
+            sources=sources, nominal_current=self.nominal_current_A, wire_diameter=wire, **self.common()
+        )
