@@ -86,14 +86,14 @@ def _elements(source: AirSource, shortest: float = 0.0) -> tuple[Array, Array]:
         around = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND)])
         points = 0.5 * source.diameter * around  # type: ignore[operator]
         return points, source.amperes * 2 * np.pi / _ROUND * np.cross([0.0, 0.0, 1.0], points)
-    points, vectors = [], []
+    places_of, vectors_of = [], []
     for start, end in zip(*segments_of(source), strict=True):
         half = 0.5 * float(np.linalg.norm(end - start))
         places, weights = graded(half, max(shortest, _SHORTEST * half))
         along = (end - start) / (2 * half)
-        points.append(0.5 * (start + end) + places[:, None] * along)
-        vectors.append(source.amperes * weights[:, None] * along)
-    return np.concatenate(points), np.concatenate(vectors)
+        places_of.append(0.5 * (start + end) + places[:, None] * along)
+        vectors_of.append(source.amperes * weights[:, None] * along)
+    return np.concatenate(places_of), np.concatenate(vectors_of)
 
 
 def _potential(source: AirSource, points: Array, mean_distance: float) -> Array:
