@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import coo_matrix, csr_matrix, diags
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.sparse.linalg import splu
 
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
@@ -34,13 +34,14 @@ from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 FieldOfPoints = Callable[[Array], Array]
-# Points on every edge for the circulations of the sources, and exactness of the rule on faces for their flux.
-_POINTS_PER_EDGE = 8
+# Points on every half edge for the circulations of the sources, and exactness of the rule on faces for their flux.
+_POINTS_PER_HALF = 6
 _FLUX_DEGREE = 6
 # Points at which the sources are evaluated at a time.
 _BATCH = 200_000
-# A mismatch of circulations that is larger than this part of the largest potential difference is a linked current.
-_LINKED = 1e-3
+# Round a loop that links a current, the potential ends further from its start than this part of its range: the whole
+# solid angle of a winding is its range. What quadrature misses near a winding is a thousandth.
+_LINKED = 0.3
 _MAX_STEPS = 200
 
 
@@ -66,43 +67,79 @@ def regions_of(surface: IronSurface, mu_r: Array, remanence: Array) -> tuple[Reg
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceSources(Record):
-    """Fields (c) that act on the iron, T: nodal potential (p, c) at all points of the mesh, without cuts; circulations
-    (m, c) that it lacks along the edges (m, 2), zero where the iron links no current; linked (c,): where it does."""
+    """Fields (c) that act on the iron, T.
+
+    nodal: their potential psi (p, c) at all points of the mesh, without cuts, projected in the mean square from second
+    order: its values at the points would make psi too flat or too steep between them; linear: these values; bubble
+    (m, c): what psi has more in the middle of the edges (m, 2); missing (m, c): differences that `linear` lacks along
+    the edges, zero where the iron links no current; linked (c,): where it does.
+    """
 
     nodal: Array
+    linear: Array
+    bubble: Array
     edges: Index
     missing: Array
     linked: NDArray[np.bool_]
     field: FieldOfPoints
 
+    def bubble_means(self, triangles: Index) -> Array:
+        """Means (n, c) over triangles (n, 3) of psi less its linear interpolant."""
+        return self.bubble[edge_numbers(self.edges, triangles, len(self.nodal))].mean(axis=1)
+
+
+def edge_numbers(edges: Index, triangles: Index, count: int) -> Index:
+    """Numbers (n, 3) of the edges opposite each corner of triangles (n, 3) of `count` points."""
+    ends = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]], axis=2)
+    return np.searchsorted(edges[:, 0] * count + edges[:, 1], ends[..., 0] * count + ends[..., 1])
+
 
 def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> SurfaceSources:
     """Of fields field(points (n, 3)) -> (c, n, 3) that are free of curl at the triangles (n, 3)."""
-    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    edges = distinct_rows(np.sort(sides, axis=1)).rows
-    x, weights = np.polynomial.legendre.leggauss(_POINTS_PER_EDGE)
-    difference = -_integrated(
-        field, points[edges], np.column_stack([0.5 - 0.5 * x, 0.5 + 0.5 * x]), 0.5 * weights
-    )
+    count = len(points)
+    edges = distinct_rows(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)).rows
+    x, weights = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
+    along = np.concatenate([(x + 1) / 4, (x + 3) / 4])
+    both = np.kron(np.eye(2), weights / 4)
     step = points[edges[:, 1]] - points[edges[:, 0]]
-    difference = np.einsum("cmd,md->mc", difference, step)
-    gradient = _differences(edges, len(points))
-    nodal = _least_squares(gradient, difference)
-    missing = difference - gradient @ nodal
-    scale = np.abs(difference).max(axis=0)
-    linked = np.abs(missing).max(axis=0) > _LINKED * np.where(scale > 0, scale, 1.0)
+    mean = _integrated(field, points[edges], np.column_stack([1 - along, along]), both)
+    first, second = -np.einsum("hcmd,md->hmc", mean, step)
+    difference, bubble = first + second, 0.5 * (first - second)
+    gradient = _differences(edges, count)
+    linear = _least_squares(gradient, difference)
+    walked = _along_tree(edges, difference, count)
+    linked = np.abs(difference - gradient @ walked).max(axis=0) > _LINKED * np.ptp(walked, axis=0)
+    missing = difference - gradient @ linear
     missing[:, ~linked] = 0.0
-    return SurfaceSources(nodal, edges, missing, linked, field)
+    nodal = linear + _projected(points, triangles, edges, bubble)
+    return SurfaceSources(nodal, linear, bubble, edges, missing, linked, field)
+
+
+def _projected(points: Array, triangles: Index, edges: Index, bubble: Array) -> Array:
+    """Continuous linear function (p, c) closest to second-order bubbles (m, c) on the edges, in the mean square."""
+    corners = points[triangles]
+    twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    number = edge_numbers(edges, triangles, len(points))
+    rows = np.repeat(triangles, 3, axis=1).ravel()
+    # int l_i l_j = A/12, twice that for i = j; int 4 l_a l_b l_i = 2 A/15, half of that for the opposite corner i.
+    mass = np.outer(twice / 24, (np.ones((3, 3)) + np.eye(3)).ravel()).ravel()
+    load = np.outer(twice / 30, (2 * np.ones((3, 3)) - np.eye(3)).ravel()).ravel()
+    matrix = csr_matrix((mass, (rows, np.tile(triangles, 3).ravel())), shape=(len(points),) * 2)
+    right = csr_matrix((load, (rows, np.tile(number, 3).ravel())), shape=(len(points), len(edges))) @ bubble
+    used = np.unique(triangles)
+    out = np.zeros_like(right)
+    out[used] = splu(matrix[used][:, used].tocsc()).solve(right[used])
+    return out
 
 
 def _integrated(field: FieldOfPoints, corners: Array, rule: Array, weights: Array) -> Array:
-    """Means (c, m, 3) of a field over simplices with corners (m, k, 3), by a rule (q, k) with weights (q,)."""
+    """Means (h, c, m, 3) of a field over simplices with corners (m, k, 3), by rules (q, k) with weights (h, q)."""
     parts = []
-    for batch in np.array_split(corners, 1 + len(corners) * len(weights) // _BATCH):
+    for batch in np.array_split(corners, 1 + len(corners) * len(rule) // _BATCH):
         x = np.einsum("qk,mkd->qmd", rule, batch)
         value = field(x.reshape(-1, 3)).reshape(-1, *x.shape)
-        parts.append(np.einsum("q,cqmd->cmd", weights, value))
-    return np.concatenate(parts, axis=1)
+        parts.append(np.einsum("hq,cqmd->hcmd", weights, value))
+    return np.concatenate(parts, axis=2)
 
 
 def _differences(edges: Index, count: int) -> csr_matrix:
@@ -110,6 +147,22 @@ def _differences(edges: Index, count: int) -> csr_matrix:
     rows = np.arange(len(edges))
     values = np.concatenate([-np.ones(len(edges)), np.ones(len(edges))])
     return csr_matrix((values, (np.tile(rows, 2), edges.T.ravel())), shape=(len(edges), count))
+
+
+def _along_tree(edges: Index, difference: Array, count: int) -> Array:
+    """Nodal values (n, c), zero at one point of each connected part, from the differences along a tree of edges."""
+    links = csr_matrix((np.ones(len(edges)), edges.T), shape=(count, count))
+    key = edges[:, 0] * count + edges[:, 1]
+    values = np.zeros((count, difference.shape[1]))
+    for start in np.unique(connected_components(links, directed=False)[1], return_index=True)[1]:
+        order, before = breadth_first_order(links, start, directed=False)
+        children = order[1:]
+        parents = before[children]
+        edge = np.searchsorted(key, np.minimum(parents, children) * count + np.maximum(parents, children))
+        steps = np.where(parents < children, 1.0, -1.0)[:, None] * difference[edge]
+        for child, parent, step in zip(children, parents, steps, strict=True):
+            values[child] = values[parent] + step
+    return values
 
 
 def _least_squares(gradient: csr_matrix, difference: Array) -> Array:
@@ -202,7 +255,10 @@ class SurfaceForm:
         total, residuals = self._solved(right, tolerance)
         reduced = total - nodal
         outer = self.outside.surface
-        charges = outer.charge(outer.means @ reduced[outer.nodes])
+        # The means of psi itself: outside, phi is all there is, however nearly it cancels psi.
+        own = outer.means @ (reduced + sources.nodal - sources.linear)[outer.nodes]
+        own -= sources.bubble_means(outer.nodes[outer.triangles])
+        charges = outer.charge(own)
         solved = tuple(
             RegionPotential(region, side, side.potentials(total[side.surface.nodes]) + more, applied + more)
             for region, side, more in zip(self.regions, self.sides, lacking, strict=True)
@@ -289,16 +345,14 @@ class SurfaceForm:
         if not sources.linked.any():
             return Potentials(curl, means)
         nodes = own.nodes[own.triangles]
-        key = sources.edges[:, 0] * len(self.surface.points) + sources.edges[:, 1]
+        number = edge_numbers(sources.edges, nodes, len(self.surface.points))
         # The potential of one corner is zero; those of the others follow along the edges that leave it.
         shape = corner_curls(own.faces)
-        for k in (1, 2):
-            low, high = np.minimum(nodes[:, 0], nodes[:, k]), np.maximum(nodes[:, 0], nodes[:, k])
-            edge = np.searchsorted(key, low * len(self.surface.points) + high)
-            sign = np.where(nodes[:, 0] < nodes[:, k], 1.0, -1.0)
-            curl += np.einsum("nd,nc->ndc", shape[:, k], sign[:, None] * sources.missing[edge])
+        for k, opposite in ((1, 2), (2, 1)):
+            sign = np.where(nodes[:, 0] < nodes[:, k], 1.0, -1.0)[:, None]
+            curl += np.einsum("nd,nc->ndc", shape[:, k], sign * sources.missing[number[:, opposite]])
         rule, weights = triangle_rule(_FLUX_DEGREE)
-        field = _integrated(sources.field, own.faces.corners, rule, weights)
+        (field,) = _integrated(sources.field, own.faces.corners, rule, weights[None])
         flux = -np.einsum("cnd,nd->nc", field, own.faces.normals) * own.faces.areas[:, None]
         flux -= np.outer(own.faces.areas / own.faces.areas.sum(), flux.sum(axis=0))
         nodal = side.potentials(sources.nodal[own.nodes])
