@@ -105,7 +105,7 @@ def spool(size: float) -> tuple[Device, Error]:
 
 def window(size: float) -> tuple[Device, Error]:
     """A closed window with a coil on one limb, mu_r 1000: its inductance, against the mean of both volume forms on
-    meshes of 30 000 faces (they differ by 1e-3)."""
+    meshes of 12 720 faces (they differ by 5e-4)."""
     hole = Placement(np.array([0.0, 0.0, -0.01]), np.eye(3))
     parts = (Part(Box((0.1, 0.1, 0.02))), Part(Box((0.06, 0.06, 0.04)), hole, "cut"))
     along_y = np.column_stack([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).astype(float)
@@ -117,7 +117,7 @@ def window(size: float) -> tuple[Device, Error]:
     return device, lambda solution: float(solution.inductance()[0, 0]) / WINDOW - 1
 
 
-WINDOW = 0.018733
+WINDOW = 0.018732
 
 
 def unit(size: float) -> tuple[Device, Error]:
