@@ -296,6 +296,13 @@ def region_field(
     """The field inside a region by its potentials; remanence (c, 3) in T."""
     own, region = of.side.surface, of.region
     normal = of.side.normal_derivative(of.total)
+    triangles = surface.faces_around(region.solids)
+    outer = surface.faces_around(surface.all_solids)
+    place = np.full(len(surface.triangles), -1)
+    place[outer] = np.arange(len(outer))
+    air = np.flatnonzero(place[triangles] >= 0)
+    at = np.ix_(air, solved.linked)
+    normal[at] = -solved.normal[place[triangles[air]]][:, solved.linked] / region.mu_r
     # The curl n x grad u, turned about n once more.
     across = np.cross(own.faces.normals[:, :, None], of.total.curl, axis=1) / own.faces.areas[:, None, None]
     strength = across - own.faces.normals[:, :, None] * normal[:, None]
@@ -304,7 +311,6 @@ def region_field(
     # A constant has no field inside, but for the discretisation: at large mu_r it would be all there is.
     means = means - own.faces.areas @ means / own.faces.areas.sum()
     density = own.charge(means) / own.faces.areas[:, None]
-    triangles = surface.faces_around(region.solids)
     turned = np.where(np.isin(surface.sides[triangles, 0], region.solids), 1.0, -1.0)
     return RegionField(
         region.solids,

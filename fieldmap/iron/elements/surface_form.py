@@ -100,7 +100,8 @@ def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> Su
     edges = distinct_rows(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)).rows
     x, weights = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
     along = np.concatenate([(x + 1) / 4, (x + 3) / 4])
-    both = np.kron(np.eye(2), weights / 4)
+    both = np.zeros((2, len(along)))
+    both[0, : len(x)] = both[1, len(x) :] = weights / 4
     step = points[edges[:, 1]] - points[edges[:, 0]]
     mean = _integrated(field, points[edges], np.column_stack([1 - along, along]), both)
     first, second = -np.einsum("hcmd,md->hmc", mean, step)
@@ -191,7 +192,10 @@ class RegionPotential(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfacePotential(Record):
     """Solved surface form: nodal potentials (p, c) of the iron's own field, phi, and the total, u; the surface towards
-    the air with charges (n, c) that make phi there; the regions; residual: largest, relative."""
+    the air with charges (n, c) that make phi there; the regions; linked (c,): whether the iron links the source's
+    currents; normal (n, c): mean B.n of linked sources on the triangles towards the air, seen from there: from inside
+    their error is multiplied by mu_r; magnets (c,): 1 where the remanence of magnets belongs to the source, else 0;
+    residuals of all steps, relative."""
 
     reduced: Array
     total: Array
@@ -199,6 +203,7 @@ class SurfacePotential(Record):
     charges: Array
     regions: tuple[RegionPotential, ...]
     linked: NDArray[np.bool_]
+    normal: Array
     magnets: Array
     residuals: tuple[float, ...]
 
@@ -259,13 +264,17 @@ class SurfaceForm:
         own = outer.means @ (reduced + sources.nodal - sources.linear)[outer.nodes]
         own -= sources.bubble_means(outer.nodes[outer.triangles])
         charges = outer.charge(own)
+        normal = np.zeros_like(charges)
+        if sources.linked.any():
+            around = self.outside.potentials(reduced[outer.nodes])
+            normal = _normal_field(outer, sources) - self.outside.normal_derivative(around)
         solved = tuple(
             RegionPotential(region, side, side.potentials(total[side.surface.nodes]) + more, applied + more)
             for region, side, more in zip(self.regions, self.sides, lacking, strict=True)
             for applied in (side.potentials(nodal[side.surface.nodes]),)
         )
         return SurfacePotential(
-            reduced, total, self.outside, charges, solved, sources.linked, magnets, residuals
+            reduced, total, self.outside, charges, solved, sources.linked, normal, magnets, residuals
         )
 
     def _through(self, nodal: Array, weights: Array, outside: bool = True) -> Array:
@@ -351,10 +360,15 @@ class SurfaceForm:
         for k, opposite in ((1, 2), (2, 1)):
             sign = np.where(nodes[:, 0] < nodes[:, k], 1.0, -1.0)[:, None]
             curl += np.einsum("nd,nc->ndc", shape[:, k], sign * sources.missing[number[:, opposite]])
-        rule, weights = triangle_rule(_FLUX_DEGREE)
-        (field,) = _integrated(sources.field, own.faces.corners, rule, weights[None])
-        flux = -np.einsum("cnd,nd->nc", field, own.faces.normals) * own.faces.areas[:, None]
+        flux = -_normal_field(own, sources) * own.faces.areas[:, None]
         flux -= np.outer(own.faces.areas / own.faces.areas.sum(), flux.sum(axis=0))
         nodal = side.potentials(sources.nodal[own.nodes])
         means[:, sources.linked] = (own.mutual @ flux - nodal.means)[:, sources.linked]
         return Potentials(curl, means)
+
+
+def _normal_field(surface: ClosedSurface, sources: SurfaceSources) -> Array:
+    """Mean normal component (n, c) of the sources' field on triangles."""
+    rule, weights = triangle_rule(_FLUX_DEGREE)
+    (field,) = _integrated(sources.field, surface.faces.corners, rule, weights[None])
+    return np.einsum("cnd,nd->nc", field, surface.faces.normals)
