@@ -140,10 +140,10 @@ def _selected(
         if source.proportional:
             return Actuation(rows, matrix)
         return Actuation(rows, matrix, chosen(source.constant_field(where), source.constant_gradient(where)))
-    matrix = chosen(*by_currents(where, currents))
     amperes = coil_currents(currents, source.coil_names)
-    here = chosen(source.field(where, amperes), source.gradient(where, amperes))
-    return Actuation(rows, matrix, here - matrix @ amperes)
+    flux, slope, by_flux, by_slope = by_currents(where, amperes)
+    matrix = chosen(by_flux, by_slope)
+    return Actuation(rows, matrix, chosen(flux, slope) - matrix @ amperes)
 
 
 def capability(

@@ -31,10 +31,13 @@ class CurrentSearch:
     """The model from point to point of a search: each solve begins from the last, wherever the currents lie, and is
     exact enough to meet a demand to 1e-9."""
 
-    def __init__(self, model: CompiledModel) -> None:
+    def __init__(self, model: CompiledModel, state: SolverState) -> None:
         domain = model.domain._replace(checked=False)
         self._model = model._replace(tolerance=_OF_SEARCH, domain=domain)
-        self._state = new_state(model)
+        # `current_slopes` solves to a hundredth of its tolerance: as exactly, then.
+        self._of_slopes = self._model._replace(tolerance=100.0 * _OF_SEARCH)
+        self._state = state
+        state.numbers[kernels.COUNT] = 0.0
 
     def weights(self, currents: Array) -> Array:
         """Weights (n_fields,) at currents (c,)."""
@@ -46,9 +49,7 @@ class CurrentSearch:
         """Their derivatives (n_fields, c) by the currents, 1/A."""
         weights = np.empty(len(self._state.weights))
         slopes = np.empty((len(weights), len(currents)))
-        status = kernels.current_slopes(
-            self._model._replace(tolerance=100.0 * _OF_SEARCH), self._state, currents, weights, slopes
-        )
+        status = kernels.current_slopes(self._of_slopes, self._state, currents, weights, slopes)
         self._check(status, currents)
         return slopes
 
@@ -130,8 +131,8 @@ class CurrentModel:
         return weights, slopes
 
     def search(self) -> CurrentSearch:
-        """Weights and slopes for a search that goes from currents to currents."""
-        return CurrentSearch(self.compiled)
+        """Weights and slopes for a search that goes from currents to currents; the one before it in this thread ends."""
+        return CurrentSearch(self.compiled, self._state("search"))
 
     def slopes_at(self, currents: Array) -> Array:
         """The slopes of a search at currents (c,): (n_fields, c). The last ones are cached."""

@@ -484,24 +484,27 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         _, slope, single = self._units(points, 3)
         return slope[0] if single else slope
 
-    def by_currents(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
-        """Derivatives by the currents (n_coils,) at these currents: dB/dI (n, n_coils, 3), T/A, and dG/dI (n, n_coils,
-        3, 3), T/(m A).
+    def by_currents(self, points: ArrayLike, currents: Any) -> tuple[Array, Array, Array, Array]:
+        """B (n, 3), T, and G (n, 3, 3), T/m, at currents (n_coils,), A, and their derivatives by the currents: dB/dI
+        (n, n_coils, 3), T/A, and dG/dI (n, n_coils, 3, 3), T/(m A).
 
-        Of a map that superposes they are `unit_field` and `unit_gradient`, whatever the currents; of saturating iron
-        those of its model, exact, for each coil by itself also where the map is made for divided currents.
+        Of a map that superposes the derivatives are `unit_field` and `unit_gradient`, whatever the currents; of
+        saturating iron those of its model, for each coil by itself also where the map is made for divided currents.
         """
         amperes = self._amperes(currents)
         if self._model is None:
-            return self.unit_field(points), self.unit_gradient(points)
-        _, slopes = self._model.weights_and_slopes(amperes)
+            both = self.field_and_gradient(points, amperes)
+            return *both, self.unit_field(points), self.unit_gradient(points)
+        weights, slopes = self._model.weights_and_slopes(amperes)
         where, single = checked_vectors("points", points)
-        shape = (len(where), len(slopes))
-        flux, slope = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
+        n, coils = len(where), len(amperes)
+        flux, slope = np.empty((n, len(slopes), 3)), np.empty((n, len(slopes), 3, 3))
         in_chunks(self._evaluator.each_field, where, [flux, slope], self._box)
-        by_flux = np.einsum("nfi,fc->nci", flux, slopes, optimize=True)
-        by_slope = np.einsum("nfij,fc->ncij", slope, slopes, optimize=True)
-        return (by_flux[0], by_slope[0]) if single else (by_flux, by_slope)
+        # The weights themselves and their derivatives by every coil.
+        mix = np.vstack([weights, slopes.T])
+        all_flux, all_slope = mix @ flux, (mix @ slope.reshape(n, -1, 9)).reshape(n, coils + 1, 3, 3)
+        found = all_flux[:, 0], all_slope[:, 0], all_flux[:, 1:], all_slope[:, 1:]
+        return (found[0][0], found[1][0], found[2][0], found[3][0]) if single else found
 
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
         require_affine(self, "unit_field")

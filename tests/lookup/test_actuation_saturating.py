@@ -96,7 +96,7 @@ def test_of_a_map_that_superposes_currents_change_nothing(coarse):
     found, units = coarse.actuation(PLACE, currents, MOMENT), wrench_actuation(coarse, PLACE, MOMENT)
     np.testing.assert_array_equal(found.matrix[8:], units.matrix)
     assert found.constant is None
-    flux, slope = coarse.by_currents(PLACE, currents)
+    *_, flux, slope = coarse.by_currents(PLACE, currents)
     np.testing.assert_array_equal(flux, coarse.unit_field(PLACE))
     np.testing.assert_array_equal(slope, coarse.unit_gradient(PLACE))
     np.testing.assert_allclose(found.matrix @ currents, rows_of(coarse, currents), rtol=1e-12, atol=1e-15)
@@ -116,7 +116,9 @@ def test_points_at_once_are_points_one_by_one(m):
     together = m.by_currents(points, CURRENTS)
     for k, point in enumerate(points):
         for many, one in zip(together, m.by_currents(point, CURRENTS), strict=True):
-            np.testing.assert_allclose(many[k], one, rtol=1e-13)
+            np.testing.assert_allclose(many[k], one, rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(together[0], m.field(points, CURRENTS), rtol=1e-5)
+    np.testing.assert_allclose(together[1], m.gradient(points, CURRENTS), rtol=1e-5, atol=1e-9)
 
 
 def test_compiled_lookups_solve_for_new_currents(m, data):

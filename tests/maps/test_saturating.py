@@ -401,9 +401,8 @@ def test_the_opened_map_says_what_it_cannot_do(data, folder):
     assert data.current_error.gradient > 0
     opened = fm.open_map(folder / "map.h5")
     assert opened.current_error.flux_density > 0
-    for call in (lambda: opened.unit_field(np.zeros(3)), opened.compiled):
-        with pytest.raises(InputError, match="superpose"):
-            call()
+    with pytest.raises(InputError, match="superpose"):
+        opened.unit_field(np.zeros(3))
     with pytest.raises(OutsideMapError):
         opened.field([0, 0, -0.01], [3.0, 0.0])
     flagged = fm.open_map(folder / "map.h5", outside_currents="nan")

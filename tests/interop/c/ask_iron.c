@@ -1,9 +1,8 @@
 /* Answers questions about a map of saturating iron; takes no memory once it runs.
  *
  * ask_iron MAP QUESTIONS ANSWERS TOLERANCE: rows of currents, point, moment -> weights, their slopes, B, G, wrench, status.
- * ask_iron MAP: the status of opening it. ask_iron MAP SETS: microseconds a change of the currents, of these at random.
+ * ask_iron MAP: the status of opening it.
  */
-#include <time.h>
 #include "fieldmap_iron.h"
 
 static int forbidden;
