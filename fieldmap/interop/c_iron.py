@@ -119,7 +119,6 @@ def _numbers(model: CompiledModel) -> Array:
         model.air,
         model.constant,
         model.output,
-        model.factor,
         model.terms,
         domain.matrix,
         domain.inverse,

@@ -28,18 +28,18 @@ typedef struct fieldmap_iron {
     fieldmap fields;
     int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked;
     double exponent, limit, off, tolerance;
-    const double *source, *fixed, *weights, *law, *offset, *knots, *coefficients, *air, *constant, *output, *factor;
+    const double *source, *fixed, *weights, *law, *offset, *knots, *coefficients, *air, *constant, *output;
     const double *terms, *matrix, *inverse, *lower, *upper;
     const float *gradients, *expansion;
     void *owned;
 } fieldmap_iron;
 
-/* What solves remember and work with; one for each thread. steps, decrement: of the last solve, its number of steps and
- * the last of them as a share of the state, in the norm of the energy. tolerance: at which a solve ends; may be set. */
+/* What solves remember and work with; one for each thread. steps, left_over: of the last solve, its number of steps and
+ * what they left of the state, estimated, in the norm of the energy. tolerance: what they may leave; may be set. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
-    int count, factored, steps;
-    double decrement, tolerance;
+    int count, steps;
+    double left_over, tolerance;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
     double *change, *rest, *left, *changes, *responses, *isotropic, *along, *right, *products;
     float *single, *single_change, *total, *rows;
@@ -93,7 +93,6 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     map->air = fieldmap_iron_take(&at, &left, r * r);
     map->constant = fieldmap_iron_take(&at, &left, r);
     map->output = fieldmap_iron_take(&at, &left, (uint64_t)map->k * r);
-    map->factor = fieldmap_iron_take(&at, &left, r * r);
     map->terms = fieldmap_iron_take(&at, &left, 3 * t);
     map->matrix = fieldmap_iron_take(&at, &left, matrix);
     map->inverse = fieldmap_iron_take(&at, &left, matrix);
@@ -691,12 +690,12 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
     const int r = map->r, w = map->wide, c = map->n_coils;
     const double *last = s->currents + (FIELDMAP_IRON_PASSED - 1) * c;
     double values[FIELDMAP_IRON_MAX_SIGNALS] = {0}, behind[FIELDMAP_IRON_MAX_SIGNALS] = {0}, *a = s->rest;
-    double decrement = (double)INFINITY, before = (double)INFINITY, farthest = 0.0, largest = 1e-300;
+    double left_over = (double)INFINITY, decrement = (double)INFINITY, before = (double)INFINITY, farthest = 0.0, largest = 1e-300;
     int same, near, known, found = 0, pairs = 0, steps = 0, attempt, i, k;
     for (k = 0; k < c; k++)
         if (!isfinite(currents[k])) return FIELDMAP_NOT_FINITE;
     if (!fieldmap_iron_signals(map, currents, values) && map->checked) return FIELDMAP_IRON_BEYOND;
-    same = s->count > 0 && s->decrement <= tolerance;
+    same = s->count > 0 && s->left_over < tolerance;
     for (k = 0; k < c; k++) same = same && last[k] == currents[k];
     if (same) return FIELDMAP_OK;
     near = s->count > 0;
@@ -707,15 +706,11 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
         fieldmap_iron_continue(map, s, currents, a);
     else
         fieldmap_iron_expand(map, s, values, a);
-    known = near && s->factored;
-    if (!known) {
-        memcpy(s->factor, map->factor, (size_t)r * (size_t)r * sizeof(double));
-        known = s->factor[0] > 0.0;
-    }
+    known = near;
     fieldmap_iron_apply(map, s, currents);
     fieldmap_iron_evaluate(map, s, a);
     while (steps < FIELDMAP_IRON_STEPS) {
-        double slope = 0.0, energy, was, end, rest, curved, t = 1.0, *swap;
+        double slope = 0.0, energy, was, end, rest, curved, share, t = 1.0, *swap;
         int fresh = 0;
         steps++;
         for (attempt = 0; attempt < 2; attempt++) {
@@ -732,7 +727,9 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
             known = fresh || decrement < 0.6 * before;
             if (known) break;
         }
-        if ((fresh || before < (double)INFINITY || near) && decrement < tolerance) {
+        share = before > 0.0 && before < (double)INFINITY ? fmin(decrement / before, 0.9) : 0.5;
+        left_over = decrement * fmax(1.0, share / (1.0 - share));
+        if ((fresh || before < (double)INFINITY || near) && left_over < tolerance) {
             if (1e-6 * farthest < tolerance) {
                 for (i = 0; i < r; i++) a[i] += s->change[i];
                 found = 1;
@@ -766,8 +763,7 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
         pairs = fieldmap_iron_keep(s, pairs);
     }
     s->steps = steps;
-    s->decrement = decrement;
-    s->factored = found;
+    s->left_over = left_over;
     if (!found) {
         s->count = 0;
         return FIELDMAP_IRON_NOT_CONVERGED;

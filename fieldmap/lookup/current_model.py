@@ -131,7 +131,7 @@ class CurrentModel:
         return weights, slopes
 
     def search(self) -> CurrentSearch:
-        """Weights and slopes for a search that goes from currents to currents; the one before it in this thread ends."""
+        """Weights and slopes for a search from currents to currents; the one before it in this thread ends."""
         return CurrentSearch(self.compiled, self._state("search"))
 
     def slopes_at(self, currents: Array) -> Array:

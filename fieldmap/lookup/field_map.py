@@ -302,7 +302,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         outside="clamp"; a compiled function cannot raise OutsideMapError.
 
         Of saturating iron without currents, `data` remembers the last currents, from which the next solve begins: ask
-        for one in each thread. Results are off by a tenth of `current_error` or less, more than those of `field`.
+        for one in each thread. Results are off by a fifth of `current_error` or less, more than those of `field`.
         Currents beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it remembers
         nothing, and only currents in the table do not give NaN. Its second and third part are what
         `fieldmap.kernels.map.current_solver.current_weights` and `current_slopes` take.

@@ -33,9 +33,9 @@ PASSED = 3
 """States behind, from which one near them begins."""
 
 # Positions in `SolverState.numbers`: how many states it has passed; steps of the newest, and what they left of it,
-# estimated, in the norm of the energy; whether its factor is that of a tangent near the newest.
-COUNT, STEPS, LEFT, FACTORED = 0, 1, 2, 3
-NUMBERS = 4
+# estimated, in the norm of the energy.
+COUNT, STEPS, LEFT = 0, 1, 2
+NUMBERS = 3
 
 MOST_STEPS = 60
 """Steps after which a solve gives up."""
@@ -71,11 +71,10 @@ class SignalDomain(NamedTuple):
 class CompiledModel(NamedTuple):
     """The arrays of a `fieldmap.store.ReducedModel` as this kernel takes them: p points, r modes, c coils, k fields.
 
-    gradients (3 p, r), single precision; fixed (3 p,) or (0,); the others as there. factor (r, r): of the tangent in
-    the middle of the domain, or zeros. terms (t, 3) and expansion (t, r), single precision: amplitudes as a sum over
-    products of Chebyshev polynomials of the signals, each scaled to -1..1; a term is another term before it (column 0)
-    times the polynomial of signal (1) and degree (2); the first is 1. tolerance: share of the state
-    that a solve may leave, in the norm of the energy.
+    gradients (3 p, r), single precision; fixed (3 p,) or (0,); the others as there. terms (t, 3) and expansion (t, r),
+    single precision: amplitudes as a sum over products of Chebyshev polynomials of the signals, each scaled to -1..1; a
+    term is another term before it (column 0) times the polynomial of signal (1) and degree (2); the first is 1.
+    tolerance: share of the state that a solve may leave, in the norm of the energy.
     """
 
     source: NDArray[np.float64]
@@ -89,7 +88,6 @@ class CompiledModel(NamedTuple):
     air: NDArray[np.float64]
     constant: NDArray[np.float64]
     output: NDArray[np.float64]
-    factor: NDArray[np.float64]
     terms: NDArray[np.int64]
     expansion: NDArray[np.float32]
     domain: SignalDomain
@@ -336,13 +334,6 @@ def _times(matrix, vector, out):
 
 
 @njit(**_PLAIN)
-def _copy(matrix, out):
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = matrix[i, j]
-
-
-@njit(**_PLAIN)
 def _add_rest(constant, air, residual):
     for i in range(residual.size):
         residual[i] += constant[i] - air[i]
@@ -418,10 +409,7 @@ def solve(model, state, currents, tolerance):
         return FOUND
     a, change = np.empty(r), np.empty(r)
     near = _begin(model, state, currents, values, a)
-    known, factor = near and numbers[FACTORED] > 0.0, state.factor
-    if not known:
-        _copy(model.factor, factor)
-        known = factor[0, 0] > 0.0
+    known, factor = near, state.factor
     applied = _applied(model, currents)
     h, vector, moved, step_h = state.h, np.empty(n), np.empty(n), np.empty(n)
     isotropic, along = np.empty(model.weights.size), np.empty(model.weights.size)
@@ -486,9 +474,8 @@ def solve(model, state, currents, tolerance):
         count = keep_pair(change, response, changes, responses, count)
     numbers[STEPS], numbers[LEFT] = steps, left
     if not found:
-        numbers[COUNT], numbers[FACTORED] = 0.0, 0.0
+        numbers[COUNT] = 0.0
         return NOT_CONVERGED
-    numbers[FACTORED] = 1.0
     _remember(model, state, currents, a, near)
     return FOUND
 
