@@ -81,8 +81,13 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
 {
     const uint64_t p = (uint64_t)map->p, r = (uint64_t)map->r, c = (uint64_t)map->n_coils, d = (uint64_t)map->n_signals;
     const uint64_t t = (uint64_t)map->n_terms, n = (uint64_t)map->n_knots, matrix = map->division ? 0 : c * d;
+    const uint64_t w = (uint64_t)map->wide, k = (uint64_t)map->k, laws = (uint64_t)map->n_laws;
+    const uint64_t singles = (3 * p + t) * w / 2;
     const double *numbers;
     int i;
+    if (3 * p * c + (map->has_fixed ? 3 * p : 0) + 2 * p + laws + 1 + 5 * n + r * r + r + k * r + 3 * t + 2 * matrix
+            + 2 * d + singles != left)
+        return FIELDMAP_DAMAGED;
     map->source = fieldmap_iron_take(&at, &left, 3 * p * c);
     map->fixed = fieldmap_iron_take(&at, &left, map->has_fixed ? 3 * p : 0);
     map->weights = fieldmap_iron_take(&at, &left, p);
@@ -102,7 +107,6 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     map->gradients = (const float *)(const void *)numbers;
     numbers = fieldmap_iron_take(&at, &left, t * (uint64_t)map->wide / 2);
     map->expansion = (const float *)(const void *)numbers;
-    if (numbers == NULL || left != 0) return FIELDMAP_DAMAGED;
     if (map->offset[0] != 0.0 || map->offset[map->n_laws] != (double)map->n_knots) return FIELDMAP_DAMAGED;
     for (i = 0; i < map->n_laws; i++)
         if (fieldmap_whole(map->offset[i], 0, map->n_knots - 1) < 0 || !(map->offset[i] < map->offset[i + 1]))
