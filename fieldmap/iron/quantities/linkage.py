@@ -22,7 +22,7 @@ def linkage_and_coenergy(
     """
     share = (0.25 * volume / mu_0)[:, None]
     linkage, coenergy = np.zeros((len(unit), len(strength))), np.zeros(len(strength))
-    per_coil = unit.reshape(len(unit), -1)
+    per_coil = unit.reshape(len(unit), int(np.prod(unit.shape[1:])))
     for s, (h, t) in enumerate(zip(strength, coils, strict=True)):
         remanence = material.remanence[s][:, None]
         size = np.linalg.norm(h, axis=2)
