@@ -24,7 +24,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _IN_PLANE = 1e-12
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def linear_double_layer(x, y, z, p, n, area):
     """Three numbers: 4 pi times the potentials at (x, y, z) of the densities lambda_0, lambda_1, lambda_2 on the
     triangle p (3, 3) with unit normal n (3,)."""
@@ -47,7 +47,7 @@ def linear_double_layer(x, y, z, p, n, area):
     return a, b, omega - a - b
 
 
-@njit(cache=True, fastmath=True, inline="always")
+@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def _share(k, x, y, z, sx, sy, sz, p, n, area, height, omega):
     a, b = (k + 1) % 3, (k + 2) % 3
     ex, ey, ez = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
@@ -58,7 +58,7 @@ def _share(k, x, y, z, sx, sy, sz, p, n, area, height, omega):
     return here * omega - height * (gx * sx + gy * sy + gz * sz)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _close(points, weights, corners, normal, area, radius, out):
     """out (3,): weighted means over points (q, 3) of `linear_double_layer`."""
     out[:] = 0.0
@@ -77,24 +77,23 @@ def _close(points, weights, corners, normal, area, radius, out):
         out[2] += weights[q] * c
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath=True)
 def _far_row(i, far, normals, sums):
-    """sums (3 n,): of n . (x - y) / |x - y|^3 over the three points x of triangle i, for the points y of all."""
-    fx, fy, fz = far[0], far[1], far[2]
-    for q in range(sums.size):
-        j = q // 3
-        nx, ny, nz = normals[0, j], normals[1, j], normals[2, j]
-        total = 0.0
-        for p in range(3 * i, 3 * i + 3):
-            dx, dy, dz = fx[p] - fx[q], fy[p] - fy[q], fz[p] - fz[q]
+    """sums (3 n,): of n . (x - y) / |x - y|^3 over the three points x of triangle i, for the points y of all; normals
+    (3, 3 n): those of the points' triangles. No branches (a division that may raise is one): it becomes vector code."""
+    x, y, z, nx, ny, nz = far[0], far[1], far[2], normals[0], normals[1], normals[2]
+    sums[:] = 0.0
+    for p in range(3 * i, 3 * i + 3):
+        px, py, pz = x[p], y[p], z[p]
+        for q in range(sums.size):
+            dx, dy, dz = px - x[q], py - y[q], pz - z[q]
             square = dx * dx + dy * dy + dz * dz + 1e-30
             guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
             inverse = guess * (1.5 - 0.5 * square * guess * guess)
-            total += (dx * nx + dy * ny + dz * nz) * inverse * inverse * inverse
-        sums[q] = total
+            sums[q] += (dx * nx[q] + dy * ny[q] + dz * nz[q]) * inverse * inverse * inverse
 
 
-@njit(cache=True, parallel=True, fastmath=True)
+@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
 def double_layer(faces, nodes, far, reach, out):
     """Add to out (n, v), without unit, the mean over triangle i of the potential of the double layer that is 1 at node
     k and linear on the triangles around it: 1/(4 pi A_i) int_i dS int dS' lambda_k n' . (x - x') / |x - x'|^3.
@@ -103,10 +102,12 @@ def double_layer(faces, nodes, far, reach, out):
     as there. The sum of a row is -1/2 for a closed surface with outward normals, up to the quadrature.
     """
     corners, normals, areas, _, radii, near, near_weights, touch, touch_weights = faces
-    across = np.ascontiguousarray(normals.T)
+    of_points = np.empty((3, 3 * areas.size))
+    for q in range(3 * areas.size):
+        of_points[:, q] = normals[q // 3]
     for i in prange(areas.size):
         sums, here = np.empty(3 * areas.size), np.empty(3)
-        _far_row(i, far, across, sums)
+        _far_row(i, far, of_points, sums)
         for j in range(areas.size):
             if i == j:
                 continue
