@@ -8,6 +8,8 @@ et al. (Proc. 8th Int. Meshing Roundtable, 1999): every quadrilateral is cut at 
 so neighbours agree without being asked.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -210,19 +212,13 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     one, two = np.flatnonzero(count == 1), np.flatnonzero(count == 2)
     if tets.shape[1] == 3:
         points = np.vstack([points, cut])
-        # Turned, not sorted: triangles keep their orientation.
-        first = np.argmax(singular[tets[one]], axis=1)
-        a, b, c = np.take_along_axis(tets[one], (first[:, None] + np.arange(3)) % 3, axis=1).T
-        ab, ac = on(a, b), on(a, c)
-        tip = np.column_stack([a, ab, ac])
-        one_rest = _split_quadrilateral(points, np.column_stack([ab, b, c, ac]))
-        last = np.argmin(singular[tets[two]], axis=1)
-        a, b, c = np.take_along_axis(tets[two], (last[:, None] + np.arange(1, 4)) % 3, axis=1).T
-        ac, bc = on(a, c), on(b, c)
-        layer = _split_quadrilateral(points, np.column_stack([a, b, bc, ac]))
-        tets = np.vstack([tets[untouched], tip, one_rest, layer, np.column_stack([ac, bc, c])])
-        new = [one, np.tile(one, 2), np.tile(two, 2), two]
-        return points, tets, np.concatenate([parent[untouched], *(parent[rows] for rows in new)])
+        new = _cut_triangles(points, tets[one], tets[two], singular, on)
+        children = [np.tile(one, 3), np.tile(two, 3)]
+        return (
+            points,
+            np.vstack([tets[untouched], *new]),
+            np.concatenate([parent[untouched], *(parent[rows] for rows in children)]),
+        )
     ordered = np.take_along_axis(tets, np.argsort(~singular[tets], axis=1, kind="stable"), axis=1)
     a, b, c, d = ordered[one].T
     ab, ac, ad = on(a, b), on(a, c), on(a, d)
@@ -243,6 +239,22 @@ def _cut_layer(points, tets, parent, sharp, ratio):
         ]
     )
     return np.vstack([points, cut]), tets, parent
+
+
+def _cut_triangles(
+    points: Points, one: Index, two: Index, singular: Index, on: Callable[[Index, Index], Index]
+) -> tuple[Index, Index]:
+    """Three triangles (3 k, 3) for each of those with one singular vertex, and for each with two; on: point on the edge
+    between two vertices. They are turned, not sorted, and so keep their orientation."""
+    first = np.argmax(singular[one], axis=1)
+    a, b, c = np.take_along_axis(one, (first[:, None] + np.arange(3)) % 3, axis=1).T
+    ab, ac = on(a, b), on(a, c)
+    at_vertex = [np.column_stack([a, ab, ac]), _split_quadrilateral(points, np.column_stack([ab, b, c, ac]))]
+    last = np.argmin(singular[two], axis=1)
+    a, b, c = np.take_along_axis(two, (last[:, None] + np.arange(1, 4)) % 3, axis=1).T
+    ac, bc = on(a, c), on(b, c)
+    at_edge = [_split_quadrilateral(points, np.column_stack([a, b, bc, ac])), np.column_stack([ac, bc, c])]
+    return np.vstack(at_vertex), np.vstack(at_edge)
 
 
 def _split_quadrilateral(points: Points, corners: Index) -> Index:
