@@ -13,6 +13,8 @@ from fieldmap.plot.figures import COLOURS
 from fieldmap.typing import Array
 
 _LABELS = ("x, mm", "y, mm", "depth, mm")
+# Currents that differ by less than this share of the largest are one curve.
+_SAME = 1e-3
 _ABOVE: dict[str, Any] = {
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
@@ -60,6 +62,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = figure.subplots(4, 1, sharex=True)
     many = len(runs) > 1
+    names = runs[0].get("coil_names", range(1, runs[0]["currents"].shape[1] + 1))
+    alike = _coils_alike(np.concatenate([run["currents"] for run in runs]))
     for run in runs:
         time = run["time"]
         for k, axis in enumerate(axes[:3]):
@@ -72,16 +76,14 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
                 alpha=0.6 if many else 1.0,
                 label="true",
             )
-        names = run.get("coil_names", range(1, run["currents"].shape[1] + 1))
-        for coil, current in enumerate(run["currents"].T):
-            colour = COLOURS[coil % len(COLOURS)]
+        for coils in alike:
             axes[3].plot(
                 time,
-                current,
-                color=colour,
+                run["currents"][:, coils[0]],
+                color=COLOURS[coils[0] % len(COLOURS)],
                 linewidth=0.7,
                 alpha=0.3 if many else 1.0,
-                label=f"coil {names[coil]}" if run is runs[0] else None,
+                label=_label([str(names[coil]) for coil in coils]) if run is runs[0] else None,
             )
         if run["event"]:
             axes[2].annotate(run["event"], (time[-1], run["true"][-1, 2]), fontsize=8, ha="right")
@@ -106,6 +108,24 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     axes[3].grid(True, alpha=0.3)
     figure.suptitle(title, fontsize=10)
     return figure
+
+
+def _coils_alike(currents: Array) -> list[list[int]]:
+    """Coils whose currents (r, n) are the same curve, of which only one would be seen."""
+    beside = _SAME * np.abs(currents).max(initial=0.0)
+    groups: list[list[int]] = []
+    for coil, current in enumerate(currents.T):
+        for group in groups:
+            if np.abs(current - currents[:, group[0]]).max(initial=0.0) <= beside:
+                group.append(coil)
+                break
+        else:
+            groups.append([coil])
+    return groups
+
+
+def _label(names: list[str]) -> str:
+    return f"coil {names[0]}" if len(names) == 1 else f"coils {', '.join(names)}: the same"
 
 
 def save_run_figure(path: str | Path, title: str, runs: Sequence[DrawnRun]) -> Path:

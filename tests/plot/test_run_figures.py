@@ -1,0 +1,43 @@
+"""Curves of runs over time: every curve is seen, and those that lie on each other are drawn once."""
+
+import numpy as np
+
+from fieldmap.plot.runs import run_figure
+
+TIMES = np.linspace(0.0, 1.0, 11)
+
+
+def run_with(currents):
+    places = np.zeros((11, 3))
+    return {
+        "time": TIMES,
+        "wanted": places,
+        "true": places,
+        "seen": places,
+        "currents": currents,
+        "coil_names": ("a", "b", "c", "d"),
+        "event": "",
+    }
+
+
+def drawn(figure):
+    lines = figure.axes[3].get_lines()
+    return [(line.get_label(), np.asarray(line.get_ydata())) for line in lines]
+
+
+def test_coils_with_one_current_share_a_curve_that_names_them():
+    wave = np.sin(TIMES)
+    currents = np.column_stack([wave, 2 * wave, wave * (1 + 1e-6), wave])
+    (first, one), (second, two) = drawn(run_figure("Two curves", [run_with(currents)]))
+    assert [name for name in "abcd" if name in first.split(":")[0].removeprefix("coils")] == ["a", "c", "d"]
+    assert second == "coil b"
+    np.testing.assert_array_equal(one, wave)
+    np.testing.assert_array_equal(two, 2 * wave)
+
+
+def test_coils_that_part_in_one_of_several_runs_have_their_own_curves():
+    wave = np.column_stack([np.sin(TIMES)] * 4)
+    parted = wave.copy()
+    parted[5:, 3] += 0.1
+    assert len(drawn(run_figure("Runs", [run_with(wave), run_with(parted)]))) == 4
+    assert len(drawn(run_figure("Runs", [run_with(wave), run_with(wave)]))) == 2
