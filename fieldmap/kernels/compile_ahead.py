@@ -19,9 +19,11 @@ from typing import Any, NamedTuple
 import numba
 from numba import types
 
+from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, SolverState
+
 # Module, kernel, and the types of its arguments: d, f, i, b for float64, float32, int64 and bool; with a number, an
-# array of that many dimensions in C order; with r behind it, one that is read only. In the order in which they are
-# compiled.
+# array of that many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. In the
+# order in which they are compiled.
 KERNELS = """
 coils.path path_flux_density d2 d2 d2 d d d
 coils.path path_flux_density_and_gradient d2 d2 d2 d d d
@@ -38,13 +40,20 @@ map.lookup evaluate d1 d2 d2 d3
 map.solid_harmonics regular_table i d2
 map.solid_harmonics derivative_matrix i i
 map.global_harmonics expand d1 i d1
-map.reduced_iron sensitivities d2 d2 f2 d1 i1 i1 d1 d2 d2 d2 d2
-map.reduced_iron blended_start d1 d2r d2r d3 d1
 map.lookup evaluate_with d1 d2 d2 d2 d3
+map.current_solver solve model state d1 d
+map.current_solver signals_of domain d1 d1
+map.current_solver products_of_terms i2 d1 domain
+map.current_solver current_weights model state d1 d1
 map.lookup second_gradient d1 d2 d2 d4
 """
 
 _NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64, "b": types.boolean}
+_TUPLES = {
+    "domain": (SignalDomain, "i d d2 d2 d1 d1 d d b"),
+    "model": (CompiledModel, "d2 d1 f2 d1 i1 i1 d1 d2 d2 d1 d2 i2 f2 domain d"),
+    "state": (SolverState, "d2 d2 d2 d1 i1 d1 d1"),
+}
 _PATIENCE = 10  # added to the niceness of the process: the run itself comes first
 
 
@@ -71,10 +80,11 @@ def listed() -> Iterator[Entry]:
 
 
 def _type_of(text: str) -> Any:
+    if text in _TUPLES:
+        kind, fields = _TUPLES[text]
+        return types.NamedTuple(tuple(_type_of(field) for field in fields.split()), kind)
     number = _NUMBERS[text[0]]
-    if len(text) == 1:
-        return number
-    return types.Array(number, int(text[1]), "C", readonly=text.endswith("r"))
+    return number if len(text) == 1 else types.Array(number, int(text[1]), "C")
 
 
 @contextmanager

@@ -120,7 +120,7 @@ def _fitted(model: CompiledModel, terms: NDArray[np.int64], currents: Array) -> 
     """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c)."""
     state, amplitudes, products = new_state(model), [], []
     values = np.empty(len(model.domain.lower))
-    for row in currents:
+    for row in np.ascontiguousarray(currents):
         # Each from the middle: the states are the same in any order.
         state.numbers[kernels.COUNT] = 0.0
         _check(kernels.solve(model, state, row, model.tolerance), row)

@@ -66,25 +66,40 @@ class Pool:
         shared = () if common is None else (common,)
         waiting = enumerate(items)
         under_way: dict[distributed.Future, int] = {}
+        suspects = []
+
+        def begun(index: int, item: Any) -> distributed.Future:
+            future = self._client.submit(_work, index, function, shared, item, self._threads, pure=False)
+            under_way[future] = index
+            return future
 
         def submit(count: int | None) -> list[distributed.Future]:
-            futures = []
-            for index, item in itertools.islice(waiting, count):
-                arguments = (index, function, shared, item, self._threads)
-                futures.append(self._client.submit(_work, *arguments, pure=False))
-                under_way[futures[-1]] = index
-            return futures
+            return [begun(index, item) for index, item in itertools.islice(waiting, count)]
 
         try:
             done = distributed.as_completed(submit(self._at_once), loop=self._client.loop)
             for future in done:
                 error = future.exception()
-                outcome = future.result() if error is None else Outcome(under_way[future], None, _died(error))
-                del under_way[future]
+                index = under_way.pop(future)
                 done.update(submit(1))
+                if isinstance(error, distributed.scheduler.KilledWorker):
+                    suspects.append(index)
+                    continue
+                yield _outcome(future, index)
+            # A piece also dies with a process that another one killed: each gets one to itself.
+            for index in suspects:
+                future = begun(index, items[index])
+                outcome = _outcome(future, index)
+                del under_way[future]
                 yield outcome
         finally:
             self._client.cancel(list(under_way))
+
+
+def _outcome(future: distributed.Future, index: int) -> Outcome[Any]:
+    """What a piece came to; waits for its end."""
+    error = future.exception()
+    return future.result() if error is None else Outcome(index, None, _died(error))
 
 
 def _work(

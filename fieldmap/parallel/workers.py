@@ -88,7 +88,8 @@ class Workers:
 
         In this process they come in the order of the items, elsewhere in any. threads: here, several items at a time;
         the function must allow it. An item whose process dies is given to
-        another one, as if nothing had happened; if that happens to it four times, its outcome is an error. function,
+        another one, as if nothing had happened; if that happens to it four times, it is tried again when all else is
+        done, alone, and then its outcome is an error. function,
         items and results must be picklable where other processes do the work: a function of a module, not a lambda.
         """
         if self._pool is not None:

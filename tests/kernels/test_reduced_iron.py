@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.kernels.iron.sample_gradients import sample_gradients
-from fieldmap.kernels.map.reduced_iron import blended_start, newton, sensitivities
+from fieldmap.kernels.map.reduced_iron import newton, sensitivities
 
 POINTS, MODES = 30, 4
 # b = 2000 h up to 1 mT, then slope 1: as one table.
@@ -97,20 +97,6 @@ def test_sensitivities_are_the_derivatives_of_the_solution(problem):
             np.testing.assert_allclose(
                 found[state, :, coil], slope, rtol=1e-3, atol=1e-3 * np.abs(slope).max()
             )
-
-
-def test_a_start_is_exact_where_the_amplitudes_are_straight_lines():
-    random = np.random.default_rng(9)
-    known, slope, offset = random.random((7, 2)), random.random((3, 2)), random.random(3)
-    amplitudes = known @ slope.T + offset
-    slopes = np.broadcast_to(slope, (7, 3, 2)).copy()
-    for currents in (np.array([0.4, 0.6]), known[3]):
-        got = blended_start(currents, known, amplitudes, slopes, np.ones(2))
-        np.testing.assert_allclose(got, slope @ currents + offset, rtol=1e-12)
-    # At a known state nothing else counts, however wrong the others are.
-    amplitudes[[0, 1, 2, 4, 5, 6]] += 1.0
-    at_known = blended_start(known[3], known, amplitudes, slopes, np.ones(2))
-    np.testing.assert_allclose(at_known, amplitudes[3], rtol=1e-12)
 
 
 def test_without_currents_the_iron_is_left_without_field(problem):

@@ -125,13 +125,16 @@ def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
         import signal
         import time
 
+        time.sleep(0.2)
         if item == 1:
-            time.sleep(0.5)  # the others are done by then, and do not die with it
             os.kill(os.getpid(), signal.SIGKILL)
         return item
 
-    by_index = {outcome.index: outcome for outcome in two.map(work, [0, 1, 2])}
-    assert (by_index[0].result(), by_index[2].result()) == (0, 2)
+    # The others die with it, some as often as it does.
+    by_index = {outcome.index: outcome for outcome in two.map(work, range(8))}
+    assert {k: outcome.value for k, outcome in by_index.items() if k != 1} == {
+        k: k for k in range(8) if k != 1
+    }
     assert isinstance(by_index[1].error, WorkerDied)
 
 

@@ -366,30 +366,3 @@ def sensitivities(
             for i in range(modes):
                 out[s, i, c] = column[i]
     return out, factors
-
-
-@njit(cache=True)
-def blended_start(currents, known, amplitudes, slopes, scale):
-    """Amplitudes (r,) near currents (c,): the tangents of the known states (s, c), weighted by their nearness.
-
-    amplitudes (s, r), slopes (s, r, c); scale (c,): lengths by which currents are compared. Shepard's weights, the
-    inverse eighth power of the distance; states twice as far as the nearest and further are left out.
-    """
-    distances = np.empty(known.shape[0])
-    for s in range(known.shape[0]):
-        distances[s] = 1e-18
-        for c in range(currents.size):
-            distances[s] += ((currents[c] - known[s, c]) / scale[c]) ** 2
-    nearest = distances.min()
-    out, total = np.zeros(amplitudes.shape[1]), 0.0
-    for s in range(known.shape[0]):
-        if distances[s] > 4.0 * nearest:
-            continue
-        weight = (nearest / distances[s]) ** 4
-        total += weight
-        for j in range(out.size):
-            value = amplitudes[s, j]
-            for c in range(currents.size):
-                value += slopes[s, j, c] * (currents[c] - known[s, c])
-            out[j] += weight * value
-    return out / total
