@@ -7,7 +7,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 THEORY = {path.name: path for path in (ROOT / "docs" / "theory").glob("*.md")}
-BLOCK = re.compile(r"^```text\n(.*?)^```", re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+TAG = re.compile(r"\\tag\{(\w+)\}")
 NUMBERS = r"\(\d+\)(?:(?:, | and |\.\.|-| to )\(\d+\))*"
 # "docs/theory/iron.md (3), (5)", "[theory](theory/dynamics.md#..), (31)..(36)" and "(3)-(5) of docs/theory/iron.md".
 AFTER = re.compile(rf"theory/([a-z_]+\.md)(?:#[\w-]+)?\)?[,:]? ({NUMBERS})")
@@ -19,9 +20,9 @@ FILES += sorted((ROOT / "docs").rglob("*.md"))
 
 
 def numbered(page: Path) -> list[int]:
-    """Numbers at the ends of equations, two spaces or more from them."""
-    lines = [line for block in BLOCK.findall(page.read_text()) for line in block.splitlines()]
-    return [int(number) for line in lines for number in re.findall(r"  \((\d+)\)(?=  |$)", line.rstrip())]
+    """Numbers of the equations of a page; "5a" is the second half of 5."""
+    tags = [tag for block in BLOCK.findall(page.read_text()) for tag in TAG.findall(block)]
+    return [int(tag) for tag in tags if tag.isdigit()]
 
 
 def cited(words: str) -> list[int]:
@@ -64,3 +65,28 @@ def test_every_equation_that_is_cited_is_there():
 
 def test_ranges_are_read():
     assert cited("(3), (5)..(7)") == [3, 5, 6, 7]
+
+
+PAGES = sorted(page for page in (ROOT / "docs").rglob("*.md") if page.parent.name != "api")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_formulas_are_whole(page):
+    """Braces, delimiters and environments are closed, and no formula is left as ASCII art."""
+    text = page.read_text()
+    formulas = BLOCK.findall(text)
+    code = re.compile(r"^```.*?^```$|^    .*$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
+    prose = code.sub("", text)
+    assert prose.count("$") % 2 == 0
+    formulas += re.findall(r"\$([^$]+)\$", prose)
+    for formula in formulas:
+        plain = re.sub(r"\\[{}]", "", formula)
+        assert plain.count("{") == plain.count("}"), formula
+        assert len(re.findall(r"\\left(?![a-z])", formula)) == len(
+            re.findall(r"\\right(?![a-z])", formula)
+        ), formula
+        begun = re.findall(r"\\begin\{(\w+\*?)\}", formula)
+        assert sorted(begun) == sorted(re.findall(r"\\end\{(\w+\*?)\}", formula)), formula
+        assert not re.search(r"[\u0370-\u03ff\u2070-\u209f\u00b2\u00b3\u2200-\u22ff]", formula), formula
+    plain_blocks = re.findall(r"^```text\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    assert [b for b in plain_blocks if re.search(r"  \(\d+\)$", b, re.MULTILINE)] == []
