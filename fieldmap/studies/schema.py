@@ -162,7 +162,9 @@ class RecordKeys(Table):
     """What is recorded of every variant at every set of currents."""
 
     quantities: list[Annotated[str, BeforeValidator(_quantity)]] | None = Field(
-        default=None, description=f"of {', '.join(GROUPS)}; what the device allows if left out"
+        default=None,
+        description=f"of {', '.join(GROUPS)}; what the device allows if left out",
+        examples=[["currents", "equilibrium"]],
     )
     points_mm: list[Point] = Field(default=[], description="where field and force are recorded")
     force_share: Annotated[float, Field(gt=0, le=1)] = Field(

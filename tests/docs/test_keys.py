@@ -1,0 +1,82 @@
+"""The pages of keys have a row for every key of every file, with what the schema says; every example is taken."""
+
+import importlib
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from fieldmap.inputs.kinds import every_kind
+
+ROOT = Path(__file__).parents[2]
+KINDS = {kind.name: kind for kind in every_kind()}
+
+
+@pytest.fixture(scope="module")
+def program():
+    """The program that writes the pages."""
+    sys.path.insert(0, str(ROOT / "scripts"))
+    yield importlib.import_module("key_pages")
+    sys.path.remove(str(ROOT / "scripts"))
+    sys.modules.pop("key_pages")
+
+
+def without_examples(text: str) -> list[str]:
+    """Lines of a page; of a row, all but its last cell: another file may have a shorter example."""
+    return [re.sub(r"(?<=[^\\] )\| `[^|]*` \|$", "|", line) for line in text.splitlines()]
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_pages_are_those_that_the_program_writes(name, program):
+    """`python scripts/key_pages.py` writes them anew."""
+    path = program.FOLDER / f"{name.replace(' ', '_')}.md"
+    assert without_examples(path.read_text()) == without_examples(program.page(KINDS[name]))
+
+
+def tables(program: Any, root: type[BaseModel]) -> list[type[BaseModel]]:
+    return [variant.model for place in program.places(root) for variant in place.variants]
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_every_key_has_a_row_and_a_meaning(name, program):
+    text = (program.FOLDER / f"{name.replace(' ', '_')}.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \| (.+?) \| (.+?) \| (.+?) \| `(.+)` \|$", text, re.MULTILINE)
+    listed = {row[0] for row in rows}
+    for model in tables(program, KINDS[name].schema):
+        for key, about in model.model_fields.items():
+            assert key in listed
+            assert about.description, f"{model.__name__}.{key}"
+    assert all(cell.strip() for row in rows for cell in row)
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_examples_are_ones_that_the_reader_takes(name, program):
+    """Each is a line of TOML whose value a table of this kind of file takes for that key."""
+    text = (program.FOLDER / f"{name.replace(' ', '_')}.md").read_text().split("## Short forms")[0]
+    models = tables(program, KINDS[name].schema)
+    examples = re.findall(r"^\| `(\w+)` \|.* \| `(.+)` \|$", text, re.MULTILINE)
+    assert len(examples) > 4
+    for key, line in examples:
+        if line.startswith("["):
+            assert re.fullmatch(rf"\[+{key}(\.NAME)?\]+", line)
+            continue
+        ((found, value),) = tomllib.loads(line.replace("\\|", "|")).items()
+        fields = [model.model_fields[key] for model in models if key in model.model_fields]
+        assert found == key
+        assert any(program.fits(about, value) for about in fields), line
+
+
+def test_units_come_from_the_key(program):
+    assert program.unit_of("position_mm") == "mm"
+    assert program.unit_of("gain_A_per_V") == "A/V"
+    assert program.unit_of("remanence_T") == "T"
+    assert program.unit_of("turns") == "—"
+    every = {
+        key for kind in KINDS.values() for model in tables(program, kind.schema) for key in model.model_fields
+    }
+    ends = {key for key in every if re.search(r"_(?:per_\w+|[a-zA-Z]{0,2}[A-Zm]\d?)$", key)}
+    assert {key for key in ends if program.unit_of(key) == "—"} == set()
