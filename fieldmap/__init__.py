@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import WorkspaceBox as WorkspaceBox
     from fieldmap.device.model import WorkspaceCylinder as WorkspaceCylinder
     from fieldmap.device.model import placed as placed
+    from fieldmap.dynamics import open_machine as open_machine
     from fieldmap.dynamics import simulate as simulate
     from fieldmap.io import open_field as open_field
     from fieldmap.iron import design_figures as design_figures
@@ -115,6 +116,7 @@ _PUBLIC = {
     "open_field": "fieldmap.io",
     "find_equilibrium": "fieldmap.levitation",
     "simulate": "fieldmap.dynamics",
+    "open_machine": "fieldmap.dynamics",
     "__version__": "fieldmap.provenance",
 }
 _PACKAGES = ("control", "dynamics", "instruments", "interop")

@@ -66,6 +66,15 @@ class MapFileError(InputError):
     """A file is not a complete, valid map."""
 
 
+class ControllerError(InputError):
+    """A controller of the user's own failed in a run. time, s: of the sample; run: what was recorded until then."""
+
+    def __init__(self, *problems: Problem, time: float = 0.0, run: Any = None) -> None:
+        super().__init__(*problems)
+        self.time = time
+        self.run = run
+
+
 class OutsideMapError(InputError):
     """A point lies outside the box in which the map holds."""
 

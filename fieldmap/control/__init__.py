@@ -15,6 +15,7 @@ from fieldmap.control.blocks import (
     state_block,
 )
 from fieldmap.control.compensator import compensated_reference
+from fieldmap.control.function_controller import ControlFunction, FunctionController
 from fieldmap.control.linear_models import (
     StateSpace,
     TransferFunction,
@@ -48,14 +49,18 @@ from fieldmap.currents import (
     division_slopes,
     undivide_currents,
 )
+from fieldmap.kernels.control.function import C_SIGNATURE
 
 __all__ = [
+    "C_SIGNATURE",
     "PID",
     "AxisReading",
+    "ControlFunction",
     "Controller",
     "ControllerBlock",
     "DivisionSignals",
     "Estimator",
+    "FunctionController",
     "LinearLoopRun",
     "LoopInstruments",
     "LoopRun",

@@ -13,6 +13,7 @@ from fieldmap.control.blocks import (
     stacked,
     state_block,
 )
+from fieldmap.control.function_controller import FunctionController
 from fieldmap.control.loop import LoopRun
 from fieldmap.deprecated import renamed
 from fieldmap.dynamics.allocation import (
@@ -47,9 +48,11 @@ from fieldmap.dynamics.motion import (
 )
 from fieldmap.dynamics.operating_point import OperatingPoint, find_operating_point
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
+from fieldmap.dynamics.running_machine import RunningMachine
 from fieldmap.dynamics.scenario import (
     ScenarioRun,
     linear_points,
+    open_machine,
     prepare,
     read_scenario,
     run_metrics,
@@ -69,6 +72,7 @@ __all__ = [
     "Event",
     "FieldOfCurrents",
     "FixedCurrentsRun",
+    "FunctionController",
     "LevitationRun",
     "LinearMachine",
     "LoopRun",
@@ -78,6 +82,7 @@ __all__ = [
     "ParametrisedAllocation",
     "Plate",
     "RigidBody",
+    "RunningMachine",
     "ScenarioRun",
     "Schedule",
     "Sensors",
@@ -101,6 +106,7 @@ __all__ = [
     "modes",
     "move",
     "move_adaptively",
+    "open_machine",
     "pid_block",
     "prepare",
     "read_scenario",

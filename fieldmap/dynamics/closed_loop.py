@@ -8,18 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
+from fieldmap.control.function_controller import BoundFunction, FunctionController, failure
+from fieldmap.dynamics.allocation import MatrixAllocation
 from fieldmap.dynamics.loop_run import LevitationRun, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
-from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.motion.closed_loop import Moving, Signals, Timing, closed_loop
+from fieldmap.errors import ControllerError, InputError, Problem
+from fieldmap.kernels.control.function import NO_FUNCTION
+from fieldmap.kernels.motion import closed_loop as kernel
+from fieldmap.kernels.motion.closed_loop import ControlLaw, Moving, Signals, Timing, closed_loop
 from fieldmap.kernels.motion.inverse import NO_INVERSE
 from fieldmap.kernels.motion.layout import STATE
 from fieldmap.records import Record
@@ -73,9 +77,33 @@ class Schedule(Record):
         return len(self.references) * self.period
 
 
+class Loop(NamedTuple):
+    """The arguments of the compiled loop, all of which it advances in place."""
+
+    timing: Timing
+    plant: Any
+    sensing: Any
+    law: ControlLaw
+    ending: Any
+    signals: Signals
+    moving: Moving
+    room: Any
+    progress: NDArray[np.int64]
+    rows: Array
+
+    def go_on(self) -> int:
+        """Run to the end, an event or a pause; which of them."""
+        return int(closed_loop(*self))
+
+    @property
+    def time(self) -> float:
+        """Of the mechanics, s."""
+        return float(self.progress[kernel.STEPS] * self.timing.step)
+
+
 def simulate_closed_loop(
     machine: Machine,
-    controller: Controller,
+    controller: Controller | FunctionController,
     schedule: Schedule,
     state: ArrayLike,
     currents: ArrayLike,
@@ -83,50 +111,120 @@ def simulate_closed_loop(
 ) -> LevitationRun:
     """One run from a state (13,) and currents (n,), A.
 
-    seed: of all noise: equal seeds give equal bits; None for a run without noise. Raises InputError for arguments that
-    do not fit.
+    controller: a shipped one, or a function: `FunctionController`. seed: of all noise: equal seeds give equal bits;
+    None for a run without noise. Raises InputError for arguments that do not fit, ControllerError for a function that
+    fails on the way, whatever it raises itself where that is no Exception, such as KeyboardInterrupt.
     """
+    bound = None
+    if isinstance(controller, FunctionController):
+        machine = machine_for(machine, controller.gives)
+        names = machine.allocation.output_names
+        bound = controller.bound(names)
+        law = function_law(machine, bound.address, controller)
+    else:
+        _check_outputs(machine, controller.outputs)
+        names = machine.allocation.output_names
+        inverse = controller.inverse(np.array(check_signal("simulate_closed_loop(state)", state)))
+        law = ControlLaw(
+            NO_FUNCTION,
+            controller.arrays,
+            machine.allocation.numbers(),
+            NO_INVERSE if inverse is None else inverse,
+        )
+    loop, event = start_loop(machine, law, controller.memory, schedule, state, currents, seed)
+    if event == kernel.NOTHING:
+        event = loop.go_on()
+    run = run_of(machine, schedule, loop, event)
+    if bound is not None and event in (kernel.CONTROLLER_FAILED, kernel.OUTPUTS_NOT_FINITE):
+        raise controller_error(bound, names, loop, run)
+    return run
+
+
+def machine_for(machine: Machine, gives: str) -> Machine:
+    """The machine whose control allocation takes what a function gives: "signals", "currents" or "voltages"."""
+    if gives == "signals":
+        return machine
+    n, amplifier = machine.drive.coils, machine.drive.amplifier
+    unit, gain, offset = ("V", 1.0, 0.0) if gives == "voltages" else ("A", amplifier.gain, amplifier.offset)
+    names = tuple(f"coil_{k + 1}_{unit}" for k in range(n))
+    direct = MatrixAllocation(np.eye(n) / gain, np.full(n, -offset / gain), names)
+    return replace(machine, allocation=direct)
+
+
+def function_law(machine: Machine, address: int, controller: FunctionController) -> ControlLaw:
+    """The control law of a function at an address, or of outputs that are given."""
+    limits = controller.limits(len(machine.allocation.output_names))
+    return ControlLaw(address, limits, machine.allocation.numbers(), NO_INVERSE)
+
+
+def start_loop(
+    machine: Machine,
+    law: ControlLaw,
+    memory: Array,
+    schedule: Schedule,
+    state: ArrayLike,
+    currents: ArrayLike,
+    seed: int | np.random.SeedSequence | np.random.Generator | None,
+) -> tuple[Loop, int]:
+    """The loop at its beginning, and an event, if it has one already. Raises InputError."""
     begin = np.array(check_signal("simulate_closed_loop(state)", state, columns=STATE))
     amperes = np.array(check_signal("simulate_closed_loop(currents)", currents))
-    n, m = machine.drive.coils, controller.outputs
-    _check_fit(machine, controller, amperes)
+    n, m = machine.drive.coils, len(machine.allocation.output_names)
+    _check_coils(machine, amperes)
+    timing, plant, sensing = schedule.clock, machine.plant(schedule.step), machine.sensors.numbers
+    signals = draw_signals(machine, schedule, seed)
+    moving = Moving(begin, amperes, np.array(memory, float), np.empty(6))
+    room, event = kernel.begin(timing, plant, sensing, signals, moving, m)
     rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))
-    plant, inverse = machine.plant(schedule.step), controller.inverse(begin)
-    forces = inverse is not None
-    event, steps, filled, touched = closed_loop(
-        schedule.clock,
-        plant,
-        machine.sensors.numbers,
-        controller.arrays,
-        machine.allocation.numbers(),
-        inverse if forces else NO_INVERSE,
-        machine.end_numbers(schedule.period),
-        _signals(machine, schedule, n, m, seed),
-        Moving(begin, amperes, controller.memory.copy()),
-        rows,
-    )
+    progress = np.zeros(kernel.PROGRESS, np.int64)
+    ending = machine.end_numbers(schedule.period)
+    return Loop(timing, plant, sensing, law, ending, signals, moving, room, progress, rows), int(event)
+
+
+def run_of(machine: Machine, schedule: Schedule, loop: Loop, event: int) -> LevitationRun:
+    """What a loop has recorded by now."""
+    filled, touched = int(loop.progress[kernel.ROWS]), int(loop.room.watch[kernel.EVER])
     return LevitationRun(
-        time=schedule.period * schedule.every * np.arange(filled),
-        rows=rows[:filled],
-        coils=n,
+        time=np.asarray(schedule.period * schedule.every * np.arange(filled), np.float64),
+        rows=loop.rows[:filled],
+        coils=machine.drive.coils,
         seen_at=machine.body.seen_at,
         references=schedule.references[:: schedule.every][:filled],
-        event=event_of(event, steps * schedule.step, begin, amperes),
+        event=event_of(event, loop.time, loop.moving.state, loop.moving.currents),
         touched=tuple(name for name, bit in CONTACTS.items() if touched & bit),
         assumptions=machine.assumptions,
-        forces=forces,
+        forces=loop.law.inverse.rounds > 0,
+        output_names=machine.allocation.output_names,
     )
 
 
-def _check_fit(machine: Machine, controller: Controller, currents: Array) -> None:
-    n, m = machine.drive.coils, controller.outputs
+def controller_error(
+    bound: BoundFunction, names: Sequence[str], loop: Loop, run: LevitationRun
+) -> BaseException:
+    """Of a function that failed at the sample at which the loop stands, with the run up to there."""
+    room, memory = loop.room, loop.moving.memory
+    given = loop.time, room.signals[3:6].copy(), room.signals[:3].copy(), room.scratch[: len(memory)].copy()
+    problem, cause = failure(bound, names, int(loop.progress[kernel.ANSWER]), room.outputs, given)
+    if cause is not None and not isinstance(cause, Exception):
+        return cause
+    error = ControllerError(problem, time=loop.time, run=run)
+    error.__cause__ = cause
+    return error
+
+
+def _check_outputs(machine: Machine, outputs: int) -> None:
+    wanted = len(machine.allocation.output_names)
+    if outputs != wanted:
+        remedy = "stack one block for each output, such as lift, x and y"
+        where = "simulate_closed_loop(controller)"
+        raise InputError(Problem(where, f"must have {wanted} outputs", f"{outputs}", remedy))
+
+
+def _check_coils(machine: Machine, currents: Array) -> None:
+    n, coils = machine.drive.coils, machine.allocation.coils
     where, problems = "simulate_closed_loop", []
     if currents.shape != (n,):
         problems.append(Problem(f"{where}(currents)", f"must be ({n},)", f"{currents.shape}", "one per coil"))
-    wanted, coils = len(machine.allocation.output_names), machine.allocation.coils
-    if m != wanted:
-        remedy = "stack one block for each output, such as lift, x and y"
-        problems.append(Problem(f"{where}(controller)", f"must have {wanted} outputs", f"{m}", remedy))
     if coils != n:
         must, remedy = f"must have the {coils} coils of its allocation", "take one for these coils"
         problems.append(Problem(f"{where}(machine)", must, f"{n}", remedy))
@@ -134,18 +232,21 @@ def _check_fit(machine: Machine, controller: Controller, currents: Array) -> Non
         raise InputError(*problems)
 
 
-def _signals(
-    machine: Machine, schedule: Schedule, n: int, m: int, seed: int | np.random.SeedSequence | None
+def draw_signals(
+    machine: Machine, schedule: Schedule, seed: int | np.random.SeedSequence | np.random.Generator | None
 ) -> Signals:
     """References, feed-forward, loads, and all noise of a run."""
     periods, sensors = len(schedule.references), machine.sensors
+    n, m = machine.drive.coils, len(machine.allocation.output_names)
     forward = np.zeros((periods, m)) if schedule.feedforward is None else schedule.feedforward
     loads = np.zeros((1, 6)) if schedule.loads is None else schedule.loads
     shapes = ((periods, 3), (periods, 3), (periods, n), (sensors.scans(schedule.duration), 3))
     if seed is None:
         noise = [np.zeros(shape) for shape in shapes]
     else:
-        generator = np.random.Generator(np.random.PCG64(seed))
+        generator = (
+            seed if isinstance(seed, np.random.Generator) else np.random.Generator(np.random.PCG64(seed))
+        )
         noise = [generator.standard_normal(shape) for shape in shapes]
         noise[0] *= sensors.deviations
         noise[1] *= sensors.voltage_noise

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,6 +24,8 @@ EVENTS = {
     events.HIT_TUBE: ("hit the tube", "the body touched the wall of the tube"),
     events.SATURATED: ("current saturates", "a limit of outputs, amplifiers or supply held without a break"),
     events.BEYOND_CURRENTS: ("beyond the map's currents", "the currents left the domain of the map"),
+    events.CONTROLLER_FAILED: ("controller failed", "the function that is the controller failed"),
+    events.OUTPUTS_NOT_FINITE: ("controller failed", "outputs of the controller were not finite"),
 }
 
 
@@ -45,7 +47,8 @@ class LevitationRun(LoopRun):
     time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
     outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
     "currents" if they were ever beyond the table of saturating iron. seen_at (3,): the
-    sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes.
+    sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes. output_names (m,):
+    of the outputs, where they are not.
     """
 
     rows: Array
@@ -55,6 +58,7 @@ class LevitationRun(LoopRun):
     touched: tuple[str, ...]
     assumptions: tuple[str, ...]
     forces: bool
+    output_names: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     def position(self) -> Array:
@@ -146,9 +150,7 @@ def recorded(
         "reference": (run.references, "m", "x, y, z of the sensed point"),
         "currents": (run.currents, "A", coils),
         "commanded": (run.commanded, "A", coils),
-        "outputs": (run.outputs, "N", "x, y, z of the force that is asked for")
-        if run.forces
-        else (run.outputs, "V, 1, 1", "lift, x signal, y signal"),
+        "outputs": _outputs(run, coil_names),
     }
     event = run.event
     ended: dict[str, object] = {"event": "", "end_s": float(run.time[-1]) if len(run.time) else 0.0}
@@ -162,6 +164,16 @@ def recorded(
         }
     notes = {"touched": list(run.touched), "assumptions": list(run.assumptions)}
     return RunRecord(arrays, {**ended, **notes, **(about or {})})
+
+
+def _outputs(run: LevitationRun, coil_names: tuple[str, ...]) -> tuple[Array, str, str]:
+    """Outputs with their unit and what their columns are."""
+    if run.forces:
+        return run.outputs, "N", "x, y, z of the force that is asked for"
+    for unit in "AV":
+        if run.output_names and all(name.endswith(f"_{unit}") for name in run.output_names):
+            return run.outputs, unit, ", ".join(coil_names)
+    return run.outputs, "V, 1, 1", "lift, x signal, y signal"
 
 
 def as_csv(record: RunRecord) -> str:

@@ -63,7 +63,7 @@ def top():
     return RigidBody(**TOP, magnet=dipole(-1.0))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def axial():
     return SimpleNamespace(
         field=axial_field,

@@ -2,7 +2,13 @@
 
 from fieldmap.dynamics.scenario.batches import Batch, BatchRun, Simulation, simulate_batches, write_simulation
 from fieldmap.dynamics.scenario.controller_schema import RegulatorKeys
-from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, prepare, simulate
+from fieldmap.dynamics.scenario.experiment import (
+    Experiment,
+    ScenarioRun,
+    open_machine,
+    prepare,
+    simulate,
+)
 from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint, linear_points
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.reading import Scenario, find_scenario, read_scenario
@@ -21,6 +27,7 @@ __all__ = [
     "Simulation",
     "find_scenario",
     "linear_points",
+    "open_machine",
     "prepare",
     "read_scenario",
     "reading_mm",

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fieldmap.control.blocks import Controller
+from fieldmap.control.function_controller import FunctionController
 from fieldmap.device import Device
 from fieldmap.dynamics.closed_loop import simulate_many
 from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
@@ -85,13 +87,15 @@ def simulate_batches(
     keep_signals: bool = False,
     progress: Progress = lambda message, fraction: None,
     device: Device | None = None,
+    controller: Controller | FunctionController | None = None,
 ) -> Simulation:
     """Run a scenario, once or with noise of its own in each of `runs` runs, for each value of a varied key.
 
     field: opens a map, or any field, in the place of the scenario's; called once, after the scenario was read. changes:
     values by dotted key. vary: a key and its values. seed: in the place of the scenario's. threads: 0 for one per
     processor. keep_signals: of at most MOST_KEPT runs in each batch. device: for a scenario that names none, in the
-    place of the map's. Raises as `read_scenario` and `prepare`.
+    place of the map's. controller: in the place of the scenario's; one that is a Python function runs on one thread.
+    Raises as `read_scenario` and `prepare`.
     """
     if runs < 1:
         raise InputError(Problem("runs", "must be 1 or more", str(runs), "give a whole number"))
@@ -108,7 +112,7 @@ def simulate_batches(
             progress(f"{label} {message}".strip(), (number + fraction) / len(values))
 
         kept = keep_signals and runs <= MOST_KEPT
-        experiment = prepare(read, opened, device if read.contents.device is None else None)
+        experiment = prepare(read, opened, device if read.contents.device is None else None, controller)
         batches.append(_batch(experiment, label, runs, seed, threads, kept, part))
     return Simulation(tuple(batches))
 
@@ -133,7 +137,8 @@ def _batch(
     if runs == 1:
         found = [judged(experiment.run(chosen))]
     else:
-        workers = threads or os.cpu_count() or 1
+        python = getattr(experiment.controller, "form", "") == "python"
+        workers = 1 if python else threads or os.cpu_count() or 1
         found = simulate_many(
             runs, experiment.run, seed=chosen, threads=workers, keep=judged, progress=progress
         )

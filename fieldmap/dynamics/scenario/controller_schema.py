@@ -150,8 +150,17 @@ class LinearisationKeys(CoupledKeys):
     )
 
 
+class OwnKeys(Table):
+    """A function in the place of all controllers: `fieldmap.simulate(..., controller=function)`, or `fieldmap simulate
+    --controller FILE.py:NAME`."""
+
+    kind: Literal["own"] = Field(description="a function of one's own, which the caller gives")
+
+
 CoupledController = Annotated[
-    Annotated[LqgKeys, Tag("lqg")] | Annotated[LinearisationKeys, Tag("feedback_linearisation")],
+    Annotated[LqgKeys, Tag("lqg")]
+    | Annotated[LinearisationKeys, Tag("feedback_linearisation")]
+    | Annotated[OwnKeys, Tag("own")],
     chosen_by("kind"),
 ]
 

@@ -34,6 +34,7 @@ from fieldmap.dynamics.scenario.controller_schema import (
     CoupledKeys,
     FeedforwardKeys,
     LinearisationKeys,
+    OwnKeys,
     PidKeys,
     RegulatorKeys,
 )
@@ -91,6 +92,12 @@ def coupled_controller(scenario: Scenario, machine: Machine, operating_point: Op
     keys, control = scenario.contents.control.coupled, scenario.contents.control
     period, delay = MILLI * control.period_ms, MILLI * control.delay_ms
     assert keys is not None
+    if isinstance(keys, OwnKeys):
+        must, remedy = (
+            "needs a controller that the caller gives",
+            "give one: controller=, or --controller FILE.py:NAME",
+        )
+        raise scenario.error("control.coupled", must, "none", remedy)
     limits = _limits(keys, machine)
     _check_limits(scenario, operating_point, limits)
     if isinstance(keys, LinearisationKeys):

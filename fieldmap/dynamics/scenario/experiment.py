@@ -1,23 +1,27 @@
 """From a scenario to a run: machine, controller, schedule, state at the start."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldmap.control.blocks import Controller, stacked
+from fieldmap.control.function_controller import FunctionController, as_controller
 from fieldmap.deprecated import warn_renamed
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import ParametrisedAllocation
-from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop
+from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
 from fieldmap.dynamics.field_of_currents import linearised, superposed, tabled
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.rigid_body import RigidBody
+from fieldmap.dynamics.running_machine import RunningMachine, given_outputs
+from fieldmap.dynamics.scenario.controller_schema import OwnKeys
 from fieldmap.dynamics.scenario.controllers import block_of, coupled_controller, fed_forward
 from fieldmap.dynamics.scenario.machine import body_of, device_and_map, machine_of
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
@@ -37,11 +41,11 @@ MILLI = 1e-3
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Record):
     """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; its
-    operating point there; device: what it is made of."""
+    operating point there; device: what it is made of. controller: None for a scenario that leaves it to the caller."""
 
     scenario: Scenario
     machine: Machine
-    controller: Controller
+    controller: Controller | FunctionController | None
     schedule: Schedule
     state: Array
     currents: Array
@@ -57,28 +61,69 @@ class Experiment(Record):
     def warm(self) -> None:
         """One control period, so that what is timed after it is compiled."""
         first = replace(self.schedule, references=self.schedule.references[:1], feedforward=None, loads=None)
-        simulate_closed_loop(self.machine, self.controller, first, self.state, self.currents, None)
+        if isinstance(self.controller, FunctionController):
+            # Without a call of the function, which may remember it.
+            names = machine_for(self.machine, self.controller.gives).allocation.output_names
+            self.controller.bound(names)
+            self.running(None, self.controller.gives).step(np.zeros(len(names)))
+            return
+        simulate_closed_loop(self.machine, self._given(), first, self.state, self.currents, None)
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
         """One run; the scenario's own seed unless one is given."""
-        noise = self.scenario.contents.noise
-        chosen = noise.seed if seed is None else seed
         return simulate_closed_loop(
+            self.machine, self._given(), self.schedule, self.state, self.currents, self._noise(seed)
+        )
+
+    def running(
+        self,
+        seed: int | None = None,
+        gives: str = "signals",
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+    ) -> RunningMachine:
+        """The machine at its start, for a loop written by hand; arguments as of `open_machine`."""
+        return RunningMachine(
             self.machine,
-            self.controller,
             self.schedule,
             self.state,
             self.currents,
-            None if noise.off else chosen,
+            self._noise(seed),
+            gives,
+            lower,
+            upper,
+            self.operating_point,
         )
 
+    def _given(self) -> Controller | FunctionController:
+        if self.controller is None:
+            must, remedy = (
+                "needs a controller that the caller gives",
+                "give one: controller=, or --controller",
+            )
+            raise self.scenario.error("control.coupled", must, "none", remedy)
+        return self.controller
 
-def prepare(scenario: Scenario, field_map: Field | None = None, device: Device | None = None) -> Experiment:
+    def _noise(self, seed: int | np.random.SeedSequence | None) -> int | np.random.SeedSequence | None:
+        noise = self.scenario.contents.noise
+        return None if noise.off else noise.seed if seed is None else seed
+
+
+def prepare(
+    scenario: Scenario,
+    field_map: Field | None = None,
+    device: Device | None = None,
+    controller: Controller | FunctionController | Callable[..., Any] | None = None,
+) -> Experiment:
     """Open the map, find the operating point at the start, make the controllers.
 
     field_map: in the place of the scenario's map, a map or any field, which is sampled: `sampled_field`. device: in the
-    place of the scenario's or the map's. Raises ScenarioError, MapFileError, InputError, NoEquilibrium.
+    place of the scenario's or the map's. controller: in the place of the scenario's, a function or any other. Raises
+    ScenarioError, MapFileError, InputError, NoEquilibrium.
     """
+    own = None if controller is None else as_controller(controller)
+    if isinstance(own, FunctionController):
+        scenario = _with_function(scenario, own)
     device, opened = device_and_map(scenario, field_map, device)
     body = body_of(scenario, device, opened)
     scenario = with_depth(scenario, device, opened, body)
@@ -92,20 +137,42 @@ def prepare(scenario: Scenario, field_map: Field | None = None, device: Device |
         MILLI * control.period_ms,
         MILLI * control.step_ms,
         MILLI * control.delay_ms,
-        open_loop_signals(scenario),
+        open_loop_signals(scenario) if contents.signal else None,
         disturbances(scenario),
         contents.record.every,
     )
-    controller: Controller
-    if control.coupled is not None:
-        controller = coupled_controller(scenario, machine, operating_point)
-    else:
-        controller = stacked(*(block_of(scenario, axis, operating_point) for axis in "zxy"))
-    schedule = fed_forward(scenario, machine, controller, operating_point, schedule)
+    if own is None:
+        own = _shipped(scenario, machine, operating_point)
+    if own is not None:
+        schedule = fed_forward(scenario, machine, own, operating_point, schedule)
     begin = _start(scenario, operating_point)
     return Experiment(
-        scenario, machine, controller, schedule, begin, operating_point.currents, operating_point, device
+        scenario, machine, own, schedule, begin, operating_point.currents, operating_point, device
     )
+
+
+def _shipped(scenario: Scenario, machine: Machine, operating_point: OperatingPoint) -> Controller | None:
+    """The controller that a scenario describes; None where it leaves it to the caller."""
+    if isinstance(scenario.contents.control.coupled, OwnKeys):
+        return None
+    if scenario.contents.control.coupled is not None:
+        return coupled_controller(scenario, machine, operating_point)
+    return stacked(*(block_of(scenario, axis, operating_point) for axis in "zxy"))
+
+
+def _with_function(scenario: Scenario, controller: FunctionController) -> Scenario:
+    """The scenario at the function's own period. Raises ScenarioError for keys that a function cannot follow."""
+    contents = scenario.contents
+    if contents.control.feedforward is not None:
+        must, remedy = "must be left out beside a controller that is a function", "add it in the function"
+        raise scenario.error("control.feedforward", must, "both", remedy)
+    if contents.signal and controller.gives != "signals":
+        must, remedy = "must be left out: the outputs are no signals", 'take gives="signals", or leave it out'
+        raise scenario.error("signal", must, controller.gives, remedy)
+    if controller.period is None:
+        return scenario
+    control = contents.control.model_copy(update={"period_ms": controller.period / MILLI})
+    return replace(scenario, contents=contents.model_copy(update={"control": control}))
 
 
 def _machine_at_operating_point(
@@ -188,20 +255,49 @@ def simulate(
     field_map: Field | None = None,
     device: Device | None = None,
     seed: int | None = None,
+    controller: Controller | FunctionController | Callable[..., Any] | None = None,
 ) -> ScenarioRun:
     """Run a scenario: its file, or the name of a shipped one.
 
     changes: values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}. field_map: in the place of
     the scenario's map, an opened map or any field that is the sum of its coils' fields, such as a solution; the latter
     is sampled, see `sampled_field`. device: in the place of the scenario's or the map's. seed: in the place of its own.
-    Raises ScenarioError with every error of the file, MapFileError, NoEquilibrium where the machine has no equilibrium
-    at the start. A run that fails does not raise: `event` says what happened.
+    controller: in the place of the scenario's, a function `outputs = f(time, measured, reference, state)` in Python or
+    jitted by numba, a C function, or a `fieldmap.control.FunctionController` of one, which says more. Raises
+    ScenarioError with every error of the file, MapFileError, NoEquilibrium where the machine has no equilibrium at the
+    start, ControllerError where the function fails. A run that fails does not raise: `event` says what happened.
 
     >>> run = simulate("vertical_step")                                               # doctest: +SKIP
     >>> run.metrics.axes[2].step.overshoot                                            # doctest: +SKIP
     0.387
     """
-    experiment = prepare(read_scenario(path_or_name, changes), field_map, device)
+    experiment = prepare(read_scenario(path_or_name, changes), field_map, device, controller)
     run, scenario = experiment.run(seed), experiment.scenario
     known = {field.name: getattr(run, field.name) for field in fields(LevitationRun)}
     return ScenarioRun(**known, scenario=scenario, metrics=run_metrics(scenario, run))
+
+
+def open_machine(
+    path_or_name: str | Path,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    field_map: Field | None = None,
+    device: Device | None = None,
+    seed: int | None = None,
+    gives: str = "signals",
+    lower: ArrayLike = -np.inf,
+    upper: ArrayLike = np.inf,
+) -> RunningMachine:
+    """The machine of a scenario at its start, for a loop written by hand: `RunningMachine.step(outputs)`.
+
+    gives: what is put in: "signals", "currents" of the coils, A, or "voltages" of their amplifiers. lower, upper:
+    limits of these. The controllers of the scenario are not used; the rest as of `simulate`, whose runs with the same
+    function as `controller` have the same bits.
+
+    >>> machine = open_machine("hold", gives="currents")                              # doctest: +SKIP
+    >>> while machine.time < 1.0 and machine.event is None:                           # doctest: +SKIP
+    ...     measured = machine.step(machine.operating_point.currents)
+    """
+    scenario = read_scenario(path_or_name, changes)
+    hand = prepare(scenario, field_map, device, given_outputs(gives))
+    return hand.running(seed, gives, lower, upper)

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.control.blocks import Controller
+from fieldmap.control.function_controller import FunctionController
 from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation import (
     ABOUT_Z,
@@ -54,22 +56,30 @@ class LinearPoint(Record):
 def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = None) -> list[LinearPoint]:
     """The machine of a scenario about its operating point at the start, or at each of these depths, mm.
 
-    Raises NoEquilibrium, Infeasible or OutsideMapError where it has no equilibrium at a depth.
+    Raises NoEquilibrium, Infeasible or OutsideMapError where it has no equilibrium at a depth; ScenarioError for a
+    controller that is a function, whose slopes are not known: `linearise` gives the machine by itself.
     """
     scenario, machine = experiment.scenario, experiment.machine
+    controller = experiment.controller
+    if controller is None or isinstance(controller, FunctionController):
+        must, remedy = (
+            "must be a controller with a model",
+            "take a shipped one, or fieldmap.dynamics.linearise",
+        )
+        raise scenario.error("control.coupled", must, "a function of one's own", remedy)
     depths = [scenario.start_depth_mm] if depths_mm is None else list(depths_mm)
     points = operating_points_at(scenario, machine, experiment.operating_point, depths)
     return [
-        _point(experiment, depth, linearise(machine, operating_point))
+        _point(experiment, controller, depth, linearise(machine, operating_point))
         for depth, operating_point in zip(depths, points, strict=True)
     ]
 
 
-def _point(experiment: Experiment, depth: float, linear: LinearMachine) -> LinearPoint:
+def _point(
+    experiment: Experiment, controller: Controller, depth: float, linear: LinearMachine
+) -> LinearPoint:
     mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in VELOCITIES]
-    block = experiment.controller.at(
-        linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves]
-    )
+    block = controller.at(linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves])
     sensors = experiment.machine.sensors
     # A body's turn about its magnet's axis is felt by nothing and no mode of the loop.
     felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))

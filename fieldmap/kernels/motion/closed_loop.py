@@ -3,15 +3,20 @@
 Every control period: sense, compute, allocate, convert. `delay` mechanical steps later the new currents are asked for.
 Every mechanical step: currents move, then the body. docs/theory/dynamics.md (30).
 
+A run can stop between sensing and computing, where somebody else gives the outputs, and go on from there: loops that
+are written by hand, sample by sample, pass through the same machine code as whole runs.
+
 rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what is seen, outputs.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from fieldmap.kernels.control.block import SIGNALS, control
+from fieldmap.kernels.control.function import DONE, GIVEN, NO_FUNCTION, call_function
 from fieldmap.kernels.control.instruments import LOWER as LOWER_LIMIT
 from fieldmap.kernels.control.instruments import UPPER as UPPER_LIMIT
 from fieldmap.kernels.control.instruments import drive
@@ -37,6 +42,10 @@ from fieldmap.kernels.motion.step import find_load, step_of_two
 # What ends a run; names in fieldmap.dynamics.loop_run.
 NOTHING, FELL_OUT, LEFT_ABOVE, LEFT_SIDEWAYS, NOT_A_NUMBER = 0, 1, 2, 3, 4
 HIT_FLOOR, HIT_POLE, HIT_TUBE, SATURATED, BEYOND_CURRENTS = 5, 6, 7, 8, 9
+# Of a controller that is a function: it said so itself; its outputs are not finite.
+CONTROLLER_FAILED, OUTPUTS_NOT_FINITE = 10, 11
+# No end: the outputs of the next sample are to be given.
+PAUSED = 12
 # Beside the sum of contacts: the currents were beyond the table of saturating iron.
 BEYOND = 8
 
@@ -71,11 +80,46 @@ class Signals(NamedTuple):
 
 
 class Moving(NamedTuple):
-    """State (13,), currents (n,) and memory of the controller; all are advanced."""
+    """State (13,), currents (n,), memory of the controller and load (6,); all are advanced."""
 
     state: Any
     currents: Any
     memory: Any
+    load: Any
+
+
+class ControlLaw(NamedTuple):
+    """From what is seen to voltages. address: of a function (`fieldmap.kernels.control.function`), NO_FUNCTION or
+    GIVEN; controller: `Block`, of which a function takes the limits only; allocation, inverse: `Allocation`,
+    `Inverse`."""
+
+    address: int
+    controller: Any
+    allocation: Any
+    inverse: Any
+
+
+class Room(NamedTuple):
+    """What a run writes to. field: the cached field; asked: commands now, the last, those before, (n,) each; points:
+    two of them, (3,); read, seen (3,): what sensors and controller read; signals: as a block takes them, reference and
+    what is seen first; scratch, outputs (m,), voltages (n,); watch (4,)."""
+
+    field: Any
+    asked: Any
+    points: Any
+    read: Any
+    seen: Any
+    signals: Any
+    scratch: Any
+    outputs: Any
+    voltages: Any
+    watch: Any
+
+
+# What a run has done so far, (6,): samples; mechanical steps; rows; periods that a limit has held without a break;
+# whether the next sample is sensed; what its controller returned.
+SAMPLES, STEPS, ROWS, HELD, SENSED, ANSWER = 0, 1, 2, 3, 4, 5
+PROGRESS = 6
 
 
 @njit(**PLAIN)
@@ -142,17 +186,48 @@ def _record(row, state, currents, commands, seen, outputs):
 
 
 @njit(**WHOLE)
-def _sample(period, time, plant, sensing, control_law, signals, state, memory, room, waiting):
-    """Sense, compute, allocate, convert: fill waiting (n,), A; whether a limit held anything back."""
-    controller, allocation, inverse = control_law
-    point, read, seen, v, scratch, outputs, voltages = room
+def _sense(sample, time, plant, sensing, signals, state, room):
+    """Fill what is seen, and the signals of the controller."""
+    point, v = room.points[1], room.signals
     sensed_point(state, plant.seen_at, point)
-    noise, voltage_noise = signals.noise[period], signals.voltage_noise[period]
-    see(sensing, point, time, noise, voltage_noise, signals.scans, read, seen)
-    v[:3], v[3:6] = signals.references[period], seen
-    held = control(controller, v, signals.feedforward[period], memory, scratch, outputs)
-    _to_coils(plant, allocation, inverse, seen, outputs, voltages)
-    return _command(plant.drives, signals.current_noise[period], voltages, waiting) or held
+    noise, voltage_noise = signals.noise[sample], signals.voltage_noise[sample]
+    see(sensing, point, time, noise, voltage_noise, signals.scans, room.read, room.seen)
+    v[:3], v[3:6] = signals.references[sample], room.seen
+
+
+@njit(**WHOLE)
+def _call(law, time, feedforward, memory, room):
+    """Outputs of a function, or those that are given, with the feed-forward and within the limits: an event, what the
+    function returned, and whether a limit held one back."""
+    outputs, lower, upper, held = room.outputs, law.controller.lower, law.controller.upper, False
+    if law.address != GIVEN:
+        # What it was called with, should it fail.
+        room.scratch[: memory.shape[0]] = memory
+        answer = call_function(law.address, time, room.signals[3:6], room.signals[:3], memory, outputs)
+        if answer != DONE:
+            return CONTROLLER_FAILED, answer, held
+    for j in range(outputs.shape[0]):
+        if not math.isfinite(outputs[j]):
+            return OUTPUTS_NOT_FINITE, 0, held
+        wanted = outputs[j] + feedforward[j]
+        outputs[j] = min(max(wanted, lower[j]), upper[j])
+        held |= wanted != outputs[j]
+    return NOTHING, 0, held
+
+
+@njit(**WHOLE)
+def _sample(sample, time, plant, law, signals, memory, room, waiting, progress):
+    """Compute, allocate, convert: fill waiting (n,), A; an event, and whether a limit held anything back."""
+    v, outputs, feedforward = room.signals, room.outputs, signals.feedforward[sample]
+    if law.address == NO_FUNCTION:
+        held = control(law.controller, v, feedforward, memory, room.scratch, outputs)
+    else:
+        event, progress[ANSWER], held = _call(law, time, feedforward, memory, room)
+        if event != NOTHING:
+            return event, held
+    _to_coils(plant, law.allocation, law.inverse, room.seen, outputs, room.voltages)
+    limited = _command(plant.drives, signals.current_noise[sample], room.voltages, waiting)
+    return NOTHING, held or limited
 
 
 @njit(**PLAIN_INLINED)
@@ -207,69 +282,91 @@ def _mechanics(first, timing, plant, field, sensing, scans, asked, ending, movin
     return NOTHING, per_period, held
 
 
-@njit(**PLAIN)
-def _begin(timing, plant, field, sensing, scans, moving, watch, points):
-    """The load at the start and the first scan; the status of the map."""
-    superposition, coils = plant.superposition, plant.coils
-    state, currents, load = moving
+@njit(**WHOLE)
+def begin(timing, plant, sensing, signals, moving, outputs):
+    """The `Room` of a run of so many outputs, with the load at the start and the first scan; an event."""
+    superposition, coils, currents, body = plant.superposition, plant.coils, moving.currents, plant.body
+    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), int(body[MAGNETS]))
+    asked, points = (currents.copy(), currents.copy(), currents.copy()), (np.empty(3), np.empty(3))
+    scratch, voltages = np.empty(moving.memory.shape[0] + outputs), np.empty(currents.shape[0])
+    watch = np.zeros(4, np.int64)
+    room = Room(
+        field,
+        asked,
+        points,
+        np.empty(3),
+        np.empty(3),
+        np.ones(SIGNALS),
+        scratch,
+        np.zeros(outputs),
+        voltages,
+        watch,
+    )
     watch[AT_ONCE] = 1
     for k in range(currents.shape[0]):
         watch[AT_ONCE] &= coils[k, WINDING] == 0.0 and coils[k, AMPLIFIER] == 0.0
-    sensed_point(state, plant.seen_at, points[1])
+    body[FORCE : FORCE + 6] = signals.loads[0]
+    sensed_point(moving.state, plant.seen_at, points[1])
     if sensing.scan[SCAN_TIME] > 0.0:
-        instant = timing.step * 1e-9
+        instant, into, shift = timing.step * 1e-9, sensing.into, sensing.shift
         watch[SCAN] = add_scans(
-            sensing.scan, points[1], points[1], 0.0, instant, 0, scans, sensing.into, sensing.shift
+            sensing.scan, points[1], points[1], 0.0, instant, 0, signals.scans, into, shift
         )
     kind, scale, table = superposition.kind, superposition.scale, superposition.table
     watch[WITHIN] = find_weights(kind, scale, table, currents, field[1])
-    return find_load(field, plant.body, state, load)[0]
+    status = find_load(field, body, moving.state, moving.load)[0]
+    event = NOTHING if status == INSIDE else way_out(plant.block, status, moving.state[POSITION + 2])
+    return room, event
 
 
 @njit(**WHOLE)
-def _room(plant, currents, memory, m):
-    """What a run writes to: the cached field; commands now, the last, those before; two points; arrays of `_sample`."""
-    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), int(plant.body[MAGNETS]))
-    asked = (currents.copy(), currents.copy(), currents.copy())
-    points = (np.empty(3), np.empty(3))
-    scratch, voltages = np.empty(memory.shape[0] + m), np.empty(currents.shape[0])
-    room = (points[1], np.empty(3), np.empty(3), np.ones(SIGNALS), scratch, np.zeros(m), voltages)
-    return field, asked, points, room
+def closed_loop(timing, plant, sensing, law, ending, signals, moving, room, progress, rows):
+    """Run until the end or an event, which is returned; at given outputs until they are asked for: PAUSED.
 
-
-@njit(**WHOLE)
-def closed_loop(timing, plant, sensing, controller, allocation, inverse, ending, signals, start, rows):
-    """Run until the end or an event; (event, mechanical steps done, rows filled, what was ever touched).
-
-    timing, plant, sensing, controller, allocation, inverse, ending, signals, start: `Timing`, `Plant`, `Sensing`,
-    `Block`, `Allocation`, `Inverse`, `Ending`, `Signals`, `Moving`. plant.body is overwritten with disturbances.
+    timing, plant, sensing, law, ending, signals, moving: `Timing`, `Plant`, `Sensing`, `ControlLaw`, `Ending`,
+    `Signals`, `Moving`; room: of `begin`; progress (PROGRESS,): zeros at the start. plant.body is overwritten with
+    disturbances.
     """
-    h, per_period, every = timing.step, timing.per_period, timing.every
-    block, body, loads, scans = plant.block, plant.body, signals.loads, signals.scans
-    state, currents, memory = start
-    field, asked, points, room = _room(plant, currents, memory, signals.feedforward.shape[1])
-    moving, control_law = (state, currents, np.empty(6)), (controller, allocation, inverse)
-    watch, row, saturated = np.zeros(4, np.int64), 0, 0
-    body[FORCE : FORCE + 6] = loads[0]
-    status = _begin(timing, plant, field, sensing, scans, moving, watch, points)
-    if status != INSIDE:
-        return way_out(block, status, state[POSITION + 2]), 0, 0, 0
-    for period in range(signals.references.shape[0]):
-        first = period * per_period
+    h, every = timing.step, timing.every
+    body, loads = plant.body, signals.loads
+    state, currents, memory, load = moving
+    asked, watch = room.asked, room.watch
+    while progress[SAMPLES] < signals.references.shape[0]:
+        sample, first = progress[SAMPLES], progress[STEPS]
+        time = first * h
+        if progress[SENSED] == 0:
+            _sense(sample, time, plant, sensing, signals, state, room)
+            progress[SENSED] = 1
+            if law.address == GIVEN:
+                return PAUSED
         asked[2][:] = asked[1]
-        held = _sample(period, first * h, plant, sensing, control_law, signals, state, memory, room, asked[1])
-        if loads.shape[0] > 1 and period > 0:
-            body[FORCE : FORCE + 6] = loads[period]
-            find_load(field, body, state, moving[2])
-        if period % every == 0 and row < rows.shape[0]:
-            _record(rows[row], state, currents, asked[0], room[2], room[5])
-            row += 1
-        event, steps, limited = _mechanics(
-            first, timing, plant, field, sensing, scans, asked, ending, moving, watch, points
-        )
+        event, held = _sample(sample, time, plant, law, signals, memory, room, asked[1], progress)
         if event != NOTHING:
-            return event, first + steps, row, watch[EVER]
-        saturated = saturated + 1 if held or limited else 0
-        if ending.longest_saturation > 0 and saturated >= ending.longest_saturation:
-            return SATURATED, first + per_period, row, watch[EVER]
-    return NOTHING, signals.references.shape[0] * per_period, row, watch[EVER]
+            return event
+        if loads.shape[0] > 1 and sample > 0:
+            body[FORCE : FORCE + 6] = loads[sample]
+            find_load(room.field, body, state, load)
+        if sample % every == 0 and progress[ROWS] < rows.shape[0]:
+            _record(rows[progress[ROWS]], state, currents, asked[0], room.seen, room.outputs)
+            progress[ROWS] += 1
+        event, steps, limited = _mechanics(
+            first,
+            timing,
+            plant,
+            room.field,
+            sensing,
+            signals.scans,
+            asked,
+            ending,
+            (state, currents, load),
+            watch,
+            room.points,
+        )
+        progress[STEPS] += steps
+        if event != NOTHING:
+            return event
+        progress[SAMPLES], progress[SENSED] = sample + 1, 0
+        progress[HELD] = progress[HELD] + 1 if held or limited else 0
+        if ending.longest_saturation > 0 and progress[HELD] >= ending.longest_saturation:
+            return SATURATED
+    return NOTHING

@@ -1,0 +1,336 @@
+"""A controller of one's own: a Python function, a function compiled by numba, or a C function.
+
+    outputs = function(time, measured, reference, state)                                Python, numba
+    int function(double time, const double *measured, const double *reference,          C
+                 double *state, double *outputs)
+
+time, s, of the sample; measured, reference (3,): of the sensed point, m, frame of the map, as the sensors give it;
+state (n,): the function's own, kept from sample to sample; outputs (m,).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numba.core.ccallback import CFunc
+from numba.core.errors import NumbaError
+from numba.extending import is_jitted
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_choice, check_numbers, check_ordered, check_positive
+from fieldmap.control.blocks import arrays_of, constant_block
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.control.block import Block
+from fieldmap.kernels.control.function import (
+    C_SIGNATURE,
+    DONE,
+    FAILED,
+    WRONG_LENGTH,
+    compiled_function,
+    number_of,
+    returned_type,
+)
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+GIVES = ("signals", "currents", "voltages")
+CALL = "function(time, measured, reference, state) -> outputs"
+C_CALL = "int function(double time, const double *measured, const double *reference, double *state, double *outputs)"
+_CPointer: Any = ctypes._CFuncPtr  # type: ignore[attr-defined]
+_real = ctypes.POINTER(ctypes.c_double)
+ControlFunction = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, _real, _real, _real, _real)
+"""The C signature for ctypes: `ControlFunction(("control", library))`, or set restype and argtypes."""
+# As the callback of a Python function takes it: addresses, of which arrays are made once.
+_Entry = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *[ctypes.c_void_p] * 4)
+_WHERE = "FunctionController(function)"
+
+
+class BoundFunction(Protocol):
+    """A function as compiled loops call it: for one run."""
+
+    @property
+    def address(self) -> int:
+        """Of the C function."""
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        """The exception that the function raised when it was called with these, if any."""
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        """What it gave in the place of the outputs, as a text; "" where that is not known."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FunctionController(Record):
+    """A function as controller, in the place of the shipped ones: what it is called with is in the head of this file.
+
+    function: any Python callable; a function jitted by numba; a C function: `numba.cfunc` of `C_SIGNATURE`, a function
+    of ctypes, or an address. state: numbers that it begins with (n,), or how many zeros. gives: "signals": those of the
+    machine's control allocation, such as lift, V, and x and y signals; "currents": of each coil, A; "voltages": of each
+    coil's amplifier input, V. Currents and voltages go through converters, amplifiers and windings as signals do.
+    lower, upper: limits of the outputs, one for all or (m,). period: s, at which it is called, in the place of the
+    scenario's. Raises InputError for what cannot be called so.
+
+    A callable with a method `reset` is reset at the beginning of every run. Everything else that it remembers by
+    itself it brings along into the next run: keep it in `state`, and equal seeds give equal runs.
+
+    >>> def hold(time, measured, reference, state):
+    ...     state[0] += reference[2] - measured[2]
+    ...     return 2.0 + 300.0 * state[0], 0.0, 0.0
+    >>> FunctionController(hold, state=1).form
+    'python'
+    """
+
+    function: Any
+    state: ArrayLike = ()
+    gives: str = "signals"
+    lower: ArrayLike = -np.inf
+    upper: ArrayLike = np.inf
+    period: float | None = None
+    form: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        check_choice("FunctionController(gives)", self.gives, GIVES)
+        if self.period is not None:
+            check_positive("FunctionController", period=self.period)
+        state = np.zeros(self.state) if isinstance(self.state, int) else np.array(self.state, float).ravel()
+        check_numbers("FunctionController", **{f"state[{k}]": value for k, value in enumerate(state)})
+        object.__setattr__(self, "state", state)
+        for low, high in np.broadcast(self.lower, self.upper):
+            check_ordered("FunctionController", float(low), float(high))
+        object.__setattr__(self, "form", _form(self.function))
+        object.__setattr__(self, "_compiled", {})
+
+    @property
+    def memory(self) -> Array:
+        """(n,): the state that a run begins with."""
+        return np.array(self.state)
+
+    def limits(self, outputs: int) -> Block:
+        """Limits of so many outputs, as compiled loops take them: a block that holds nothing else."""
+        for name in ("lower", "upper"):
+            size = np.size(getattr(self, name))
+            if size not in (1, outputs):
+                must = f"must be one limit for all outputs or ({outputs},)"
+                where = f"FunctionController({name})"
+                raise InputError(Problem(where, must, f"{size} numbers", "give one for each output"))
+        low, high = (np.broadcast_to(np.asarray(v, float), outputs).copy() for v in (self.lower, self.upper))
+        return arrays_of((constant_block(0.0),), (0.0, 1.0, 0.0))._replace(lower=low, upper=high)
+
+    def bound(self, names: Sequence[str]) -> BoundFunction:
+        """The function for one run, with outputs of these names. Raises InputError where it cannot give them."""
+        if self.form == "python":
+            return _PythonFunction(self.function, len(names), len(self.memory))
+        if self.form == "numba":
+            key = len(names)
+            if key not in self._compiled:  # type: ignore[attr-defined]
+                found = _compiled(self.function, names, len(self.memory))
+                self._compiled[key] = found  # type: ignore[attr-defined]
+            return _JittedFunction(self.function, self._compiled[key])  # type: ignore[attr-defined]
+        return _ForeignFunction(self.function)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.function, self.state, self.gives, self.lower, self.upper, self.period)
+
+
+def as_controller(given: Any) -> Any:
+    """A function as `FunctionController`; a controller as it is."""
+    known = hasattr(given, "arrays") or isinstance(given, FunctionController)
+    return given if known else FunctionController(given)
+
+
+def _form(function: Any) -> str:
+    """python, numba or c. Raises InputError for what has another signature, or cannot be called."""
+    if isinstance(function, CFunc):
+        given = function._sig  # type: ignore[attr-defined]
+        if (given.return_type, given.args) != (C_SIGNATURE.return_type, C_SIGNATURE.args):
+            remedy = "compile it with @numba.cfunc(fieldmap.control.C_SIGNATURE)"
+            raise InputError(Problem(_WHERE, f"must be {C_CALL}", str(given), remedy))
+        return "c"
+    if isinstance(function, _CPointer):
+        _check_ctypes(function)
+        return "c"
+    if isinstance(function, (int, np.integer)) and not isinstance(function, bool):
+        if function <= 0:
+            raise InputError(Problem(_WHERE, f"must be the address of {C_CALL}", f"{function}", "give it"))
+        return "c"
+    if not callable(function):
+        raise InputError(Problem(_WHERE, f"must be {CALL}", type(function).__name__, "give a function"))
+    python = function.py_func if is_jitted(function) else function
+    try:
+        inspect.signature(python).bind(0.0, None, None, None)
+    except TypeError as error:
+        received = f"{getattr(python, '__name__', type(python).__name__)}{inspect.signature(python)}: {error}"
+        raise InputError(Problem(_WHERE, f"must be {CALL}", received, "take these four arguments")) from None
+    except ValueError:
+        pass  # a builtin that does not say what it takes
+    return "numba" if is_jitted(function) else "python"
+
+
+def _check_ctypes(function: Any) -> None:
+    """What ctypes knows of the signature: nothing, or that of `C_CALL`."""
+    real, pointers = ctypes.c_double, (_real, ctypes.c_void_p)
+    declared = function.argtypes
+    fits = function.restype is ctypes.c_int
+    if declared is not None:
+        fits &= len(declared) == 5 and declared[0] is real and all(each in pointers for each in declared[1:])
+    if not fits:
+        names = [getattr(each, "__name__", str(each)) for each in (function.restype, *(declared or ()))]
+        remedy = "set restype to ctypes.c_int and argtypes as fieldmap.control.ControlFunction has them"
+        raise InputError(Problem(_WHERE, f"must be {C_CALL}", ", ".join(names), remedy))
+
+
+def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
+    """A jitted function as a C function."""
+    try:
+        returned = returned_type(function)
+    except (NumbaError, RuntimeError) as error:
+        first = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+        must = f"must compile as {CALL}: a float and three arrays of float64"
+        remedy = "decorate it with @numba.njit alone, and call it once by itself to see all that numba says"
+        raise InputError(Problem(_WHERE, must, first.strip(), remedy)) from error
+    number = number_of(returned)
+    if number is not None and number != len(names):
+        raise InputError(_wrong_outputs(_WHERE, names, f"{returned}"))
+    return compiled_function(function, len(names), states)
+
+
+def _wrong_outputs(where: str, names: Sequence[str], received: str) -> Problem:
+    wanted = f"must return {len(names)} number{'s' * (len(names) > 1)}: {', '.join(names)}"
+    return Problem(where, wanted, received, "return them as a tuple or an array, or choose what it gives")
+
+
+def failure(
+    bound: BoundFunction,
+    names: Sequence[str],
+    answer: int,
+    outputs: Array,
+    given: tuple[float, Array, Array, Array],
+) -> tuple[Problem, BaseException | None]:
+    """What went wrong at a sample at which a function was given time, measured, reference and state, and returned
+    `answer`; outputs (m,): what it filled in."""
+    time, measured, reference, state = given
+    where = f"controller at {time:.6g} s"
+    about = f"measured {measured.tolist()}, reference {reference.tolist()} m, state {state.tolist()}"
+    if answer == DONE:
+        values = ", ".join(f"{name} {value:g}" for name, value in zip(names, outputs, strict=True))
+        remedy = f"look for a division by zero or a state that grows; it was given {about}"
+        return Problem(where, "must return finite numbers", values, remedy), None
+    shape = bound.shape(*given) if answer == WRONG_LENGTH else ""
+    if shape:
+        return _wrong_outputs(where, names, shape), None
+    cause = bound.cause(*given)
+    if cause is None:
+        remedy = f"see what it means by that; it was given {about}"
+        return Problem(where, "must return 0", f"{answer}", remedy), None
+    received = f"{type(cause).__name__}: {cause}"
+    remedy = f"mend it: the exception has its traceback; it was given {about}"
+    return Problem(where, f"must be {CALL} and raise nothing", received, remedy), cause
+
+
+class _PythonFunction:
+    """A Python callable, called back from the loop, which holds the interpreter's lock for that long only."""
+
+    def __init__(self, function: Callable[..., Any], outputs: int, states: int) -> None:
+        self._error: BaseException | None = None
+        self._shape = ""
+        # Everything that is called back is kept alive by this object.
+        self._entry = _Entry(self._called_back(function, outputs, states))
+        reset = getattr(function, "reset", None)
+        if callable(reset):
+            reset()
+
+    @property
+    def address(self) -> int:
+        return ctypes.cast(self._entry, ctypes.c_void_p).value or 0
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        return self._error
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        return self._shape
+
+    def _called_back(self, function: Callable[..., Any], outputs: int, states: int) -> Callable[..., int]:
+        views: list[Array] = []
+
+        def entry(time: float, measured: int, reference: int, state: int, out: int) -> int:
+            try:
+                if not views:
+                    # The same places at every sample of a run.
+                    sizes = zip((measured, reference, state, out), (3, 3, states, outputs), strict=True)
+                    views.extend(_array_at(place, size) for place, size in sizes)
+                # Copies, which the function may keep.
+                found = function(time, views[0].copy(), views[1].copy(), views[2])
+                if type(found) is tuple:
+                    if len(found) != outputs:
+                        self._shape = f"{len(found)} of them"
+                        return WRONG_LENGTH
+                    for k in range(outputs):
+                        views[3][k] = found[k]
+                    return DONE
+                values = np.asarray(found, float)
+                if values.shape != (outputs,) and not (outputs == 1 and values.ndim == 0):
+                    self._shape = "None" if found is None else f"an array {values.shape}"
+                    return WRONG_LENGTH
+                views[3][:] = values
+            except BaseException as error:  # nothing may pass through compiled code; it is raised behind it
+                self._error = error
+                return FAILED
+            return DONE
+
+        return entry
+
+
+def _array_at(address: int | None, size: int) -> Array:
+    if not size or not address:
+        return np.zeros(0)
+    return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
+
+
+class _JittedFunction:
+    """A function jitted by numba, compiled for the loop."""
+
+    def __init__(self, function: Any, entry: Any) -> None:
+        self._function, self._entry = function, entry
+
+    @property
+    def address(self) -> int:
+        return int(self._entry.address)
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        """Compiled code cannot keep an exception: the function is called once more, to see it."""
+        try:
+            self._function(time, measured.copy(), reference.copy(), state.copy())
+        except Exception as error:
+            return error
+        return None
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        found = self._function(time, measured.copy(), reference.copy(), state.copy())
+        return f"an array {np.shape(found)}"
+
+
+class _ForeignFunction:
+    """A C function."""
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+
+    @property
+    def address(self) -> int:
+        if isinstance(self._function, CFunc):
+            return int(self._function.address or 0)
+        if isinstance(self._function, _CPointer):
+            return ctypes.cast(self._function, ctypes.c_void_p).value or 0
+        return int(self._function)
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        return None
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        """Nothing: it says by its number what it wants to say."""
+        return ""

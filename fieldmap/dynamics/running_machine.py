@@ -1,0 +1,240 @@
+"""A machine that runs sample by sample, for control loops written by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_signal
+from fieldmap.control.function_controller import FunctionController
+from fieldmap.dynamics.closed_loop import (
+    Schedule,
+    draw_signals,
+    function_law,
+    machine_for,
+    run_of,
+    start_loop,
+)
+from fieldmap.dynamics.loop_run import Event, LevitationRun, event_of
+from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.operating_point import OperatingPoint
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.control.function import GIVEN
+from fieldmap.kernels.motion import closed_loop as kernel
+from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, TURN, VELOCITY
+from fieldmap.kernels.motion.sensing import sensed_point
+from fieldmap.typing import Array
+
+_WHERE = "RunningMachine.step"
+
+
+class RunningMachine:
+    """A machine with its coils, amplifiers, sensors, delay and noise, moved one sample at a time by who calls `step`.
+
+    Arguments as of `simulate_closed_loop`; gives, lower, upper as of `FunctionController`. The machine code is that of
+    whole runs: a loop that calls `step` with what a function says has the bits of a run with that function. Noise is
+    drawn for the length of the schedule, and anew for as long again whenever it is used up; references and loads then
+    stay as they were last.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        schedule: Schedule,
+        state: ArrayLike,
+        currents: ArrayLike,
+        seed: int | np.random.SeedSequence | None = 0,
+        gives: str = "signals",
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        operating_point: OperatingPoint | None = None,
+    ) -> None:
+        limits = given_outputs(gives, lower, upper)
+        self.machine = machine_for(machine, gives)
+        self.schedule = schedule
+        self.operating_point = operating_point
+        self._law = function_law(self.machine, GIVEN, limits)
+        self._start = (np.array(state, float), np.array(currents, float))
+        self._seed = seed
+        self.reset()
+
+    def reset(self, seed: int | np.random.SeedSequence | None = None) -> Array:
+        """Back to the start, with the noise of this seed, or of the last one: what is measured there (3,)."""
+        self._seed = self._seed if seed is None else seed
+        self._generator = None if self._seed is None else np.random.Generator(np.random.PCG64(self._seed))
+        loop, event = start_loop(
+            self.machine, self._law, np.zeros(0), self.schedule, *self._start, self._generator
+        )
+        # Rows that `_renew` writes must not be those of the schedule.
+        copies = {name: getattr(loop.signals, name).copy() for name in ("references", "feedforward", "loads")}
+        self._loop = loop._replace(signals=loop.signals._replace(**copies))
+        self._times: list[float] = []
+        self._asked: list[Array] = []
+        self._even = True
+        self._advance(event)
+        return self.measured
+
+    def step(self, outputs: ArrayLike, dt: float | None = None) -> Array:
+        """Put outputs (m,) in, as a controller does after a sample, and move on to the next one, dt later, s; what is
+        then measured (3,), m.
+
+        dt: the schedule's period unless given; a whole number of its mechanical steps, and no less than its delay.
+        Raises InputError for outputs and dt that do not fit, and after an event has ended the run.
+        """
+        given = check_signal(f"{_WHERE}(outputs)", np.atleast_1d(np.asarray(outputs, float)))
+        loop, names = self._loop, self.output_names
+        if given.shape != (len(names),):
+            must = f"must be {len(names)}: {', '.join(names)}"
+            raise InputError(
+                Problem(f"{_WHERE}(outputs)", must, f"{given.shape}", "give one number for each")
+            )
+        if self._event != kernel.PAUSED:
+            event = self.event
+            received = "an event" if event is None else f"{event.name} at {event.time:g} s"
+            remedy = "look at `event`, and call reset() to begin again"
+            raise InputError(Problem(_WHERE, "must be called before the run has ended", received, remedy))
+        steps = self._steps(dt)
+        sample = int(loop.progress[kernel.SAMPLES])
+        if sample + 1 >= len(loop.signals.references):
+            self._extend()
+        self._even = self._even and steps == self.schedule.clock.per_period
+        if not self._even:
+            self._renew(sample, steps)
+        self._loop.room.outputs[:] = given
+        self._loop = self._loop._replace(timing=self._loop.timing._replace(per_period=steps))
+        if sample % self.schedule.every == 0:
+            self._times.append(self.time)
+            self._asked.append(self.reference)
+        self._advance(kernel.NOTHING)
+        return self.measured
+
+    def _advance(self, event: int) -> None:
+        self._event = self._loop.go_on() if event == kernel.NOTHING else event
+
+    def _steps(self, dt: float | None) -> int:
+        """Mechanical steps until the next sample."""
+        clock = self.schedule.clock
+        if dt is None:
+            return clock.per_period
+        ratio = dt / clock.step
+        if not (abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= max(1, clock.delay)):
+            must = (
+                f"must be a whole number of mechanical steps of {clock.step:g} s, and no less than the delay, "
+                f"{clock.delay * clock.step:g} s"
+            )
+            raise InputError(Problem(f"{_WHERE}(dt)", must, f"{dt:g} s", f"take {self.schedule.period:g}"))
+        return round(ratio)
+
+    def _extend(self) -> None:
+        """Noise for as long again, and references, feed-forward and loads as they were last."""
+        loop, old = self._loop, self._loop.signals
+        new = draw_signals(self.machine, self.schedule, self._generator)
+        longer = {name: np.concatenate([getattr(old, name), getattr(new, name)]) for name in old._fields}
+        count = len(new.references)
+        for name in ("references", "feedforward"):
+            longer[name][-count:] = getattr(old, name)[-1]
+        longer["loads"] = old.loads
+        if len(old.loads) > 1:
+            longer["loads"] = np.concatenate([old.loads, np.tile(old.loads[-1], (count, 1))])
+        rows = np.concatenate([loop.rows, np.empty((count, loop.rows.shape[1]))])
+        self._loop = loop._replace(signals=kernel.Signals(**longer), rows=rows)
+
+    def _renew(self, sample: int, steps: int) -> None:
+        """Rows of the samples at uneven times: those of the schedule's periods in which they lie."""
+        clock, signals = self.schedule.clock, self._loop.signals
+        done = int(self._loop.progress[kernel.STEPS])
+        given = {"references": self.schedule.references, "feedforward": self.schedule.feedforward}
+        given["loads"] = None if len(signals.loads) == 1 else self.schedule.loads
+        for name, rows in given.items():
+            if rows is not None:
+                # Feed-forward and loads are taken after this sample, references with the next one.
+                after = done + steps if name == "references" else done
+                number = sample + 1 if name == "references" else sample
+                getattr(signals, name)[number] = rows[min(after // clock.per_period, len(rows) - 1)]
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """What `step` takes, with units."""
+        return self.machine.allocation.output_names
+
+    @property
+    def time(self) -> float:
+        """s."""
+        return self._loop.time
+
+    @property
+    def measured(self) -> Array:
+        """What the sensors say now of the sensed point (3,), m, frame of the map."""
+        return np.array(self._loop.room.signals[3:6])
+
+    @property
+    def reference(self) -> Array:
+        """Of the sensed point (3,), m."""
+        return np.array(self._loop.room.signals[:3])
+
+    @property
+    def outputs(self) -> Array:
+        """The last that were put in, within their limits (m,)."""
+        return np.array(self._loop.room.outputs)
+
+    @property
+    def state(self) -> Array:
+        """Place, velocity, quaternion, angular velocity (13,), as they are."""
+        return np.array(self._loop.moving.state)
+
+    @property
+    def position(self) -> Array:
+        """Centre of mass (3,), m, as it is."""
+        return self.state[POSITION : POSITION + 3]
+
+    @property
+    def velocity(self) -> Array:
+        """Of the centre of mass (3,), m/s."""
+        return self.state[VELOCITY : VELOCITY + 3]
+
+    @property
+    def quaternion(self) -> Array:
+        """Body to map (4,), w first."""
+        return self.state[TURN : TURN + 4]
+
+    @property
+    def angular_velocity(self) -> Array:
+        """(3,), rad/s, in the frame of the body."""
+        return self.state[ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3]
+
+    @property
+    def sensed(self) -> Array:
+        """The sensed point (3,), m, as it is."""
+        point = np.empty(3)
+        sensed_point(self._loop.moving.state, self._loop.plant.seen_at, point)
+        return point
+
+    @property
+    def currents(self) -> Array:
+        """(n,), A."""
+        return np.array(self._loop.moving.currents)
+
+    @property
+    def event(self) -> Event | None:
+        """What has ended the run, if anything has."""
+        number = kernel.NOTHING if self._event == kernel.PAUSED else self._event
+        return event_of(number, self.time, self.state, self.currents)
+
+    @property
+    def run(self) -> LevitationRun:
+        """What was recorded so far: one row for each step."""
+        loop = self._loop._replace(rows=self._loop.rows.copy())
+        run = run_of(self.machine, self.schedule, loop, kernel.NOTHING)
+        references = np.array(self._asked).reshape(-1, 3)
+        return replace(run, time=np.array(self._times), references=references, event=self.event)
+
+
+def given_outputs(gives: str, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> FunctionController:
+    """What stands for the controller of a machine that is moved by hand: its outputs and limits. It is never called."""
+
+    def given(time: float, measured: Array, reference: Array, state: Array) -> Array:
+        raise AssertionError
+
+    return FunctionController(given, gives=gives, lower=lower, upper=upper)

@@ -1,0 +1,471 @@
+"""Controllers that are functions: Python, numba and C against the shipped PID, and loops written by hand."""
+
+import ctypes
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from fieldmap.control import C_SIGNATURE, PID, ControlFunction, FunctionController
+from fieldmap.dynamics import (
+    AxisReading,
+    CoilDrive,
+    Drag,
+    Machine,
+    MatrixAllocation,
+    RigidBody,
+    RunningMachine,
+    Schedule,
+    Sensors,
+    linear_points,
+    open_machine,
+    pid_block,
+    prepare,
+    read_scenario,
+    simulate,
+    simulate_closed_loop,
+    simulate_many,
+    state_of,
+    superposed,
+)
+from fieldmap.dynamics.loop_run import recorded
+from fieldmap.dynamics.scenario import simulate_batches
+from fieldmap.errors import ControllerError, InputError, ScenarioError
+from fieldmap.instruments import Amplifier, Converter
+from fieldmap.kernels.control.block import control
+
+TEXT = (Path(__file__).parents[1] / "scenarios" / "step.toml").read_text()
+MASS, MOMENT, PERIOD, GAIN = 0.01, 0.8, 2e-3, 0.4
+SLOPE, CURVE = MASS * 9.80665 / MOMENT / 2.0, 1.2
+KC, TI, TD, OUTPUT, LOWER, UPPER = 2.0, 0.4, 0.06, 2.0 / GAIN, 4.0, 6.0
+KP, KI, KD = KC, KC * PERIOD / TI, KC * TD / PERIOD
+START = np.array([OUTPUT, 0.0, 0.0])
+NOISE = {"deviations": (5e-6, 8e-6, 2e-5), "voltage_noise": 0.0}
+
+
+@pytest.fixture(scope="module")
+def plain(axial):
+    """One coil, 2 A of which carry a body at the origin; noise, converters and windings."""
+    body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), seen_at=[0, 0, 5e-3])
+    drive = CoilDrive(
+        Amplifier(GAIN, -10.0, 10.0, deviation=1e-3),
+        1,
+        [2.0],
+        [4e-3],
+        (-20.0, 20.0),
+        0.0,
+        Converter(10.0, 16),
+    )
+    one = MatrixAllocation(np.eye(1), np.zeros(1), ("lift_V",))
+    field = superposed(axial.map((0.02, SLOPE, CURVE), kind="harmonic"))
+    drag = Drag(linear=(0.05, 0.05, 0.05), turning=(1e-5,) * 3)
+    return Machine(field, body, drive, Sensors(zero_depth=0.0, **NOISE), one, drag)
+
+
+def shipped(**more):
+    at = np.array([0, 0, 5e-3, 0, 0, 5e-3, 1.0])
+    pid = PID(KC, TI, TD, PERIOD, lower=LOWER, upper=UPPER, integration="trapezoidal")
+    return pid_block(pid, AxisReading("z", 1e3), OUTPUT, at)
+
+
+def python_pid(time, measured, reference, state):
+    error = 1e3 * (reference[2] - measured[2])
+    state[0] += KI * 0.5 * (error + state[1])
+    wanted = KP * error + state[0] + KD * (error - state[2])
+    state[1] = error
+    state[2] = error
+    return (wanted,)
+
+
+jitted_pid = numba.njit(python_pid)
+
+
+@numba.cfunc(C_SIGNATURE)
+def compiled_pid(time, measured, reference, state, outputs):
+    error = 1e3 * (reference[2] - measured[2])
+    state[0] += KI * 0.5 * (error + state[1])
+    outputs[0] = KP * error + state[0] + KD * (error - state[2])
+    state[1] = error
+    state[2] = error
+    return 0
+
+
+C_TEXT = f"""
+int control(double time, const double *measured, const double *reference, double *state, double *outputs)
+{{
+    double error = 1e3 * (reference[2] - measured[2]);
+    state[0] += {KI!r} * 0.5 * (error + state[1]);
+    outputs[0] = {KP!r} * error + state[0] + {KD!r} * (error - state[2]);
+    state[1] = error;
+    state[2] = error;
+    return 0;
+}}
+int refuse(double time, const double *measured, const double *reference, double *state, double *outputs)
+{{
+    outputs[0] = 5.0;
+    return time > 0.0391 ? 7 : 0;
+}}
+"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler here")
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "own.c").write_text(C_TEXT)
+    # No contraction: a product and a sum in one rounding would be other bits.
+    words = [
+        compiler,
+        "-O2",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+        "-o",
+        folder / "own.so",
+        folder / "own.c",
+    ]
+    subprocess.run(words, check=True)
+    return ctypes.CDLL(str(folder / "own.so"))
+
+
+def schedule(samples=400, **more):
+    references = np.tile([0.0, 0.0, 5e-3], (samples, 1))
+    references[50:, 2] += 3e-4
+    loads = np.zeros((samples, 6))
+    loads[200:220, 2] = 2e-3
+    return Schedule(references, PERIOD, loads=loads, **({"step": 1e-4, "delay": 5e-4} | more))
+
+
+def own(function, **more):
+    return FunctionController(function, **({"state": START, "lower": LOWER, "upper": UPPER} | more))
+
+
+def run(machine, controller, seed=3, plan=None):
+    return simulate_closed_loop(machine, controller, plan or schedule(), state_of([0, 0, 0]), [2.0], seed)
+
+
+def test_pid_in_python_numba_and_c_has_the_bits_of_one_another_and_the_path_of_the_shipped_one(
+    plain, library
+):
+    """The shipped PID sums the same terms in another order (a block of matrices): rounding of 1e-16 a sample, which the
+    noise of a closed loop does not let grow."""
+    wanted = run(plain, shipped())
+    assert wanted.event is None
+    assert np.ptp(wanted.outputs) > 1.0
+    assert (wanted.outputs == LOWER).any() or (wanted.outputs == UPPER).any()
+    functions = [python_pid, jitted_pid, compiled_pid, library.control, ControlFunction(("control", library))]
+    found = [run(plain, own(function)) for function in functions]
+    for each in found:
+        np.testing.assert_array_equal(each.rows, found[0].rows)
+    np.testing.assert_allclose(found[0].outputs, wanted.outputs, rtol=1e-12)
+    np.testing.assert_allclose(found[0].position, wanted.position, atol=1e-15)
+    address = ctypes.cast(library.control, ctypes.c_void_p).value
+    np.testing.assert_array_equal(run(plain, own(address)).rows, found[0].rows)
+    assert [own(f).form for f in functions] == ["python", "numba", "c", "c", "c"]
+
+
+def test_the_kernel_of_the_shipped_block_as_a_function_has_its_bits(plain):
+    """Between sensors and limits, delay, converter and winding nothing is lost or added."""
+    block = shipped()
+    arrays = tuple(block.arrays)
+
+    @numba.njit
+    def same(time, measured, reference, state):
+        v, outputs = np.ones(7), np.empty(1)
+        v[:3], v[3:6] = reference, measured
+        control(arrays, v, np.zeros(1), state, np.empty(4), outputs)
+        return outputs
+
+    np.testing.assert_array_equal(run(plain, own(same, state=block.memory)).rows, run(plain, block).rows)
+
+
+def test_equal_seeds_have_equal_bits_in_any_thread(plain):
+    for function in (python_pid, jitted_pid):
+        one, again, other = (run(plain, own(function), seed) for seed in (5, 5, 6))
+        np.testing.assert_array_equal(one.rows, again.rows)
+        assert np.abs(one.seen - other.seen).max() > 1e-6
+        controller = own(function)
+
+        def one_of_many(seed, controller=controller):
+            return run(plain, controller, seed)
+
+        many = [simulate_many(3, one_of_many, seed=1, threads=threads) for threads in (1, 3)]
+        for a, b in zip(*many, strict=True):
+            np.testing.assert_array_equal(a.rows, b.rows)
+
+
+@pytest.mark.parametrize("late", [0.0, 5e-4, PERIOD])
+def test_a_loop_by_hand_has_the_bits_of_the_run(plain, late):
+    scanning = replace(
+        plain, sensors=Sensors(zero_depth=0.0, scan_rate=1200.0, averages=2, latency=1, **NOISE)
+    )
+    for machine in (plain, scanning):
+        plan = schedule(delay=late)
+        wanted = run(machine, own(python_pid), plan=plan)
+        by_hand = RunningMachine(machine, plan, state_of([0, 0, 0]), [2.0], 3, lower=LOWER, upper=UPPER)
+        for _ in range(2):
+            state = START.copy()
+            while by_hand.event is None and by_hand.time < 0.8 - 1e-9:
+                by_hand.step(python_pid(by_hand.time, by_hand.measured, by_hand.reference, state))
+            found = by_hand.run
+            np.testing.assert_array_equal(found.rows, wanted.rows)
+            np.testing.assert_array_equal(found.references, wanted.references)
+            np.testing.assert_allclose(found.time, wanted.time, atol=1e-12)
+            by_hand.reset()
+        by_hand.reset(4)
+        assert np.abs(by_hand.measured - wanted.seen[0]).max() > 1e-8
+
+
+def test_a_loop_by_hand_goes_on_beyond_its_schedule_and_at_steps_of_its_own(plain):
+    machine = RunningMachine(plain, schedule(20), state_of([0, 0, 0]), [2.0], 3)
+    state, seen = START.copy(), []
+    for k in range(100):
+        dt = 1e-3 if k % 2 else 3e-3
+        seen.append(machine.measured)
+        machine.step(python_pid(0.0, machine.measured, machine.reference, state), dt)
+    assert machine.event is None
+    assert machine.time == pytest.approx(0.2)
+    np.testing.assert_allclose(machine.run.time[:3], [0.0, 3e-3, 4e-3])
+    np.testing.assert_array_equal(machine.run.seen, seen)
+    noise = machine.run.seen - machine.run.sensed
+    np.testing.assert_allclose(noise.std(axis=0), NOISE["deviations"], rtol=0.35)
+    assert len(np.unique(noise[:, 2])) == 100
+    fine, coarse = (
+        RunningMachine(plain, schedule(20, delay=0.0), state_of([0, 0, 0]), [2.0], None) for _ in range(2)
+    )
+    for _ in range(10):
+        fine.step(OUTPUT, 1e-3), fine.step(OUTPUT, 1e-3), coarse.step(OUTPUT)
+    np.testing.assert_array_equal(fine.state, coarse.state)
+
+
+def test_steps_that_do_not_fit_are_refused(plain):
+    machine = RunningMachine(plain, schedule(), state_of([0, 0, 0]), [2.0], 3)
+    for outputs, dt in (([1.0, 2.0], None), (np.nan, None), (1.0, 1.5e-4), (1.0, 3e-4), (1.0, 0.0)):
+        with pytest.raises(InputError) as error:
+            machine.step(outputs, dt)
+        assert error.value.problems[0].where.startswith("RunningMachine.step")
+    while machine.event is None:
+        machine.step(0.0)
+    assert machine.event.name == "fell out"
+    with pytest.raises(InputError):
+        machine.step(0.0)
+    machine.reset()
+    machine.step(0.0)
+
+
+def test_currents_and_voltages_go_through_amplifier_and_converter(plain):
+    """A current of 2 A is what 2 / gain V ask for, rounded by the converter and limited like it."""
+    steady = {"state": (), "lower": -np.inf, "upper": np.inf}
+    quiet = replace(plain, sensors=Sensors(zero_depth=0.0))
+    runs = [
+        run(quiet, own(lambda *_, value=value: value, gives=gives, **steady), None, schedule(30))
+        for gives, value in (("signals", 5.0), ("voltages", 5.0), ("currents", 5.0 * GAIN))
+    ]
+    for each in runs:
+        np.testing.assert_array_equal(each.currents, runs[0].currents)
+    assert runs[2].output_names == ("coil_1_A",)
+    far = run(quiet, own(lambda *_: 1e3, gives="currents", **steady), None, schedule(30))
+    np.testing.assert_allclose(far.commanded[-1], 10.0 * GAIN, rtol=1e-3)
+    limited = run(
+        quiet, own(lambda *_: 1e3, gives="currents", **(steady | {"upper": 1.5})), None, schedule(30)
+    )
+    np.testing.assert_array_equal(limited.outputs, 1.5)
+
+
+def test_its_own_period_and_reset(plain):
+    class Counting:
+        def __init__(self):
+            self.calls, self.resets = [], 0
+
+        def reset(self):
+            self.resets += 1
+
+        def __call__(self, time, measured, reference, state):
+            self.calls.append((time, measured))
+            return OUTPUT
+
+    counting = Counting()
+    run(plain, own(counting), plan=schedule(10))
+    run(plain, own(counting), plan=schedule(10))
+    assert counting.resets == 2
+    np.testing.assert_allclose([time for time, _ in counting.calls[:10]], PERIOD * np.arange(10), atol=1e-15)
+    # What was measured stays as it was: a function may keep it.
+    assert len({tuple(measured) for _, measured in counting.calls[:10]}) == 10
+
+
+def raising(time, measured, reference, state):
+    state[0] += 1.0
+    if time > 0.0391:
+        raise ValueError("too late")
+    return 5.0
+
+
+def growing(time, measured, reference, state):
+    return 5.0 if time < 0.0391 else np.nan
+
+
+def wrong(time, measured, reference, state):
+    return np.full(1 if time < 0.0391 else 2, 5.0)
+
+
+@pytest.mark.parametrize("jit", [lambda f: f, numba.njit], ids=["python", "numba"])
+@pytest.mark.parametrize(
+    ("function", "received"), [(raising, "ValueError"), (growing, "nan"), (wrong, "(2,)")]
+)
+def test_what_fails_on_the_way_is_told_with_its_time(plain, jit, function, received):
+    with pytest.raises(ControllerError) as error:
+        run(plain, own(jit(function)))
+    problem = error.value.problems[0]
+    assert problem.where == "controller at 0.04 s"
+    assert received in problem.received
+    assert error.value.time == pytest.approx(0.04)
+    assert len(error.value.run.time) == 20
+    if function is raising:
+        assert isinstance(error.value.__cause__, ValueError)
+
+
+def test_c_functions_say_that_they_fail_by_a_number(plain, library):
+    with pytest.raises(ControllerError) as error:
+        run(plain, own(library.refuse))
+    assert error.value.problems[0].received == "7"
+    assert error.value.time == pytest.approx(0.04)
+
+
+def test_an_interrupt_ends_the_run_as_itself(plain):
+    def interrupted(time, measured, reference, state):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(plain, own(interrupted))
+
+
+@numba.cfunc("float64(float64)")
+def other_signature(x):
+    return x
+
+
+@numba.njit
+def returns_text(time, measured, reference, state):
+    return "up"
+
+
+@numba.njit
+def returns_three(time, measured, reference, state):
+    return 1.0, 2, 3.0
+
+
+@numba.njit
+def does_not_compile(time, measured, reference, state):
+    return measured.no_such_thing
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda measured: 1.0,
+        numba.njit(lambda time, measured: 1.0),
+        other_signature,
+        3.5,
+        0,
+        ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(lambda x: x),
+        returns_text,
+        returns_three,
+        does_not_compile,
+    ],
+)
+def test_what_is_no_controller_is_refused_with_the_signature_that_must_hold(plain, function):
+    with pytest.raises(InputError) as error:
+        run(plain, own(function))
+    assert not isinstance(error.value, ControllerError)
+    problem = error.value.problems[0]
+    assert problem.where == "FunctionController(function)"
+    assert "time" in problem.must_hold or "lift_V" in problem.must_hold
+    assert problem.received
+
+
+def test_limits_state_and_period_are_checked(plain):
+    for words in ({"gives": "forces"}, {"period": -1.0}, {"lower": 2.0, "upper": 1.0}, {"state": [np.nan]}):
+        with pytest.raises(InputError):
+            own(python_pid, **words)
+    with pytest.raises(InputError):
+        run(plain, own(python_pid, lower=[1.0, 2.0]))
+
+
+OWN = """
+[control.coupled]
+kind = "own"
+"""
+
+
+def own_scenario(text):
+    """The scenario of one step with its controllers left to the caller."""
+    first, last = text.index("[control.z]"), text.index("[start]")
+    return text[:first] + OWN.lstrip() + "\n" + text[last:]
+
+
+def depth_pid(output):
+    def pid(time, measured, reference, state):
+        error = 1e3 * (measured[2] - reference[2])
+        state[0] += 0.5 * 2e-3 / 0.4 * 0.5 * (error + state[1])
+        wanted = -0.5 * error + -1.0 * state[0] + -0.5 * 0.06 / 2e-3 * (error - state[1])
+        state[1] = error
+        return output + wanted, 0.0, 0.0
+
+    return pid
+
+
+def test_a_scenario_takes_a_function_in_the_place_of_its_controllers(written):
+    """Against the PID of the scenario itself; by hand the same bits; in numba the same."""
+    path = written()
+    point = prepare(read_scenario(path)).operating_point
+    wanted = simulate(path)
+    limits = {"lower": [0.0, -1.0, -1.0], "upper": [10.0, 1.0, 1.0]}
+    pid = depth_pid(point.outputs[0])
+    controllers = [FunctionController(f, 2, **limits) for f in (pid, numba.njit(pid))]
+    found = [simulate(path, controller=controller) for controller in controllers]
+    np.testing.assert_array_equal(found[0].rows, found[1].rows)
+    np.testing.assert_allclose(found[0].sensed, wanted.sensed, atol=1e-12)
+    assert found[0].metrics.axes[2].step.overshoot == pytest.approx(wanted.metrics.axes[2].step.overshoot)
+    machine = open_machine(written(own_scenario(TEXT)), **limits)
+    assert machine.output_names == ("lift_V", "x_signal", "y_signal")
+    np.testing.assert_array_equal(machine.operating_point.outputs, point.outputs)
+    state = np.zeros(2)
+    while machine.event is None and machine.time < 1.0 - 1e-9:
+        machine.step(pid(machine.time, machine.measured, machine.reference, state))
+    np.testing.assert_array_equal(machine.run.rows, found[0].rows)
+
+
+def test_a_scenario_that_leaves_its_controller_to_the_caller_says_so(written):
+    path = written(own_scenario(TEXT))
+    experiment = prepare(read_scenario(path))
+    for act in (experiment.run, lambda: linear_points(experiment)):
+        with pytest.raises(ScenarioError) as error:
+            act()
+        assert error.value.problems[0].where.endswith("control.coupled")
+
+
+def test_currents_of_six_coils_at_a_period_of_its_own(written):
+    """Currents of rest, put in as they are, hold still as long as nothing shakes."""
+    path, quiet = written(), {"noise.off": True, "reference.0.by_mm": 0.0, "duration_s": 0.1}
+    currents = tuple(float(value) for value in prepare(read_scenario(path)).operating_point.currents)
+    assert len(set(currents)) <= 6
+
+    def steady(time, measured, reference, state):
+        return currents
+
+    run = simulate(path, quiet, controller=FunctionController(steady, gives="currents", period=1e-3))
+    assert len(run.time) == 100
+    np.testing.assert_allclose(run.currents, np.tile(currents, (100, 1)), rtol=1e-9)
+    assert np.abs(run.sensed - run.sensed[0]).max() < 1e-6
+    record = recorded(run, tuple("123456"))
+    assert record.arrays["outputs"][1] == "A"
+    with pytest.raises(ScenarioError):
+        simulate(path, {"control.feedforward": {}}, controller=steady)
+    two = simulate_batches(path, None, quiet, controller=FunctionController(steady, gives="currents"), runs=2)
+    assert len(two.batches[0].runs) == 2
