@@ -1,12 +1,11 @@
 """From a scenario to a run: machine, controller, schedule, state at the start."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fieldmap.control.blocks import Controller, stacked
 from fieldmap.control.function_controller import FunctionController, as_controller
@@ -79,8 +78,8 @@ class Experiment(Record):
         self,
         seed: int | None = None,
         gives: str = "signals",
-        lower: ArrayLike = -np.inf,
-        upper: ArrayLike = np.inf,
+        lower: float | Sequence[float] = -np.inf,
+        upper: float | Sequence[float] = np.inf,
     ) -> RunningMachine:
         """The machine at its start, for a loop written by hand; arguments as of `open_machine`."""
         return RunningMachine(
@@ -285,8 +284,8 @@ def open_machine(
     device: Device | None = None,
     seed: int | None = None,
     gives: str = "signals",
-    lower: ArrayLike = -np.inf,
-    upper: ArrayLike = np.inf,
+    lower: float | Sequence[float] = -np.inf,
+    upper: float | Sequence[float] = np.inf,
 ) -> RunningMachine:
     """The machine of a scenario at its start, for a loop written by hand: `RunningMachine.step(outputs)`.
 

@@ -59,7 +59,8 @@ def number_of(returned: types.Type) -> int | None:
     if isinstance(returned, types.Array) and returned.ndim == 1 and isinstance(returned.dtype, number):
         return None
     if isinstance(returned, types.BaseTuple):
-        return len(returned) if all(isinstance(each, number) for each in returned) else 0
+        members: Any = returned
+        return len(members) if all(isinstance(each, number) for each in members) else 0
     return 1 if isinstance(returned, number) else 0
 
 
