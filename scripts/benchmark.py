@@ -6,8 +6,8 @@ Sections: kernels (nanoseconds per point, beside magpylib), iron (error against 
 beside magpylib-material-response: the extra `bench`), peers (that program's own validation cases, and a cube),
 controllers (steps per second), lookup (a field from a map, beside five interpolation libraries of the same extra),
 generation (points times coils per second, beside magpylib), dynamics (a levitated magnet in closed loop, times real
-time), app (what follows a slider of `fieldmap app`) and magpylib (fields as magpylib sources: time beside `field`,
-differences, moved and turned, getFT).
+time), own (controllers of one's own in Python, numba and C: samples per second), app (what follows a slider of
+`fieldmap app`) and magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT).
 Prints figures, not verdicts:
 the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
 
@@ -36,6 +36,7 @@ SECTIONS = {
     "lookup": "benchmarks.lookup",
     "generation": "benchmarks.generation",
     "dynamics": "benchmarks.dynamics",
+    "own": "benchmarks.own_controllers",
     "app": "benchmarks.app",
     "magpylib": "benchmarks.magpylib_sources",
 }

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from fieldmap.cli.printing import Section
+    from fieldmap.control import FunctionController
     from fieldmap.dynamics.scenario import Batch, RunMetrics, Simulation
     from fieldmap.plot.runs import DrawnRun
     from fieldmap.typing import Array
@@ -50,6 +51,15 @@ def simulate(
         str | None,
         typer.Option("--vary", metavar="KEY=A,B,...", help="Repeat the runs for each value of a key."),
     ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            "--controller",
+            metavar="FILE.py:NAME",
+            help="A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, "
+            "state), or a FunctionController.",
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run a scenario: a levitated magnet with coils, sensors and controllers in closed loop on a map.
@@ -65,6 +75,7 @@ def simulate(
     _check_files(output, save, runs, vary)
     fixed = dict(parse_setting(text, "--set") for text in changes or [])
     varied = None if vary is None else parse_variation(vary, "--vary")
+    own = None if controller is None else _function_in(controller)
     kept = output is not None or save is not None
     with Progress("simulate", kernels="motion") as progress:
         simulation = simulate_batches(
@@ -78,6 +89,7 @@ def simulate(
             kept,
             progress,
             device_of_option(map_file),
+            own,
         )
     written = [] if output is None else [write_simulation(output, simulation)]
     if save is not None:
@@ -102,6 +114,38 @@ def _check_files(output: Path | None, save: Path | None, runs: int, vary: str | 
     problems += output_problems("--save", save, _PICTURES)
     if problems:
         raise InputError(*problems)
+
+
+def _function_in(text: str) -> "FunctionController":
+    """The controller NAME of FILE.py, which is run as Python runs a script's imports. Raises InputError."""
+    import importlib.util
+
+    from fieldmap.control import FunctionController
+    from fieldmap.errors import InputError, Problem
+
+    file, sign, name = text.rpartition(":")
+    path = Path(file)
+    if not (sign and name and path.suffix == ".py" and path.is_file()):
+        must, remedy = (
+            "must be FILE.py:NAME with a file that is there",
+            "write for example my_loop.py:control",
+        )
+        raise InputError(Problem("--controller", must, text, remedy))
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        received, remedy = f"{type(error).__name__}: {error}", f"see what python {path} says"
+        raise InputError(Problem("--controller", f"{path} must run", received, remedy)) from error
+    if not hasattr(module, name):
+        functions = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
+        remedy = f"choose among {', '.join(functions) or 'none: write one'}"
+        raise InputError(Problem("--controller", f"must be in {path}", name, remedy))
+    found = getattr(module, name)
+    return found if isinstance(found, FunctionController) else FunctionController(found)
 
 
 def _drawn(simulation: "Simulation") -> "list[DrawnRun]":

@@ -13,7 +13,6 @@ from fieldmap.control.blocks import (
     stacked,
     state_block,
 )
-from fieldmap.control.function_controller import FunctionController
 from fieldmap.control.loop import LoopRun
 from fieldmap.deprecated import renamed
 from fieldmap.dynamics.allocation import (
@@ -72,7 +71,6 @@ __all__ = [
     "Event",
     "FieldOfCurrents",
     "FixedCurrentsRun",
-    "FunctionController",
     "LevitationRun",
     "LinearMachine",
     "LoopRun",

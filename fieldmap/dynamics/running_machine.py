@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_signal
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.dynamics.closed_loop import (
     Schedule,
@@ -58,6 +57,7 @@ class RunningMachine:
         self._law = function_law(self.machine, GIVEN, limits)
         self._start = (np.array(state, float), np.array(currents, float))
         self._seed = seed
+        self._clock = schedule.clock
         self.reset()
 
     def reset(self, seed: int | np.random.SeedSequence | None = None) -> Array:
@@ -99,11 +99,11 @@ class RunningMachine:
         sample = int(loop.progress[kernel.SAMPLES])
         if sample + 1 >= len(loop.signals.references):
             self._extend()
-        self._even = self._even and steps == self.schedule.clock.per_period
+        self._even = self._even and steps == self._clock.per_period
         if not self._even:
             self._renew(sample, steps)
+            self._loop = self._loop._replace(timing=self._clock._replace(per_period=steps))
         self._loop.room.outputs[:] = given
-        self._loop = self._loop._replace(timing=self._loop.timing._replace(per_period=steps))
         if sample % self.schedule.every == 0:
             self._times.append(self.time)
             self._asked.append(self.reference)
@@ -115,7 +115,7 @@ class RunningMachine:
 
     def _steps(self, dt: float | None) -> int:
         """Mechanical steps until the next sample."""
-        clock = self.schedule.clock
+        clock = self._clock
         if dt is None:
             return clock.per_period
         ratio = dt / clock.step
@@ -143,7 +143,7 @@ class RunningMachine:
 
     def _renew(self, sample: int, steps: int) -> None:
         """Rows of the samples at uneven times: those of the schedule's periods in which they lie."""
-        clock, signals = self.schedule.clock, self._loop.signals
+        clock, signals = self._clock, self._loop.signals
         done = int(self._loop.progress[kernel.STEPS])
         given = {"references": self.schedule.references, "feedforward": self.schedule.feedforward}
         given["loads"] = None if len(signals.loads) == 1 else self.schedule.loads

@@ -76,3 +76,43 @@ def test_wrong_words_are_told_before_anything_runs(command, written, words, told
     code, _, err = command("simulate", written(), *words)
     assert code == 2
     assert told in " ".join(err.split())
+
+
+OWN = """
+from fieldmap.control import FunctionController
+
+def steady(time, measured, reference, state):
+    state[0] += 1.0
+    return 4.0 + 0.5 * (1e3 * (reference[2] - measured[2])), 0.0, 0.0
+
+def late(time, measured, reference, state):
+    if time > 0.02:
+        raise ValueError("late")
+    return 4.0, 0.0, 0.0
+
+counted = FunctionController(steady, state=1, upper=[10.0, 1.0, 1.0])
+"""
+
+
+def test_a_function_of_a_file_is_the_controller(command, written, tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    path, own = written(), f"{tmp_path / 'own.py'}:counted"
+    code, _, err = command(
+        "simulate", path, "--controller", own, "--set", "duration_s=0.02", "-o", tmp_path / "a.h5"
+    )
+    assert code == 0, err
+    (run,), _ = read_runs(tmp_path / "a.h5")
+    outputs, seen, wanted = (run.arrays[name][0] for name in ("outputs", "seen", "reference"))
+    np.testing.assert_allclose(outputs[:, 0], 4.0 + 500.0 * (wanted[:, 2] - seen[:, 2]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name", ["own.py:none", "own.py", "no.py:steady", "broken.py:f", "own.py:steady", "own.py:late"]
+)
+def test_a_controller_that_fails_is_bad_input(command, written, tmp_path, name):
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "broken.py").write_text("1 / 0")
+    code, _, err = command("simulate", written(), "--controller", tmp_path / name)
+    assert code == 2
+    # `steady` writes to a state that it has not asked for.
+    assert {"own.py:late": "0.022 s", "own.py:steady": "IndexError"}.get(name, "--controller") in err
