@@ -83,13 +83,12 @@ class RunningMachine:
         dt: the schedule's period unless given; a whole number of its mechanical steps, and no less than its delay.
         Raises InputError for outputs and dt that do not fit, and after an event has ended the run.
         """
-        given = check_signal(f"{_WHERE}(outputs)", np.atleast_1d(np.asarray(outputs, float)))
-        loop, names = self._loop, self.output_names
-        if given.shape != (len(names),):
-            must = f"must be {len(names)}: {', '.join(names)}"
-            raise InputError(
-                Problem(f"{_WHERE}(outputs)", must, f"{given.shape}", "give one number for each")
-            )
+        loop, names, given = self._loop, self.output_names, np.asarray(outputs, float)
+        fits = given.shape == (len(names),) or (given.ndim == 0 and len(names) == 1)
+        if not (fits and np.isfinite(given).all()):
+            must = f"must be {len(names)} finite numbers: {', '.join(names)}"
+            received = f"{given.tolist()}" if fits else f"an array {given.shape}"
+            raise InputError(Problem(f"{_WHERE}(outputs)", must, received, "give one number for each"))
         if self._event != kernel.PAUSED:
             event = self.event
             received = "an event" if event is None else f"{event.name} at {event.time:g} s"
