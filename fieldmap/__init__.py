@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import Part as Part
     from fieldmap.device.model import PathCoil as PathCoil
     from fieldmap.device.model import Payload as Payload
+    from fieldmap.device.model import PayloadPiece as PayloadPiece
     from fieldmap.device.model import PermanentMagnet as PermanentMagnet
     from fieldmap.device.model import Placement as Placement
     from fieldmap.device.model import Reference as Reference
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from fieldmap.device.model import Ring as Ring
     from fieldmap.device.model import RoundedRectangleCoil as RoundedRectangleCoil
     from fieldmap.device.model import Section as Section
+    from fieldmap.device.model import SoftEllipsoid as SoftEllipsoid
+    from fieldmap.device.model import SoftSphere as SoftSphere
     from fieldmap.device.model import Sphere as Sphere
     from fieldmap.device.model import StepFile as StepFile
     from fieldmap.device.model import TriangleSurface as TriangleSurface
@@ -88,6 +91,7 @@ _PARTS = (
     "Part",
     "PathCoil",
     "Payload",
+    "PayloadPiece",
     "PermanentMagnet",
     "Placement",
     "Reference",
@@ -95,6 +99,8 @@ _PARTS = (
     "Ring",
     "RoundedRectangleCoil",
     "Section",
+    "SoftEllipsoid",
+    "SoftSphere",
     "Sphere",
     "StepFile",
     "TriangleSurface",

@@ -66,6 +66,17 @@ STEP = 1e-4
 
 
 @runtime_checkable
+class MagneticLoad(Protocol):
+    """What a field pulls and turns: `fieldmap.lookup.MagneticBody`, of magnets of finite size and of soft iron."""
+
+    def wrench(
+        self, field: Any, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
+    ) -> Array:
+        """Force (N) and torque (N m) about its centre, (n, 6), at positions (n, 3), m; orientations (3, 3) or
+        (n, 3, 3): columns are its axes, upright without."""
+
+
+@runtime_checkable
 class FieldAtCurrents(Protocol):
     """Flux density and its derivatives at points, at fixed currents. Points (n, 3), (3,) or of any leading shape, m."""
 
@@ -367,8 +378,18 @@ class BaseField(TakesPoints, ABC):
         """
         return differenced(lambda x: self.gradient(x, currents), points)
 
-    def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
-        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`."""
+    def wrench(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticLoad,
+        currents: Any,
+        orientations: ArrayLike | None = None,
+    ) -> Array:
+        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
+        of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
+        body = body_of(moments, orientations)
+        if body is not None:
+            return body.wrench(self, positions, currents, orientations)
         where = np.asarray(positions, dtype=float)
         points = np.atleast_2d(where)
         result = dipole_wrench(self.field(points, currents), self.gradient(points, currents), moments)
@@ -431,8 +452,17 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient, see `BaseField`."""
         return differenced(self.gradient, points)
 
-    def wrench(self, positions: ArrayLike, moments: ArrayLike) -> Array:
-        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`."""
+    def wrench(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticLoad,
+        orientations: ArrayLike | None = None,
+    ) -> Array:
+        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
+        of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
+        body = body_of(moments, orientations)
+        if body is not None:
+            return body.wrench(self, positions, self.currents, orientations)
         where = np.asarray(positions, dtype=float)
         points = np.atleast_2d(where)
         result = dipole_wrench(self.field(points), self.gradient(points), moments)
@@ -486,9 +516,16 @@ class FixedCurrents(BaseFieldAtCurrents):
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
         return self.source.second_gradient(points, self.currents)
 
-    def wrench(self, positions: ArrayLike, moments: ArrayLike) -> Array:
-        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions."""
-        return self.source.wrench(positions, moments, self.currents)
+    def wrench(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticLoad,
+        orientations: ArrayLike | None = None,
+    ) -> Array:
+        """Force (N) and torque (N m) on point dipoles or a body (n, 6), about their own positions."""
+        if body_of(moments, orientations) is None:
+            return self.source.wrench(positions, moments, self.currents)
+        return super().wrench(positions, moments, orientations)
 
     def outlines(self) -> Sequence[Any]:
         """Those of the field."""
@@ -790,6 +827,16 @@ def dipole_wrench(flux: Array, slope: Array, moments: ArrayLike) -> Array:
     dipoles = np.broadcast_to(dipoles, flux.shape)
     force = np.einsum("nij,ni->nj", slope, dipoles)
     return np.concatenate([force, np.cross(dipoles, flux)], axis=1)
+
+
+def body_of(moments: Any, orientations: ArrayLike | None) -> MagneticLoad | None:
+    """The body that was given in place of moments; None for moments. Raises InputError for orientations of these."""
+    if isinstance(moments, MagneticLoad):
+        return moments
+    if orientations is not None:
+        must_hold, remedy = "orientations are those of a body", "turn the moments, or give a MagneticBody"
+        raise InputError(Problem("wrench, orientations", must_hold, "moments and orientations", remedy))
+    return None
 
 
 def differenced(gradient: Any, points: ArrayLike, step: float = STEP) -> Array:

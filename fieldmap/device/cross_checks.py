@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from fieldmap.device.materials import keys_of_table
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import dotted, matches, tables
 from fieldmap.records import count_of
@@ -18,7 +19,7 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
     missing: dotted paths of required keys that are already known to be missing; their sources are no mistake.
     """
     found = [finding for key in ("body", "coil", "section") for finding in _duplicate_names(data, key)]
-    found += [*_unknown_materials(data), *_sections_of_no_body(data)]
+    found += [*_unknown_materials(data), *_pieces_of_no_iron(data), *_sections_of_no_body(data)]
     found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
     return [*found, *_missing_files(data, folder), *_nothing_to_compute(data)]
 
@@ -33,10 +34,10 @@ def _duplicate_names(data: dict[str, Any], key: str) -> Iterator[Finding]:
 
 
 def _unknown_materials(data: dict[str, Any]) -> Iterator[Finding]:
-    """One finding for each unknown name, at the first body that has it."""
+    """One finding for each unknown name, at the first body or piece of the payload that has it."""
     known = list(data["material"]) if isinstance(data.get("material"), dict) else []
     unknown: dict[str, list[tuple[str | int, ...]]] = {}
-    for location, table in tables(data, "body"):
+    for location, table in [*tables(data, "body"), *_pieces(data)]:
         name = table.get("material")
         if isinstance(name, str) and name not in known:
             unknown.setdefault(name, []).append((*location, "material"))
@@ -48,6 +49,25 @@ def _unknown_materials(data: dict[str, Any]) -> Iterator[Finding]:
             f", here and in {count_of(len(places) - 1, 'more body', 'more bodies')}" if places[1:] else ""
         )
         yield Finding(places[0], allowed, shown(name) + others, remedy)
+
+
+def _pieces(data: dict[str, Any]) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
+    payload = data.get("payload")
+    for location, piece in tables(payload, "piece") if isinstance(payload, dict) else ():
+        yield ("payload", *location), piece
+
+
+def _pieces_of_no_iron(data: dict[str, Any]) -> Iterator[Finding]:
+    """Soft pieces of the payload whose material is a magnet or lets no flux pass."""
+    materials = data.get("material")
+    for location, table in _pieces(data):
+        name = table.get("material")
+        material = materials.get(name) if isinstance(materials, dict) and isinstance(name, str) else None
+        keys = keys_of_table(material) if isinstance(material, dict) else None
+        if keys is not None and keys.material.role != "iron":
+            remedy = 'name another material, or give the piece the shape of a magnet, such as "sphere"'
+            must_hold = "the material of a soft piece must be soft iron"
+            yield Finding((*location, "material"), must_hold, f'"{name}", a {keys.material.role}', remedy)
 
 
 def _sections_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:

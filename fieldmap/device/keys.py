@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from fieldmap.device import parts as model
+from fieldmap.device import payload as carried
 from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil, coil_choices
@@ -23,7 +24,14 @@ from fieldmap.device.placement import Placement, in_unit, rotation_angles
 from fieldmap.device.schema import DeviceFile
 from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import SHAPE_KEYS, BodyKeys
-from fieldmap.device.schema.payload import MAGNET_KEYS, DriverKeys, PayloadWithMagnet, PayloadWithMoment
+from fieldmap.device.schema.payload import (
+    MAGNET_KEYS,
+    PIECE_KEYS,
+    DriverKeys,
+    PayloadWithMagnet,
+    PayloadWithMoment,
+    PayloadWithPieces,
+)
 from fieldmap.device.schema.workspace import (
     FluxDensityReference,
     GradientReference,
@@ -143,7 +151,7 @@ def device_data(device: Any, whole: bool = True) -> DeviceData:
     made.data |= {"body": tables} if tables else {}
     _coils(made, device.coils)
     if device.payload is not None:
-        made.data["payload"] = _payload(made, device.payload)
+        made.data["payload"] = _payload(made, device.payload, device.materials)
     singles: tuple[tuple[str, object, Mapping[type, type[Table]]], ...] = (
         ("background", device.background, {Background: BackgroundKeys}),
         ("driver", device.driver, {model.Driver: DriverKeys}),
@@ -262,17 +270,19 @@ def _coils(made: DeviceData, coils: Sequence[Coil]) -> None:
     made.data |= {"coil": tables} if tables else {}
 
 
-def _payload(made: DeviceData, payload: object) -> dict[str, Any]:
+def _payload(made: DeviceData, payload: object, materials: Mapping[str, Material]) -> dict[str, Any]:
     made.paths[("payload",)] = "payload"
-    if not isinstance(payload, model.Payload):
+    if not isinstance(payload, carried.Payload):
         made.refuse(("payload",), "payload", "must be a Payload", payload)
         return {}
+    if payload.pieces != ():
+        return _payload_of_pieces(made, payload, materials)
     if payload.magnet is None:
         return made.table(payload, PayloadWithMoment, ("payload",), "payload")
     table = made.table(payload, PayloadWithMagnet, ("payload",), "payload")
     table["magnet"] = _of_kind(made, payload.magnet, MAGNET_KEYS, ("payload", "magnet"), "payload.magnet")
     try:
-        moment = model.Payload(mass=1.0, magnet=payload.magnet).moment
+        moment = carried.Payload(mass=1.0, magnet=payload.magnet).moment
         agree = abs(payload.moment - moment) <= 1e-9 * abs(moment)
     except (TypeError, ValueError, AttributeError, OverflowError):
         return table  # told at the magnet
@@ -283,6 +293,51 @@ def _payload(made: DeviceData, payload: object) -> dict[str, Any]:
         remedy = "leave the moment out, or the magnet"
         made.findings.append(Finding(place, must_hold, shown(payload.moment), remedy))
     return table
+
+
+def _payload_of_pieces(
+    made: DeviceData, payload: carried.Payload, materials: Mapping[str, Material]
+) -> dict[str, Any]:
+    table = made.table(payload, PayloadWithPieces, ("payload",), "payload")
+    made.paths[("payload", "piece")] = "payload.pieces"
+    if payload.magnet is not None:
+        made.refuse(("payload", "magnet"), "payload.magnet", "must be one of the pieces", payload.magnet)
+    if not isinstance(payload.pieces, tuple):
+        made.refuse(("payload", "piece"), "payload.pieces", "must be a sequence", payload.pieces)
+        return table
+    pieces = []
+    for k, piece in enumerate(payload.pieces):
+        location: Location = ("payload", "piece", k)
+        path = f"payload.pieces[{k}]"
+        if not isinstance(piece, carried.PayloadPiece):
+            made.refuse(location, path, "must be a PayloadPiece, or a magnet or soft body", piece)
+            continue
+        data = _of_kind(made, piece.shape, PIECE_KEYS, location, f"{path}.shape")
+        if isinstance(piece.shape, carried.SoftBody):
+            data |= _material_of_piece(made, piece.shape.material, materials, location, path)
+        pieces.append(data | made.placement(piece.placement, location, f"{path}.placement"))
+    return table | {"piece": pieces}
+
+
+def _material_of_piece(
+    made: DeviceData, material: object, materials: Mapping[str, Material], location: Location, path: str
+) -> dict[str, Any]:
+    """The name that stands for a material of its own, which must be the device's of that name."""
+    if material is None:
+        return {}
+    if not isinstance(material, Material):
+        return {"material": material}
+    known = materials.get(material.name)
+    keys = _keys_of_material(material)
+    if keys is not None and known is not material:
+        one, other = (DeviceData().table(m, keys, (), "") for m in (material, known))
+        if one != other:
+            made.paths[(*location, "material")] = f"{path}.shape.material"
+            must_hold = "must be the material that the device has by this name"
+            remedy = "give one of the two another name"
+            received = f'another material called "{material.name}"'
+            made.findings.append(Finding((*location, "material"), must_hold, received, remedy))
+    return {"material": material.name}
 
 
 def _sections_and_references(made: DeviceData, device: Any) -> None:

@@ -35,12 +35,8 @@ from fieldmap.device.parts import Box as Box
 from fieldmap.device.parts import Cylinder as Cylinder
 from fieldmap.device.parts import Driver as Driver
 from fieldmap.device.parts import ExtrudedPolygon as ExtrudedPolygon
-from fieldmap.device.parts import MagnetBlock as MagnetBlock
-from fieldmap.device.parts import MagnetCylinder as MagnetCylinder
-from fieldmap.device.parts import MagnetSphere as MagnetSphere
 from fieldmap.device.parts import MeshFile as MeshFile
 from fieldmap.device.parts import Part as Part
-from fieldmap.device.parts import Payload as Payload
 from fieldmap.device.parts import Reference as Reference
 from fieldmap.device.parts import RevolvedProfile as RevolvedProfile
 from fieldmap.device.parts import Ring as Ring
@@ -53,6 +49,13 @@ from fieldmap.device.parts import VolumeMesh as VolumeMesh
 from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
+from fieldmap.device.payload import MagnetBlock as MagnetBlock
+from fieldmap.device.payload import MagnetCylinder as MagnetCylinder
+from fieldmap.device.payload import MagnetSphere as MagnetSphere
+from fieldmap.device.payload import Payload as Payload
+from fieldmap.device.payload import PayloadPiece as PayloadPiece
+from fieldmap.device.payload import SoftEllipsoid as SoftEllipsoid
+from fieldmap.device.payload import SoftSphere as SoftSphere
 from fieldmap.device.placement import Placement as Placement
 from fieldmap.device.placement import placed as placed
 from fieldmap.device.toml_text import toml_text
@@ -118,6 +121,7 @@ class Device(Made):
         if problems:
             raise InputError(*problems)
         self._name_materials()
+        self._take_materials_of_payload()
         made = checked_data(self)
         if not self.text and not made.unwritten:
             object.__setattr__(self, "text", toml_text(made.data))
@@ -129,6 +133,16 @@ class Device(Made):
             for name, one in self.materials.items()
         }
         object.__setattr__(self, "materials", FrozenDict(renamed))
+
+    def _take_materials_of_payload(self) -> None:
+        """Materials of the payload's pieces are those of the device: names stand for them, and others join them."""
+        if not isinstance(self.payload, Payload) or not self.payload.pieces:
+            return
+        payload = self.payload.with_materials(self.materials)
+        own = [getattr(getattr(piece, "shape", None), "material", None) for piece in payload.pieces]
+        new = {one.name: one for one in own if isinstance(one, Material) and one.name not in self.materials}
+        object.__setattr__(self, "payload", payload)
+        object.__setattr__(self, "materials", FrozenDict({**self.materials, **new}))
 
     @classmethod
     def unchecked(cls, **values: Any) -> Self:
@@ -178,7 +192,7 @@ class Device(Made):
         if self.background is not None:
             rows["background"] = self.background.description
         if self.payload is not None:
-            rows["payload"] = f"{1e3 * self.payload.mass:.4g} g, moment {self.payload.moment:.4g} A m2"
+            rows["payload"] = f"{1e3 * self.payload.mass:.4g} g, {self.payload.description}"
         if self.bounds is not None:
             corners = (" x ".join(f"{1e3 * x:g}" for x in corner) for corner in self.bounds)
             rows["workspace"] = " to ".join(corners) + " mm"

@@ -1,13 +1,11 @@
 """What a machine is made of: frozen data, SI units, right-handed frame with z up.
 
-Coils and materials have folders of their own, `fieldmap.device.coils` and `fieldmap.device.materials`. Values are
-checked when a `Device` is made of the parts.
+Coils and materials have folders of their own, `fieldmap.device.coils` and `fieldmap.device.materials`; what is
+levitated is in `fieldmap.device.payload`. Values are checked when a `Device` is made of the parts.
 """
 
 from __future__ import annotations
 
-import contextlib
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -15,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self, get_args
 
 import numpy as np
-from scipy.constants import mu_0
 
 from fieldmap.device.made import Made
 from fieldmap.device.placement import Movable, Placement
@@ -250,107 +247,7 @@ class Section(Made):
     half_widths: Array | None = None
 
 
-# ---- what is levitated, what drives it, where --------------------------------------------------------------
-
-
-@dataclass(frozen=True, repr=False)
-class MagnetCylinder(Made):
-    """Axially magnetised cylinder; remanence in T."""
-
-    diameter: float
-    height: float
-    remanence: float
-
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 4 * self.diameter**2 * self.height
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform body of this shape and mass about its centre.
-
-        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
-        [0.875, 0.875, 0.75]
-        """
-        across = mass * ((self.diameter / 2) ** 2 / 4 + self.height**2 / 12)
-        return across, across, mass * (self.diameter / 2) ** 2 / 2
-
-
-@dataclass(frozen=True, repr=False)
-class MagnetSphere(Made):
-    """Uniformly magnetised sphere; remanence in T."""
-
-    diameter: float
-    remanence: float
-
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * self.diameter**3
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
-        moment = mass * self.diameter**2 / 10
-        return moment, moment, moment
-
-
-@dataclass(frozen=True, repr=False)
-class MagnetBlock(Made):
-    """Block magnetised along its z edge; remanence in T."""
-
-    size: tuple[float, float, float]
-    remanence: float
-
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.prod(self.size)
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform block of this size and mass about its centre."""
-        x, y, z = self.size
-        return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
-
-
-Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
-
-
-@dataclass(frozen=True, repr=False)
-class Payload(Made):
-    """What is levitated. moment: magnitude in A m^2; left out, volume times remanence over mu0 of the magnet.
-
-    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
-    printed with every result that uses it). inertia (3,) kg m^2; None: where
-    something turns, that of a uniform body of the magnet's shape and size (`uniform_inertia`). drag: N s/m.
-    """
-
-    mass: float
-    moment: float = 0.0
-    magnet: Magnet | None = None
-    magnet_offset: float = 0.0
-    inertia: tuple[float, float, float] | None = None
-    drag: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.moment == 0.0 and isinstance(self.magnet, Magnet):
-            with contextlib.suppress(
-                TypeError, OverflowError
-            ):  # no numbers: told when a device is made of it
-                moment = self.magnet.volume * self.magnet.remanence / mu_0
-                object.__setattr__(self, "moment", moment)
-
-    @property
-    def principal_moments(self) -> tuple[float, float, float] | None:
-        """Inertia, kg m^2: as given, or of a uniform body of this mass in the magnet's shape; None without a magnet."""
-        if self.inertia is not None or self.magnet is None:
-            return self.inertia
-        return self.magnet.uniform_inertia(self.mass)
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """That the magnet is a point, and where it sits."""
-        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm"
-        return (f"point dipole, {depth} below the point that the sensor reads",)
+# ---- what drives it, and where --------------------------------------------------------------
 
 
 @dataclass(frozen=True, repr=False)

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from fieldmap.device.changes import with_changes
 from fieldmap.device.cross_checks import cross_findings
-from fieldmap.device.materials import Curves, MaterialKeys, SaturatingMaterial, keys_of_table
+from fieldmap.device.materials import Curves, Material, MaterialKeys, SaturatingMaterial, keys_of_table
 from fieldmap.device.measured import DEFAULT
 from fieldmap.device.model import Device, MeshFile, StepFile, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
@@ -160,7 +160,8 @@ def device_of(document: Document) -> Device:
 
 def recorded_device(text: str, solids: bool = False) -> Device:
     """The device in the text of a file, as a map records it: coils, payload, driver and workspace; its iron, which the
-    map holds the field of, is left out. Raises DeviceFileError for a text that is no device.
+    map holds the field of, is left out. Pieces of soft iron in the payload get their materials where the curves are in
+    the text or in shipped files, and keep the names otherwise. Raises DeviceFileError for a text that is no device.
 
     solids: with the shapes of its iron, for pictures; bodies from other files, and all materials, are left out.
     """
@@ -176,12 +177,25 @@ def recorded_device(text: str, solids: bool = False) -> Device:
             for one in bodies
             if not any(isinstance(part.shape, StepFile | MeshFile) for part in one.parts)
         ),
-        payload=contents.payload.to_model() if contents.payload else None,
+        payload=contents.payload.to_model().with_materials(_available_materials(document, contents))
+        if contents.payload
+        else None,
         driver=contents.driver.to_model() if contents.driver else None,
         workspace=contents.workspace.to_model() if contents.workspace else None,
         background=contents.background.to_model() if contents.background else None,
         text=text,
     )
+
+
+def _available_materials(document: Document, contents: DeviceFile) -> dict[str, Material]:
+    """Materials of a recorded device, without those whose curve is in a file that is not there."""
+    curves, _, _ = material_files(document)
+    files = dict(_named_files(document.data))
+    return {
+        name: table.to_model(name, curves)
+        for name, table in contents.material.items()
+        if name not in files or files[name] in curves
+    }
 
 
 def checked_contents(document: Document, root: type[_File]) -> tuple[_File, Curves, dict[str, str]]:
@@ -214,7 +228,7 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         coils=tuple(coil.to_model() for coil in contents.coil),
         bodies=bodies,
         materials=FrozenDict(materials),
-        payload=contents.payload.to_model() if contents.payload else None,
+        payload=contents.payload.to_model().with_materials(materials) if contents.payload else None,
         driver=contents.driver.to_model() if contents.driver else None,
         workspace=contents.workspace.to_model() if contents.workspace else None,
         references=tuple(reference.to_model() for reference in contents.reference),

@@ -151,7 +151,7 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
 
 def _cached(field: Fixed, body: RigidBody) -> tuple[Any, ...]:
     """The field as compiled steps take it: one set of coefficients, of weight 1."""
-    return tuple(keep_field(field.compiled()[1], np.ones(1), len(body.magnet.points)))
+    return tuple(keep_field(field.compiled()[1], np.ones(1), body.magnet.count))
 
 
 def _checked(where: str, state: ArrayLike) -> Array:

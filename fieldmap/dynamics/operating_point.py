@@ -122,7 +122,7 @@ class _Balance:
         self.upright = np.zeros(0 if machine.body.upright else 2)
         block = machine.magnetic.block
         self.weights = np.empty(int(block[SETS]))
-        self.field = keep_field(block, self.weights, len(machine.body.magnet.points))
+        self.field = keep_field(block, self.weights, machine.body.magnet.count)
 
     def starts(self) -> Iterator[Array]:
         """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""

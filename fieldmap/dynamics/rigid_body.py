@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive, check_signal
-from fieldmap.device.model import Payload
-from fieldmap.device.parts import Magnet, MagnetBlock, MagnetCylinder, MagnetSphere
+from fieldmap.device.payload import Magnet, MagnetBlock, MagnetCylinder, MagnetSphere, Payload, SoftBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import GRAVITY as FREE_FALL
@@ -26,9 +25,11 @@ from fieldmap.kernels.motion.layout import (
     MASS,
     PLATE,
     SKIN,
+    SOFT,
     TORQUE,
 )
-from fieldmap.lookup import FiniteMagnet
+from fieldmap.lookup import MagneticBody, magnetic_body
+from fieldmap.lookup.soft_body import soft_numbers
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -44,15 +45,15 @@ def _nowhere() -> Array:
 class RigidBody(Record):
     """A rigid body, SI; its frame has its origin in the centre of mass, its axes are principal axes of inertia.
 
-    mass: kg. inertia (3,): principal moments, kg m^2. magnet: points and moments about the magnet's own centre, axes
-    as the body's. magnet_at (3,): that centre in the body. seen_at (3,): the point that the position sensors see. skin
-    (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn, as if
-    its inertia were without bounds. assumptions: what the numbers rest on.
+    mass: kg. inertia (3,): principal moments, kg m^2. magnet: dipoles and soft iron about the magnet's own centre,
+    axes as the body's. magnet_at (3,): that centre in the body. seen_at (3,): the point that the position sensors see.
+    skin (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn,
+    as if its inertia were without bounds. assumptions: what the numbers rest on.
     """
 
     mass: float
     inertia: Array
-    magnet: FiniteMagnet
+    magnet: MagneticBody
     magnet_at: Array = field(default_factory=lambda: np.zeros(3))
     seen_at: Array = field(default_factory=lambda: np.zeros(3))
     skin: Array = field(default_factory=_nowhere)
@@ -98,8 +99,10 @@ class RigidBody(Record):
         numbers[DIPOLE : DIPOLE + 6] = *self.magnet.moments.sum(axis=0), *self.magnet_at
         numbers[CONTACT : CONTACT + 9] = (walls or Walls()).numbers(self.mass)
         numbers[MAGNETS], numbers[SKIN] = len(self.magnet.points), len(skin)
+        numbers[SOFT] = len(self.magnet.soft)
         dipoles = np.hstack([self.magnet.points + self.magnet_at, self.magnet.moments])
-        return np.concatenate([numbers, dipoles.ravel(), np.ravel(skin)])
+        soft = soft_numbers(self.magnet.soft, self.magnet_at) if self.magnet.soft else ()
+        return np.concatenate([numbers, dipoles.ravel(), np.ravel(skin), soft])
 
 
 def body_of_payload(
@@ -110,18 +113,17 @@ def body_of_payload(
     below: float | None = None,
     centre_of_mass: float = 0.0,
     direction: float = 1.0,
-    magnet: FiniteMagnet | None = None,
+    magnet: MagneticBody | None = None,
     upright: bool = False,
 ) -> RigidBody:
     """The upright body of a device's payload: z along the magnet's axis, seen at its top.
 
     radius, height: of the cylinder that the body is taken for, m; the magnet's own unless given. below: how far the
     magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. A payload without
-    an inertia gets that of this cylinder; where none is given, of its magnet, a sphere, a block or a cylinder, taken as
-    uniform and as heavy as the payload. centre_of_mass: how
-    far it lies above the magnet's centre, m. direction: +1 for a moment along the body's z axis, -1 against it.
-    magnet: its dipoles; a point dipole unless given. upright: it does not turn. Raises InputError where no inertia is
-    given or follows.
+    an inertia gets that of this cylinder; where none is given, of its magnet, a sphere, a block or a cylinder, or of
+    its pieces, taken as uniform and as heavy as the payload. centre_of_mass: how far it lies above the magnet's centre,
+    m. direction: +1 for a moment along the body's z axis, -1 against it. magnet: its magnetism; a point dipole for each
+    magnet unless given. upright: it does not turn. Raises InputError where no inertia is given or follows.
 
     >>> from fieldmap.device import read_device
     >>> body = body_of_payload(read_device("drive_unit").payload, radius=5.9e-3, height=0.025)
@@ -132,12 +134,11 @@ def body_of_payload(
     inertia, notes = _inertia(payload, r, h, own_size=radius is None)
     if upright:
         notes = ("the body stays upright: it does not turn",)
-    point = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
-    carried, shift = magnet or point, -centre_of_mass
+    carried, shift = magnetic_body(payload) if magnet is None else magnet, -centre_of_mass
     return RigidBody(
         payload.mass,
         inertia,
-        FiniteMagnet(carried.points, direction * carried.moments, carried.error),
+        replace(carried, moments=direction * carried.moments),
         np.array([0.0, 0.0, shift]),
         np.array([0.0, 0.0, shift + payload.magnet_offset]),
         _skin(payload, shift) if r is None or h is None else _rims(r, shift - low, shift - low + h),
@@ -146,9 +147,17 @@ def body_of_payload(
             *notes,
             f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre",
             f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre",
-            "point dipole" if len(carried.points) == 1 else f"magnet of {len(carried.points)} dipoles",
+            *_magnetism(carried),
+            *carried.assumptions,
         ),
     )
+
+
+def _magnetism(body: MagneticBody) -> tuple[str, ...]:
+    """What stands for its magnets and its soft iron."""
+    count = len(body.points)
+    magnets = ("point dipole" if count == 1 else f"magnet of {count} dipoles",) if count else ()
+    return (*magnets, f"soft iron: {len(body.soft)} induced dipoles") if body.soft else magnets
 
 
 def _cylinder(
@@ -175,9 +184,8 @@ def _inertia(
                 "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
             )
             raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
-        return np.array(uniform, float), (
-            f"inertia of a uniform {_shape_text(payload.magnet)}, the magnet's",
-        )
+        shape = "body of its pieces" if payload.pieces else f"{_shape_text(payload.magnet)}, the magnet's"
+        return np.array(uniform, float), (f"inertia of a uniform {shape}",)
     size = f"{2e3 * r:g} x {1e3 * h:g} mm" + (", the magnet's" if own_size else "")
     inertia = MagnetCylinder(2 * r, h, 0.0).uniform_inertia(payload.mass)
     return np.array(inertia, float), (f"inertia of a uniform cylinder of {size}",)
@@ -191,16 +199,29 @@ def _shape_text(magnet: Magnet | None) -> str:
 
 
 def _skin(payload: Payload, centre: float) -> Array:
-    """Points that touch walls: poles and equator of a sphere, corners of a block, nothing of a dipole."""
-    magnet = payload.magnet
-    if isinstance(magnet, MagnetSphere):
-        r = magnet.diameter / 2
-        equator = _rims(r, centre, centre)[:_RIM]
-        return np.concatenate([equator, [[0.0, 0.0, centre - r], [0.0, 0.0, centre + r]]])
-    if isinstance(magnet, MagnetBlock):
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-        return signs * np.asarray(magnet.size) / 2 + [0.0, 0.0, centre]
+    """Points that touch walls: poles and equator of a sphere or ellipsoid, corners of a block, rims of a cylinder, of
+    every piece; nothing of a dipole."""
+    if payload.pieces:
+        each = [
+            _surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position
+            for piece in payload.pieces
+        ]
+        return np.concatenate(each) + [0.0, 0.0, centre]
+    if isinstance(payload.magnet, MagnetSphere | MagnetBlock):
+        return _surface(payload.magnet) + [0.0, 0.0, centre]
     return _nowhere()
+
+
+def _surface(shape: Magnet | SoftBody) -> Array:
+    """Points of the surface of a shape about its centre."""
+    if isinstance(shape, MagnetCylinder):
+        return _rims(shape.diameter / 2, -shape.height / 2, shape.height / 2)
+    if isinstance(shape, MagnetBlock):
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        return signs * np.asarray(shape.size) / 2
+    half = np.full(3, shape.diameter / 2) if isinstance(shape, MagnetSphere) else np.asarray(shape.axes) / 2
+    poles = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
+    return np.concatenate([_rims(1.0, 0.0, 0.0)[:_RIM], poles]) * half
 
 
 def _rims(radius: float, low: float, high: float) -> Array:

@@ -133,7 +133,7 @@ class LevitationEnv(Env):
         self._numbers = body.numbers(Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag)
         # Behind those of the coils the constant part of linearised iron, of weight 1.
         weights = np.full(int(known.block[SETS]), self._scale)
-        self._kept = keep_field(known.block, weights, len(body.magnet.points))
+        self._kept = keep_field(known.block, weights, body.magnet.count)
         self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
         self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._to_currents.shape[1],), np.float64)
         self.observation_space = _gymnasium.spaces.Box(-np.inf, np.inf, (12 + n,), np.float64)

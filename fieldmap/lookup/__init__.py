@@ -22,7 +22,9 @@ from fieldmap.lookup.iron_response import (
     tangent_block,
     unit_block,
 )
-from fieldmap.lookup.soft_sphere import soft_sphere_force
+from fieldmap.lookup.magnetic_body import MagneticBody
+from fieldmap.lookup.payload import magnetic_body
+from fieldmap.lookup.soft_body import SoftPiece, demagnetising_factors, soft_piece, soft_sphere_force
 
 __all__ = [
     "Actuation",
@@ -31,17 +33,22 @@ __all__ = [
     "FieldMap",
     "FiniteMagnet",
     "Jump",
+    "MagneticBody",
     "MapAtCurrents",
+    "SoftPiece",
     "capability",
     "compiled_currents",
+    "demagnetising_factors",
     "division_domain",
     "field_actuation",
     "finite_magnet",
     "gradient_actuation",
     "interpolate",
     "iron_weights",
+    "magnetic_body",
     "open_map",
     "saturates",
+    "soft_piece",
     "soft_sphere_force",
     "table_of_currents",
     "tangent_block",

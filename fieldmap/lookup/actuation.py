@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field, coil_currents
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -77,17 +78,25 @@ Limits = float | tuple[ArrayLike, ArrayLike] | None
 
 
 def actuation(
-    field: AnyField, position: ArrayLike, currents: Any, moment: ArrayLike | None = None
+    field: AnyField,
+    position: ArrayLike,
+    currents: Any,
+    moment: ArrayLike | MagneticBody | None = None,
+    orientation: ArrayLike | None = None,
 ) -> Actuation:
     """The matrix (8 x n) of flux density, T/A, and the five independent entries of its gradient, T/(m A), about
-    currents (n_coils,), A; with a dipole of `moment` (3,), A m^2, (14 x n): force, N/A, and torque, N m/A, below.
+    currents (n_coils,), A; with a dipole of `moment` (3,), A m^2, or a body in its place, (14 x n): force, N/A, and
+    torque, N m/A, below. orientation (3, 3): columns the body's axes.
 
-    matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils', to first order
-    about `currents` where iron saturates. Raises InputError for a field that neither superposes nor has derivatives by
-    its currents (`FieldMap.by_currents`).
+    matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils' and nothing is soft
+    iron, to first order about `currents` otherwise. Raises InputError for a field that neither superposes nor has
+    derivatives by its currents (`FieldMap.by_currents`).
     """
     rows: tuple[str, ...] = FIELD_ROWS + GRADIENT_ROWS
     selection = _SELECTED
+    if isinstance(moment, MagneticBody):
+        field_rows = _selected(field, position, rows, selection, currents)
+        return _joined(field_rows, _on_body(field, position, moment, currents, orientation))
     if moment is not None:
         rows += FORCE_ROWS + TORQUE_ROWS
         selection = np.concatenate([_SELECTED, _on_dipole(_one(moment))])
@@ -105,10 +114,16 @@ def gradient_actuation(field: AnyField, position: ArrayLike, currents: Any = Non
 
 
 def wrench_actuation(
-    field: AnyField, position: ArrayLike, moment: ArrayLike, currents: Any = None
+    field: AnyField,
+    position: ArrayLike,
+    moment: ArrayLike | MagneticBody,
+    currents: Any = None,
+    orientation: ArrayLike | None = None,
 ) -> Actuation:
-    """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2. currents: about which,
-    where iron saturates."""
+    """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2, or a body of an
+    orientation (3, 3). currents: about which, where iron saturates, that of the coils or of the body."""
+    if isinstance(moment, MagneticBody):
+        return _on_body(field, position, moment, currents, orientation)
     return _selected(field, position, FORCE_ROWS + TORQUE_ROWS, _on_dipole(_one(moment)), currents)
 
 
@@ -122,6 +137,46 @@ def _on_dipole(moment: Array) -> Array:
     x, y, z = moment
     turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.concatenate([force, np.hstack([turn, np.zeros((3, 9))])])
+
+
+def _on_body(
+    field: AnyField, position: ArrayLike, body: MagneticBody, currents: Any, orientation: ArrayLike | None
+) -> Actuation:
+    """Force and torque on a body about currents, and their derivatives by them."""
+    source, turn = as_field(field), checked_turns(orientation, 1)[0]
+    if currents is None and body.soft:
+        must_hold = "currents about which the force on soft iron is linear"
+        raise InputError(
+            Problem("actuation, currents", must_hold, "none", "give those of the operating point")
+        )
+    coils = len(source.coil_names)
+    amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
+    points = _one(position) + body.all_points @ turn.T
+    by_currents = getattr(source, "by_currents", None)
+    if source.affine or by_currents is None:
+        by_flux, by_slope = source.unit_field(points), source.unit_gradient(points)
+        rest = source.constant_field(points), source.constant_gradient(points)
+    else:
+        flux, slope, by_flux, by_slope = by_currents(points, amperes)
+        rest = (
+            flux - np.einsum("pni,n->pi", by_flux, amperes),
+            slope - np.einsum("pnij,n->pij", by_slope, amperes),
+        )
+    # What the currents do not drive, or drive in another way than in proportion, is one more field, of weight 1.
+    every = [np.concatenate([a, b[:, None]], axis=1) for a, b in zip((by_flux, by_slope), rest, strict=True)]
+    wrench, slopes = body.by_fields(every[0], every[1], turn)(np.append(amperes, 1.0))
+    matrix = np.ascontiguousarray(slopes[:, :coils])
+    constant = wrench - matrix @ amperes
+    plain = source.proportional and not body.soft
+    return Actuation(FORCE_ROWS + TORQUE_ROWS, matrix, None if plain else constant)
+
+
+def _joined(one: Actuation, other: Actuation) -> Actuation:
+    constant = None
+    if one.constant is not None or other.constant is not None:
+        parts = (np.zeros(len(a.rows)) if a.constant is None else a.constant for a in (one, other))
+        constant = np.concatenate(list(parts))
+    return Actuation(one.rows + other.rows, np.concatenate([one.matrix, other.matrix]), constant)
 
 
 def _selected(

@@ -22,7 +22,9 @@ from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import (
     Bounds,
+    MagneticLoad,
     TakesPoints,
+    body_of,
     dipole_wrench,
     has_leading_shape,
     magpylib_source,
@@ -370,8 +372,14 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         self._fill(self._evaluator.potential, where, values)
         return float(values[0]) if single else values
 
-    def wrench(self, positions: ArrayLike, moments: ArrayLike) -> Array:
-        """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions."""
+    def wrench(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticLoad,
+        orientations: ArrayLike | None = None,
+    ) -> Array:
+        """Force (N) and torque (N m) on point dipoles or a body, (n, 6), about their own positions: see
+        `FieldMap.wrench`."""
         try:
             if positions.ndim == 1:  # type: ignore[union-attr]
                 flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
@@ -381,6 +389,9 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
                     return load
         except (TypeError, AttributeError, ValueError):
             pass  # as in `field_and_gradient`
+        body = body_of(moments, orientations)
+        if body is not None:
+            return body.wrench(self, positions, self.currents, orientations)
         where, single = checked_vectors("positions", positions)
         flux, slope = self.field_and_gradient(where)
         result = dipole_wrench(flux, slope, moments)

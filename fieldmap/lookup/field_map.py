@@ -16,6 +16,8 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.field import (
     BaseField,
     Bounds,
+    MagneticLoad,
+    body_of,
     coil_currents,
     dipole_wrench,
     has_leading_shape,
@@ -43,6 +45,8 @@ from fieldmap.lookup.evaluation import (
     single_row,
 )
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
+from fieldmap.lookup.inverse_on_body import currents_on_body, wrench_demand
+from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import card, count_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map
 from fieldmap.typing import Array
@@ -391,12 +395,20 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         self._fill(self._evaluator.potential, where, rows, values)
         return float(values[0]) if single else values
 
-    def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
+    def wrench(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticLoad,
+        currents: Any,
+        orientations: ArrayLike | None = None,
+    ) -> Array:
         """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions.
 
         T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m . grad) B
         where B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
-        moments (3,) for all positions or (n, 3), A m^2. Singular nowhere in the box.
+        moments (3,) for all positions or (n, 3), A m^2. Singular nowhere in the box. In place of moments a
+        `MagneticBody` of soft iron, of several magnets or of one of finite size, with orientations (3, 3) or
+        (n, 3, 3), columns its axes; upright without: (5)..(10) there.
         """
         # As in `field_and_gradient`.
         try:
@@ -408,24 +420,34 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
                     return load
         except (TypeError, AttributeError, ValueError):
             pass
+        body = body_of(moments, orientations)
+        if body is not None:
+            return body.wrench(self, positions, currents, orientations)
         where, single = checked_vectors("positions", positions)
         result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
         return result[0] if single else result
 
-    def actuation(self, position: ArrayLike, currents: Any, moment: ArrayLike | None = None) -> Actuation:
+    def actuation(
+        self,
+        position: ArrayLike,
+        currents: Any,
+        moment: ArrayLike | MagneticBody | None = None,
+        orientation: ArrayLike | None = None,
+    ) -> Actuation:
         """What each coil's ampere does at a position (3,), about currents (n_coils,), A, linear or saturating iron.
 
-        Rows: flux density, T/A, five entries of its gradient, T/(m A); with a dipole of `moment` (3,), A m^2, force,
-        N/A, and torque, N m/A. `matrix @ i + constant` is the map to first order about the currents, and exact where it
-        superposes: docs/theory/actuation.md. Raises OutsideMapError.
+        Rows: flux density, T/A, five entries of its gradient, T/(m A); with a dipole of `moment` (3,), A m^2, or a
+        `MagneticBody` of an orientation (3, 3), force, N/A, and torque, N m/A. `matrix @ i + constant` is the map to
+        first order about the currents, and exact where it superposes and nothing is soft iron:
+        docs/theory/actuation.md. Raises OutsideMapError.
         """
-        return actuation(self, position, currents, moment)
+        return actuation(self, position, currents, moment, orientation)
 
     def currents_for(
         self,
         position: ArrayLike,
         force: ArrayLike | None = None,
-        moment: ArrayLike | None = None,
+        moment: ArrayLike | MagneticBody | None = None,
         limits: Limits = None,
         *,
         torque: ArrayLike | None = None,
@@ -433,13 +455,16 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         gradient: ArrayLike | None = None,
         resistance: ArrayLike | None = None,
         start: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
     ) -> Array:
         """Currents (n_coils,), A, of least power that give what is asked for at a position (3,).
 
         Any of force (3,), N, and torque (3,), N m, on a dipole of moment (3,), A m^2; field (3,), T; gradient (3, 3),
         T/m (its five independent entries); NaN leaves a component free. limits: a number for both directions, (lower,
         upper), each a number or one per coil, or None. resistance: of each coil if they differ; sum(resistance
-        currents^2) is least. start: currents from which the search begins in a map of saturating iron.
+        currents^2) is least. start: currents from which the search begins in a map of saturating iron. In place of the
+        moment a `MagneticBody`, with an orientation (3, 3), columns its axes: the force on soft iron is no linear
+        function of the currents, and several searches, or the one from `start`, look for a local optimum.
 
         Raises Infeasible, which names the limits that bind and what can be had; OutsideMapError; InputError;
         NotConverged.
@@ -447,8 +472,12 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
         >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
         """
-        demand = demand_of(force, moment, torque, field, gradient)
         weight = checked_weight(resistance, len(self.coil_names))
+        if isinstance(moment, MagneticBody):
+            wanted = wrench_demand(force, torque, field, gradient)
+            at = (self._evaluator, self.coil_names, self._model, self._constant)
+            return currents_on_body(*at, position, moment, orientation, wanted, limits, weight, start)
+        demand = demand_of(force, moment, torque, field, gradient)
         if self._model is None:
             about_sum = (self._evaluator, self.coil_names, position, demand, limits, weight)
             return currents_of_sum(*about_sum, self._constant)

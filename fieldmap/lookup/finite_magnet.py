@@ -10,17 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
-from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
+from fieldmap.device.payload import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.field import AnyField, StateField, as_field, coil_currents, require_bounds
+from fieldmap.field import AnyField, StateField, as_field, require_bounds
 from fieldmap.kernels.constants import MU0
-from fieldmap.records import Record
+from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.typing import Array
 
 Shape = MagnetCylinder | MagnetSphere | MagnetBlock
@@ -30,59 +27,9 @@ _PLACES = 40
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FiniteMagnet(Record):
-    """A rigid magnet as dipoles: points (q, 3) m and moments (q, 3) A m^2 in its own frame, magnetised along its z.
-
-    error: largest difference of force and torque from the next finer rule that was found in the field the rule was
-    chosen for, relative to the largest force and torque there; None for a rule that was not chosen so. Assumes a
-    rigid, uniform magnetisation (recoil permeability 1).
-    """
-
-    points: Array
-    moments: Array
-    error: float | None = None
-
-    @property
-    def moment(self) -> float:
-        """Magnitude of the whole moment, A m^2."""
-        return float(np.linalg.norm(self.moments.sum(axis=0)))
-
-    def wrench(
-        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
-    ) -> Array:
-        """Force (N) and torque (N m) about the centre, (n, 6), with the centre at positions (n, 3).
-
-        currents (n_coils,) or (n, n_coils), A. orientations (3, 3) or (n, 3, 3): columns are the magnet's axes; upright
-        without. A position (3,) gives (6,). Raises what the field raises where a part of the magnet is outside it.
-        """
-        arms, dipoles, flux, slope, single = self._asked(field, positions, currents, orientations)
-        force = np.einsum("nqij,nqi->nqj", slope, dipoles)
-        torque = np.cross(dipoles, flux) + np.cross(arms, force)
-        result = np.concatenate([force.sum(axis=1), torque.sum(axis=1)], axis=1)
-        return result[0] if single else result
-
-    def energy(
-        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
-    ) -> Array:
-        """Interaction energy -m . B over the magnet, (n,), J: `wrench` is minus its gradient, by place and turn."""
-        _, dipoles, flux, _, single = self._asked(field, positions, currents, orientations)
-        values = -np.einsum("nqi,nqi->n", dipoles, flux)
-        return values[0] if single else values
-
-    def _asked(
-        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None
-    ) -> tuple[Array, Array, Array, Array, bool]:
-        where, single = checked_vectors("positions", positions)
-        n, q = len(where), len(self.points)
-        turn = _turns(orientations, n)
-        arms = np.einsum("nij,qj->nqi", turn, self.points)
-        dipoles = np.einsum("nij,qj->nqi", turn, self.moments)
-        source = as_field(field)
-        amperes = coil_currents(currents, source.coil_names, n, finite=False)
-        if amperes.ndim == 2 and len(amperes) == n:
-            amperes = np.repeat(amperes, q, axis=0)
-        flux, slope = source.field_and_gradient((where[:, None] + arms).reshape(-1, 3), amperes)
-        return arms, dipoles, flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3), single
+class FiniteMagnet(MagneticBody):
+    """A rigid magnet as dipoles: points (q, 3), m, and moments (q, 3), A m^2, in its own frame, magnetised along its
+    z."""
 
 
 def finite_magnet(shape: Shape, field: AnyField, tolerance: float = 1e-6) -> FiniteMagnet:
@@ -190,15 +137,3 @@ def _bounding_radius(shape: Shape) -> float:
     if isinstance(shape, MagnetCylinder):
         return float(np.hypot(shape.diameter, shape.height)) / 2
     return float(np.linalg.norm(shape.size)) / 2
-
-
-def _turns(orientations: ArrayLike | None, n: int) -> Array:
-    turn = np.eye(3) if orientations is None else np.asarray(orientations, dtype=np.float64)
-    good = turn.shape in ((3, 3), (n, 3, 3))
-    if not good or not np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6):
-        received = f"shape {turn.shape}" + (" but columns not orthonormal" if good else "")
-        must_hold = f"rotation matrices of shape (3, 3) or ({n}, 3, 3)"
-        raise InputError(
-            Problem("wrench, orientations", must_hold, received, "columns are the magnet's axes")
-        )
-    return np.broadcast_to(turn, (n, 3, 3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +23,7 @@ from fieldmap.lookup.actuation import (
     Limits,
     checked_limits,
 )
-from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.current_model import CurrentModel, CurrentSearch
 from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -268,30 +269,67 @@ def currents_of_model(
     where the step has converged, they are those of the demand itself (to first order: a local optimum). Raises
     Infeasible where no step brings the demand nearer: no proof that no currents exist, but of where the search ended.
     """
-    low, high = _domain(model, limits)
+    low, high = domain_of(model, limits)
     at = rows_at(evaluator, position, demand, model.model.coil_count + model.fields_beside_coils)
-    search = _Search(model, coil_names, at, demand, low, high, weight)
-    return search.run(_first(model, coil_names, start, low, high))
+    typical = typical_currents(model)
+    unsaturated = at @ model.slopes_at(np.clip(0.0, low, high))
+    size = np.maximum(np.abs(unsaturated) @ typical, 1e-300)
+    goal = _OnDipole(demand, size, at, model.search())
+    return Search(goal, coil_names, low, high, weight, typical).run(
+        first_currents(model, coil_names, start, low, high)
+    )
 
 
-class _Search:
-    """What stays the same from step to step."""
+class Goal(Protocol):
+    """What is asked of the currents, and what they give of it."""
+
+    @property
+    def demand(self) -> Demand:
+        """Names and values of its rows; the selection is not used."""
+
+    @property
+    def size(self) -> Array:
+        """Of each row (r,): what is missing is judged by it."""
+
+    def given(self, currents: Array) -> Array:
+        """What currents (n_coils,) give (r,)."""
+
+    def slope(self, currents: Array) -> Array:
+        """Its derivative (r, n_coils) by the currents."""
+
+
+@dataclass(frozen=True, eq=False)
+class _OnDipole:
+    """Rows on flux density and gradient, that saturating iron gives: at (r, fields)."""
+
+    demand: Demand
+    size: Array
+    at: Array
+    model: CurrentSearch
+
+    def given(self, currents: Array) -> Array:
+        return np.asarray(self.at @ self.model.weights(currents))
+
+    def slope(self, currents: Array) -> Array:
+        return np.ascontiguousarray(self.at @ self.model.slopes(currents))
+
+
+class Search:
+    """Least-power currents that meet a goal, from currents to currents. typical (n_coils,), A: currents whose power is
+    worth a tenth of the goal. saving: share of the power below which more of it is not looked for."""
 
     def __init__(
         self,
-        model: CurrentModel,
+        goal: Goal,
         names: tuple[str, ...],
-        at: Array,
-        demand: Demand,
         low: Array,
         high: Array,
         weight: Array,
+        typical: Array,
+        saving: float = _NO_SAVING,
     ) -> None:
-        self.model, self.names, self.at, self.demand = model.search(), names, at, demand
-        self.low, self.high, self.weight = low, high, weight
-        typical = np.maximum(np.abs(model.model.known_currents).max(axis=0), 1e-12)
-        unsaturated = at @ model.slopes_at(np.clip(0.0, low, high))
-        self.size = np.maximum(np.abs(unsaturated) @ typical, 1e-300)
+        self.goal, self.names, self.demand, self.size = goal, names, goal.demand, goal.size
+        self.low, self.high, self.weight, self.saving = low, high, weight, saving
         # The merit of currents: their power, and this price for what they miss of the demand.
         self.price = 10.0 * self._power(typical)
 
@@ -301,7 +339,7 @@ class _Search:
         for _ in range(_MOST_STEPS):
             aim, left = self._aim(currents, off)
             promised = self._power(currents) - self._power(aim) + self.price * (off - left)
-            if off <= _TOLERANCE and promised <= _NO_SAVING * self._power(currents):
+            if off <= _TOLERANCE and promised <= self.saving * self._power(currents):
                 return currents
             share = 1.0
             while True:
@@ -326,9 +364,9 @@ class _Search:
     def _aim(self, currents: Array, off: float) -> tuple[Array, float]:
         """Least-power currents of the demand made linear about `currents`, or of the half, quarter, ... of what is
         missing of it where limits bind; and how much is left then."""
-        slope = self._slope(currents)
+        slope = self.goal.slope(currents)
         here = slope @ currents
-        missing = self.demand.values - self._given(currents)
+        missing = self.demand.values - self.goal.given(currents)
         found, active = np.empty(len(currents)), np.empty(len(currents), np.int64)
         share = 1.0
         while True:
@@ -349,7 +387,7 @@ class _Search:
         for _ in range(_MOST_CHANGES):
             if self._off(currents) <= _TOLERANCE:
                 return currents
-            slope, missing = self._slope(currents), self.demand.values - self._given(currents)
+            slope, missing = self.goal.slope(currents), self.demand.values - self.goal.given(currents)
             low, high = self.low - currents, self.high - currents
             if kernels.least_power(slope, missing, low, high, self.weight, change, active) != kernels.FOUND:
                 return None
@@ -359,23 +397,16 @@ class _Search:
     def _power(self, currents: Array) -> float:
         return float(self.weight @ currents**2)
 
-    def _slope(self, currents: Array) -> Array:
-        """Derivative (r, n_coils) of what is given by the currents."""
-        return np.ascontiguousarray(self.at @ self.model.slopes(currents))
-
-    def _given(self, currents: Array) -> Array:
-        return np.asarray(self.at @ self.model.weights(currents))
-
     def _off(self, currents: Array) -> float:
         """How far the demand is missed."""
-        return float((np.abs(self._given(currents) - self.demand.values) / self.size).max())
+        return float((np.abs(self.goal.given(currents) - self.demand.values) / self.size).max())
 
     def _refused(self, status: int, slope: Array, rest: Array, active: NDArray[np.int64]) -> Exception:
         linear = Demand(self.demand.names, slope, rest)
         return refusal(status, slope, linear, self.low, self.high, active, self.names)
 
     def _stuck(self, currents: Array) -> Infeasible:
-        reached = self._given(currents)
+        reached = self.goal.given(currents)
         margin = 1e-6 * np.abs(currents).max(initial=1e-12)
         at_limit = np.flatnonzero((currents <= self.low + margin) | (currents >= self.high - margin))
         binding = {self.names[k]: float(currents[k]) for k in at_limit}
@@ -389,7 +420,12 @@ class _Search:
         return Infeasible(problem, reachable=reached, binding=binding)
 
 
-def _domain(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
+def typical_currents(model: CurrentModel) -> Array:
+    """The largest currents (n_coils,), A, of the states that a model was trained on."""
+    return np.maximum(np.abs(model.model.known_currents).max(axis=0), 1e-12)
+
+
+def domain_of(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
     """The limits, within the currents that the model was made for."""
     if not isinstance(model.model.parametrisation, IndependentCurrents):
         must_hold = "a map made for free currents of its coils"
@@ -399,9 +435,10 @@ def _domain(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
     return np.maximum(low, model.model.lower), np.minimum(high, model.model.upper)
 
 
-def _first(
+def first_currents(
     model: CurrentModel, names: tuple[str, ...], start: ArrayLike | None, low: Array, high: Array
 ) -> Array:
+    """Where a search begins: at `start`, or in the middle of the states that a model was trained on."""
     if start is None:
         return np.clip(model.model.known_currents.mean(axis=0), low, high)
     return np.clip(coil_currents(start, names), low, high)

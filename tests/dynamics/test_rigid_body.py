@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ellipj
 
 from fieldmap.device.model import Payload
-from fieldmap.device.parts import MagnetBlock, MagnetSphere
+from fieldmap.device.payload import MagnetBlock, MagnetSphere
 from fieldmap.dynamics import (
     RigidBody,
     angular_momentum,

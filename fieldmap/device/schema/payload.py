@@ -1,15 +1,18 @@
 """What is levitated, [payload], and what drives the coils, [driver]."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol, Self
 
-from pydantic import Field, Tag, field_validator
+from pydantic import Field, Tag, field_validator, model_validator
 from scipy.constants import mu_0
 
-from fieldmap.device import parts as model
+from fieldmap.device import payload as model
+from fieldmap.device.parts import Driver
+from fieldmap.device.placement import Placement, PlacementKeys
 from fieldmap.inputs.tables import (
     MILLI,
     Coordinate,
     Length,
+    Name,
     NotNegative,
     Positive,
     Size,
@@ -75,6 +78,95 @@ AnyMagnet = Annotated[
 ]
 
 
+class _SoftKeys(Table):
+    material: Name | None = Field(
+        default=None, description="name of a [material.NAME] table of this file; or give mu_r instead"
+    )
+    mu_r: Annotated[float, Field(gt=1, le=1e9)] | None = Field(
+        default=None, description="constant relative permeability, instead of a material"
+    )
+
+    @model_validator(mode="after")
+    def _one_law(self) -> Self:
+        if (self.material is None) == (self.mu_r is None):
+            received = "neither" if self.mu_r is None else "both"
+            raise broken("soft iron has a material or a mu_r", received, "give one of them")
+        return self
+
+
+class SoftSphereKeys(_SoftKeys):
+    """Sphere of soft iron."""
+
+    shape: Literal["soft_sphere"] = Field(description="sphere of soft iron")
+    diameter_mm: Length = Field(description="diameter")
+
+    def to_model(self) -> model.SoftSphere:
+        """In SI; the material by its name."""
+        return model.SoftSphere(self.diameter_mm * MILLI, self.material, self.mu_r)
+
+
+class SoftEllipsoidKeys(_SoftKeys):
+    """Ellipsoid of soft iron."""
+
+    shape: Literal["soft_ellipsoid"] = Field(description="ellipsoid of soft iron")
+    size_mm: Size = Field(description="[x, y, z] lengths of its axes")
+
+    def to_model(self) -> model.SoftEllipsoid:
+        """In SI; the material by its name."""
+        x, y, z = (axis * MILLI for axis in self.size_mm)
+        return model.SoftEllipsoid((x, y, z), self.material, self.mu_r)
+
+
+class _PieceOfPayload(Protocol):
+    def to_model(self) -> model.Magnet | model.SoftBody: ...
+
+    def placement(self) -> Placement: ...
+
+
+class PieceKeys(PlacementKeys):
+    """What every piece of a payload has besides its shape."""
+
+    def to_piece(self: _PieceOfPayload) -> model.PayloadPiece:
+        """In SI; the material by its name."""
+        return model.PayloadPiece(self.to_model(), self.placement())
+
+
+class MagnetCylinderPiece(PieceKeys, MagnetCylinderKeys):
+    """Axially magnetised cylinder."""
+
+
+class MagnetSpherePiece(PieceKeys, MagnetSphereKeys):
+    """Uniformly magnetised sphere."""
+
+
+class MagnetBlockPiece(PieceKeys, MagnetBlockKeys):
+    """Block magnetised along its z edge."""
+
+
+class SoftSpherePiece(PieceKeys, SoftSphereKeys):
+    """Sphere of soft iron."""
+
+
+class SoftEllipsoidPiece(PieceKeys, SoftEllipsoidKeys):
+    """Ellipsoid of soft iron."""
+
+
+PIECE_KEYS: dict[type, type[Table]] = {
+    **MAGNET_KEYS,
+    model.SoftSphere: SoftSphereKeys,
+    model.SoftEllipsoid: SoftEllipsoidKeys,
+}
+
+AnyPiece = Annotated[
+    Annotated[MagnetCylinderPiece, Tag("cylinder")]
+    | Annotated[MagnetSpherePiece, Tag("sphere")]
+    | Annotated[MagnetBlockPiece, Tag("block")]
+    | Annotated[SoftSpherePiece, Tag("soft_sphere")]
+    | Annotated[SoftEllipsoidPiece, Tag("soft_ellipsoid")],
+    chosen_by("shape"),
+]
+
+
 class _PayloadKeys(Table):
     mass_g: Positive = Field(description="mass of everything that is levitated")
     magnet_offset_mm: Coordinate = Field(
@@ -83,7 +175,7 @@ class _PayloadKeys(Table):
     inertia_g_mm2: Inertia | None = Field(
         default=None,
         description="[Ixx, Iyy, Izz] about the centre of mass, principal axes; left out, that of a uniform body "
-        "of this mass in the shape of the magnet",
+        "of this mass in the shape of the magnet or of the pieces",
     )
     drag_N_s_per_m: NotNegative = Field(default=0.0, description="linear drag")
 
@@ -98,7 +190,9 @@ class _PayloadKeys(Table):
             )
         return value
 
-    def _payload(self, moment: float, magnet: Any = None) -> model.Payload:
+    def _payload(
+        self, moment: float, magnet: Any = None, pieces: tuple[model.PayloadPiece, ...] = ()
+    ) -> model.Payload:
         inertia = None
         if self.inertia_g_mm2 is not None:
             xx, yy, zz = (entry * GRAM_SQUARE_MILLIMETRE for entry in self.inertia_g_mm2)
@@ -110,6 +204,7 @@ class _PayloadKeys(Table):
             magnet_offset=self.magnet_offset_mm * MILLI,
             inertia=inertia,
             drag=float(self.drag_N_s_per_m),
+            pieces=pieces,
         )
 
 
@@ -117,7 +212,8 @@ class PayloadWithMagnet(_PayloadKeys):
     """Payload whose moment follows from its magnet: volume times remanence over mu0."""
 
     magnet: AnyMagnet = Field(
-        description="[payload.magnet] table: shape, dimensions, remanence_T; or give moment_A_m2 instead"
+        description="[payload.magnet] table: shape, dimensions, remanence_T; or give moment_A_m2 instead, or "
+        "[[payload.piece]] tables"
     )
 
     def to_model(self) -> model.Payload:
@@ -136,12 +232,28 @@ class PayloadWithMoment(_PayloadKeys):
         return self._payload(float(self.moment_A_m2))
 
 
+class PayloadWithPieces(_PayloadKeys):
+    """Payload of several magnets, or of soft iron, or of both."""
+
+    piece: Annotated[list[AnyPiece], Field(min_length=1)] = Field(
+        description="[[payload.piece]] tables: magnets and soft iron, and where they stand"
+    )
+
+    def to_model(self) -> model.Payload:
+        """In SI; materials by their names."""
+        return self._payload(0.0, pieces=tuple(piece.to_piece() for piece in self.piece))
+
+
 def _kind_of_payload(table: dict[str, Any]) -> str:
+    if "piece" in table:
+        return "with pieces"
     return "with a moment" if "moment_A_m2" in table else "with a magnet"
 
 
 AnyPayload = Annotated[
-    Annotated[PayloadWithMagnet, Tag("with a magnet")] | Annotated[PayloadWithMoment, Tag("with a moment")],
+    Annotated[PayloadWithMagnet, Tag("with a magnet")]
+    | Annotated[PayloadWithMoment, Tag("with a moment")]
+    | Annotated[PayloadWithPieces, Tag("with pieces")],
     chosen_with(_kind_of_payload),
 ]
 
@@ -153,6 +265,6 @@ class DriverKeys(Table):
     current_limit_A: Positive = Field(description="largest current of one coil")
     supply_voltage_V: Positive | None = Field(default=None, description="voltage of the supply")
 
-    def to_model(self) -> model.Driver:
+    def to_model(self) -> Driver:
         """In SI."""
-        return model.Driver(self.gain_A_per_V, self.current_limit_A, self.supply_voltage_V)
+        return Driver(self.gain_A_per_V, self.current_limit_A, self.supply_voltage_V)

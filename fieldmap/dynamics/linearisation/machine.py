@@ -191,7 +191,7 @@ class _Slope:
         self.numbers = machine.body.numbers(machine.drag, machine.plate, None)
         block = machine.magnetic.block
         self.weights = np.empty(int(block[SETS]))
-        self.field = keep_field(block, self.weights, len(machine.body.magnet.points))
+        self.field = keep_field(block, self.weights, machine.body.magnet.count)
 
     def by_state(self, number: int, step: float, free: bool) -> Array:
         """Derivative (12,) by one of twelve coordinates."""

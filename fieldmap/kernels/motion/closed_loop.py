@@ -35,7 +35,8 @@ from fieldmap.kernels.map.map_block import (
 from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
 from fieldmap.kernels.motion.currents import AMPLIFIER, WINDING, advance_currents, allocate, find_weights
 from fieldmap.kernels.motion.inverse import find_signals
-from fieldmap.kernels.motion.layout import FORCE, MAGNETS, POSITION, STATE
+from fieldmap.kernels.motion.layout import FORCE, POSITION, STATE
+from fieldmap.kernels.motion.magnet import field_points
 from fieldmap.kernels.motion.sensing import SCAN_TIME, add_scans, see, sensed_point
 from fieldmap.kernels.motion.step import find_load, step_of_two
 
@@ -286,7 +287,7 @@ def _mechanics(first, timing, plant, field, sensing, scans, asked, ending, movin
 def begin(timing, plant, sensing, signals, moving, outputs):
     """The `Room` of a run of so many outputs, with the load at the start and the first scan; an event."""
     superposition, coils, currents, body = plant.superposition, plant.coils, moving.currents, plant.body
-    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), int(body[MAGNETS]))
+    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), field_points(body))
     asked, points = (currents.copy(), currents.copy(), currents.copy()), (np.empty(3), np.empty(3))
     scratch, voltages = np.empty(moving.memory.shape[0] + outputs), np.empty(currents.shape[0])
     watch = np.zeros(4, np.int64)

@@ -12,8 +12,8 @@ from fieldmap.kernels.control.instruments import GAIN, OFFSET
 from fieldmap.kernels.map.cached_field import forget, keep_field
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, SETS, WHOLE
 from fieldmap.kernels.motion.currents import allocate, find_weights
-from fieldmap.kernels.motion.layout import MAGNETS, POSITION, STATE
-from fieldmap.kernels.motion.magnet import magnet_wrench
+from fieldmap.kernels.motion.layout import POSITION, STATE
+from fieldmap.kernels.motion.magnet import field_points, magnet_wrench
 
 
 class Inverse(NamedTuple):
@@ -77,7 +77,7 @@ def find_signals(plant, allocation, wanted, inverse):
     limits; where those do not give the force, what is left says so. NaN outside the map.
     """
     rounds, limits, signals, believed = inverse
-    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), int(plant.body[MAGNETS]))
+    field = keep_field(plant.block, np.empty(int(plant.block[SETS])), field_points(plant.body))
     currents = np.empty(plant.drives.shape[0])
     load, moved, left, step = np.empty(6), np.empty(3), np.empty(3), np.empty(3)
     J = np.empty((3, 3))

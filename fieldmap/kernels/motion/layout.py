@@ -22,9 +22,10 @@ CONDUCTIVITY, THICKNESS, FACE, NORMAL = 0, 1, 2, 5
 # viscous (m/s), height of floor and ceiling (m; infinite: none), radius of the tube (m; infinite: none), its axis (2).
 CONTACT = 43
 STIFFNESS, DAMPING, FRICTION, SLIP, FLOOR, CEILING, RADIUS, AXIS = 43, 44, 45, 46, 47, 48, 49, 50
-# How many dipoles the magnet has and how many points the surface; then six numbers a dipole, its point and its moment,
-# and three a point of the surface, all in the frame of the body, about its centre of mass.
-MAGNETS, SKIN, FIRST = 52, 53, 54
+# How many dipoles the magnet has, how many points the surface, and how many pieces are of soft iron; then six numbers a
+# dipole, its point and its moment, three a point of the surface, and the array of fieldmap.kernels.map.induced_moment;
+# all in the frame of the body, about its centre of mass.
+MAGNETS, SKIN, SOFT, FIRST = 52, 53, 54, 55
 
 
 class Plant(NamedTuple):

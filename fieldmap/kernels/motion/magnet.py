@@ -1,15 +1,53 @@
-"""Force and torque on a magnet that moves with a body: docs/theory/dynamics.md (7), (8).
+"""Force and torque on what is magnetic in a moving body: docs/theory/dynamics.md (7), (8), wrench.md (5)..(8).
 
-body: its dipoles (layout), one for a point dipole, the points of a volume rule for a finite magnet. field: as in
-kept_field, a point for each dipole.
+body: its dipoles (layout), one for a point dipole, the points of a volume rule for a finite magnet, and its pieces of
+soft iron, whose moments the field induces. field: as in cached_field, a point for each dipole and each soft piece.
 """
 
 from numba import njit
 
 from fieldmap.kernels.map.cached_field import kept_at
+from fieldmap.kernels.map.induced_moment import POINT, SIZE, induced_moment
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED
-from fieldmap.kernels.motion.layout import FIRST, MAGNETS, POSITION
+from fieldmap.kernels.motion.layout import FIRST, MAGNETS, POSITION, SKIN, SOFT
 from fieldmap.kernels.motion.rotation import to_body, to_map, turn_matrix
+
+
+@njit(**PLAIN_INLINED)
+def field_points(body):
+    """At how many points the field acts on a body."""
+    return int(body[MAGNETS] + body[SOFT])
+
+
+@njit(**PLAIN_INLINED)
+def _first_soft(body):
+    """Where the array of the soft pieces begins."""
+    return FIRST + 6 * int(body[MAGNETS]) + 3 * int(body[SKIN])
+
+
+@njit(**PLAIN)
+def _soft_wrench(field, body, r, state):
+    """Status of the map, and force and torque (6) on the soft pieces about the centre of mass, in the map's frame."""
+    base, dipoles = _first_soft(body), int(body[MAGNETS])
+    fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(int(body[SOFT])):
+        at = base + 1 + SIZE * p + POINT
+        ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
+        x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
+        status, v = kept_at(field, dipoles + p, x, y, z)
+        if status != INSIDE:
+            return status, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        bx, by, bz = to_body(r, v[0], v[1], v[2])
+        mx, my, mz, _ = induced_moment(body, base, p, bx, by, bz)
+        mx, my, mz = to_map(r, mx, my, mz)
+        gx = v[3] * mx + v[6] * my + v[9] * mz
+        gy = v[4] * mx + v[7] * my + v[10] * mz
+        gz = v[5] * mx + v[8] * my + v[11] * mz
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+        tx += my * v[2] - mz * v[1] + ay * gz - az * gy
+        ty += mz * v[0] - mx * v[2] + az * gx - ax * gz
+        tz += mx * v[1] - my * v[0] + ax * gy - ay * gx
+    return INSIDE, (fx, fy, fz, tx, ty, tz)
 
 
 @njit(**PLAIN_INLINED)
@@ -35,6 +73,12 @@ def magnet_wrench(field, body, state, load):
         tx += my * v[2] - mz * v[1] + ay * gz - az * gy
         ty += mz * v[0] - mx * v[2] + az * gx - ax * gz
         tz += mx * v[1] - my * v[0] + ax * gy - ay * gx
+    if body[SOFT] > 0.0:
+        status, soft = _soft_wrench(field, body, r, state)
+        if status != INSIDE:
+            return status
+        fx, fy, fz = fx + soft[0], fy + soft[1], fz + soft[2]
+        tx, ty, tz = tx + soft[3], ty + soft[4], tz + soft[5]
     load[0], load[1], load[2] = fx, fy, fz
     load[3], load[4], load[5] = to_body(r, tx, ty, tz)
     return INSIDE
@@ -42,7 +86,7 @@ def magnet_wrench(field, body, state, load):
 
 @njit(**PLAIN)
 def magnet_energy(field, body, state):
-    """Interaction energy -m . B, J, NaN outside the map."""
+    """Interaction energy -m . B of the dipoles and -integral of m dB of soft pieces, J, NaN outside the map."""
     r = turn_matrix(state)
     energy = 0.0
     for p in range(int(body[MAGNETS])):
@@ -52,4 +96,12 @@ def magnet_energy(field, body, state):
         x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
         _, v = kept_at(field, p, x, y, z)
         energy -= mx * v[0] + my * v[1] + mz * v[2]
+    base = _first_soft(body)
+    for p in range(int(body[SOFT])):
+        at = base + 1 + SIZE * p + POINT
+        ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
+        x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
+        _, v = kept_at(field, int(body[MAGNETS]) + p, x, y, z)
+        bx, by, bz = to_body(r, v[0], v[1], v[2])
+        energy += induced_moment(body, base, p, bx, by, bz)[3]
     return energy

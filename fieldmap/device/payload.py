@@ -1,0 +1,262 @@
+"""What is levitated: a magnet, or pieces of magnet and of soft iron. Frozen data in SI."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.constants import mu_0
+
+from fieldmap.device.made import Made
+from fieldmap.device.materials import Material
+from fieldmap.device.placement import Placement
+from fieldmap.typing import Array
+
+
+@dataclass(frozen=True, repr=False)
+class MagnetCylinder(Made):
+    """Axially magnetised cylinder; remanence in T."""
+
+    diameter: float
+    height: float
+    remanence: float
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 4 * self.diameter**2 * self.height
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform body of this shape and mass about its centre.
+
+        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
+        [0.875, 0.875, 0.75]
+        """
+        across = mass * ((self.diameter / 2) ** 2 / 4 + self.height**2 / 12)
+        return across, across, mass * (self.diameter / 2) ** 2 / 2
+
+
+@dataclass(frozen=True, repr=False)
+class MagnetSphere(Made):
+    """Uniformly magnetised sphere; remanence in T."""
+
+    diameter: float
+    remanence: float
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * self.diameter**3
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
+        moment = mass * self.diameter**2 / 10
+        return moment, moment, moment
+
+
+@dataclass(frozen=True, repr=False)
+class MagnetBlock(Made):
+    """Block magnetised along its z edge; remanence in T."""
+
+    size: tuple[float, float, float]
+    remanence: float
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.prod(self.size)
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform block of this size and mass about its centre."""
+        x, y, z = self.size
+        return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
+
+
+@dataclass(frozen=True, repr=False)
+class SoftSphere(Made):
+    """Sphere of soft iron. material: its law, or the name of a material of the device; mu_r: a constant relative
+    permeability in its place, infinite too."""
+
+    diameter: float
+    material: Material | str | None = None
+    mu_r: float | None = None
+
+    @property
+    def axes(self) -> tuple[float, float, float]:
+        """Lengths of the three axes, m."""
+        return self.diameter, self.diameter, self.diameter
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * self.diameter**3
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
+        return _inertia_of_ellipsoid(self.axes, mass)
+
+
+@dataclass(frozen=True, repr=False)
+class SoftEllipsoid(Made):
+    """Ellipsoid of soft iron, its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`."""
+
+    size: tuple[float, float, float]
+    material: Material | str | None = None
+    mu_r: float | None = None
+
+    @property
+    def axes(self) -> tuple[float, float, float]:
+        """Lengths of the three axes, m."""
+        return self.size
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * math.prod(self.size)
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments, kg m^2, of a uniform ellipsoid of this size and mass about its centre.
+
+        >>> [round(1e9 * moment, 3) for moment in SoftEllipsoid((0.002, 0.002, 0.006)).uniform_inertia(1e-3)]
+        [2.0, 2.0, 0.4]
+        """
+        return _inertia_of_ellipsoid(self.size, mass)
+
+
+def _inertia_of_ellipsoid(axes: tuple[float, float, float], mass: float) -> tuple[float, float, float]:
+    x, y, z = (axis * axis for axis in axes)
+    return mass * (y + z) / 20, mass * (x + z) / 20, mass * (x + y) / 20
+
+
+Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
+SoftBody = SoftSphere | SoftEllipsoid
+"""Has a material or a permeability, the lengths of its axes, and a volume."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PayloadPiece(Made):
+    """A magnet or a piece of soft iron, and where it stands in the payload: its centre and the axes of its shape, about
+    the payload's own centre, from which the sensed point is counted."""
+
+    shape: Magnet | SoftBody
+    placement: Placement = field(default_factory=Placement)
+
+
+@dataclass(frozen=True, repr=False)
+class Payload(Made):
+    """What is levitated. moment: magnitude in A m^2; left out, that of the magnets: volume times remanence over mu0.
+
+    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
+    printed with every result that uses it). inertia (3,) kg m^2; None: where
+    something turns, that of a uniform body of the shape and size of the magnet or the pieces (`uniform_inertia`). drag:
+    N s/m. pieces: magnets and soft iron in place of one magnet, `PayloadPiece` or a shape in the middle; what they make
+    of a field is `fieldmap.lookup.magnetic_body`.
+
+    >>> bead = Payload(mass=0.26e-3, pieces=[SoftSphere(4e-3, mu_r=1000.0)])
+    >>> bead.soft, bead.moment, f"{bead.principal_moments[0]:.2e} kg m2"
+    (True, 0.0, '4.16e-10 kg m2')
+    """
+
+    mass: float
+    moment: float = 0.0
+    magnet: Magnet | None = None
+    magnet_offset: float = 0.0
+    inertia: tuple[float, float, float] | None = None
+    drag: float = 0.0
+    pieces: tuple[PayloadPiece, ...] = ()
+
+    def __post_init__(self) -> None:
+        if isinstance(self.pieces, list | tuple):
+            placed = [PayloadPiece(one) if isinstance(one, Magnet | SoftBody) else one for one in self.pieces]
+            object.__setattr__(self, "pieces", tuple(placed))
+        # No numbers: told when a device is made of it.
+        with contextlib.suppress(TypeError, ValueError, AttributeError, OverflowError):
+            if self.moment == 0.0 and isinstance(self.magnet, Magnet):
+                object.__setattr__(self, "moment", self.magnet.volume * self.magnet.remanence / mu_0)
+            elif self.moment == 0.0 and self.pieces:
+                object.__setattr__(self, "moment", float(np.linalg.norm(_moment_of(self.pieces))))
+
+    @property
+    def soft(self) -> bool:
+        """Whether some of it is soft iron, whose moment follows the field."""
+        return any(isinstance(piece.shape, SoftBody) for piece in self.pieces)
+
+    @property
+    def principal_moments(self) -> tuple[float, float, float] | None:
+        """Inertia, kg m^2: as given, or of a uniform body of this mass in the shape of the magnet, or of the pieces if
+        the payload's axes are their principal axes; None otherwise."""
+        if self.inertia is not None:
+            return self.inertia
+        if self.pieces:
+            return _inertia_of_pieces(self.pieces, self.mass)
+        return None if self.magnet is None else self.magnet.uniform_inertia(self.mass)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What stands for its magnetism, and where it sits."""
+        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm"
+        if not self.pieces:
+            return (f"point dipole, {depth} below the point that the sensor reads",)
+        return (f"payload of {_pieces_text(self.pieces)}, {depth} below the point that the sensor reads",)
+
+    @property
+    def description(self) -> str:
+        """Its magnetism in a few words: the moment, or the pieces."""
+        return _pieces_text(self.pieces) if self.pieces else f"moment {self.moment:.4g} A m2"
+
+    def with_materials(self, materials: Any) -> Payload:
+        """Names of materials replaced by these (name -> material); names that are not among them stay."""
+        pieces = []
+        for piece in self.pieces:
+            shape = getattr(piece, "shape", None)
+            name = shape.material if isinstance(shape, SoftBody) else None
+            if isinstance(name, str) and name in materials:
+                piece = replace(piece, shape=replace(shape, material=materials[name]))  # type: ignore[type-var]
+            pieces.append(piece)
+        return replace(self, pieces=tuple(pieces))
+
+
+def _moment_of(pieces: tuple[PayloadPiece, ...]) -> Array:
+    """Moment (3,) of the magnets among the pieces, A m^2."""
+    total = np.zeros(3)
+    for piece in pieces:
+        if isinstance(piece.shape, Magnet):
+            along = np.asarray(piece.placement.rotation, dtype=float)[:, 2]
+            total += piece.shape.volume * piece.shape.remanence / mu_0 * along
+    return total
+
+
+def _inertia_of_pieces(pieces: tuple[PayloadPiece, ...], mass: float) -> tuple[float, float, float] | None:
+    """Of pieces of one density about their common centre; None where the payload's axes are not principal axes."""
+    volumes = np.array([piece.shape.volume for piece in pieces])
+    centres = np.array([piece.placement.position for piece in pieces], dtype=float)
+    shares = mass * volumes / volumes.sum()
+    arms = centres - shares @ centres / mass
+    tensor = np.zeros((3, 3))
+    for piece, share, arm in zip(pieces, shares, arms, strict=True):
+        turn = np.asarray(piece.placement.rotation, dtype=float)
+        tensor += turn @ np.diag(piece.shape.uniform_inertia(float(share))) @ turn.T
+        tensor += share * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    if np.abs(tensor - np.diag(np.diag(tensor))).max() > 1e-9 * np.abs(tensor).max():
+        return None
+    x, y, z = (float(entry) for entry in np.diag(tensor))
+    return x, y, z
+
+
+def _pieces_text(pieces: tuple[PayloadPiece, ...]) -> str:
+    """ "soft sphere of 4 mm, magnet cylinder of 10 x 10 mm"."""
+    return ", ".join(shape_text(piece.shape) for piece in pieces)
+
+
+def shape_text(shape: Magnet | SoftBody) -> str:
+    """What a piece is, and its size."""
+    if isinstance(shape, MagnetCylinder):
+        return f"magnet cylinder of {1e3 * shape.diameter:g} x {1e3 * shape.height:g} mm"
+    kind = "soft" if isinstance(shape, SoftBody) else "magnet"
+    if isinstance(shape, MagnetSphere | SoftSphere):
+        return f"{kind} sphere of {1e3 * shape.diameter:g} mm"
+    size = " x ".join(f"{1e3 * edge:g}" for edge in shape.size)
+    return f"{kind} {'ellipsoid' if isinstance(shape, SoftBody) else 'block'} of {size} mm"

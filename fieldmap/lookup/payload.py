@@ -1,0 +1,65 @@
+"""What a payload makes of a field: the dipoles of its magnets, and its soft iron."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fieldmap.device.payload import Magnet, Payload, SoftBody
+from fieldmap.field import AnyField
+from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
+from fieldmap.lookup.magnetic_body import MagneticBody
+from fieldmap.lookup.soft_body import soft_piece
+from fieldmap.typing import Array
+
+_NONE = np.zeros((0, 3))
+
+
+def magnetic_body(
+    payload: Payload | Magnet | SoftBody,
+    level: int = 1,
+    field: AnyField | None = None,
+    tolerance: float = 1e-4,
+) -> MagneticBody:
+    """The magnetic body of a payload, a magnet or a soft body, about its centre.
+
+    level: of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle. field, tolerance: choose
+    the rules instead, as `finite_magnet` does. A payload of a moment alone is a dipole along z. Raises InputError for
+    soft iron whose material is a mere name, or is none of soft iron, and what `finite_magnet` raises.
+
+    >>> from fieldmap.device.payload import MagnetCylinder, SoftSphere
+    >>> pair = Payload(mass=0.01, pieces=[MagnetCylinder(0.01, 0.01, 1.3), SoftSphere(4e-3, mu_r=1e3)])
+    >>> magnetic_body(pair, level=3).points.shape, round(magnetic_body(pair).moment, 4)
+    ((36, 3), 0.8125)
+    """
+
+    def rule(shape: Magnet) -> FiniteMagnet:
+        return volume_rule(shape, level) if field is None else finite_magnet(shape, field, tolerance)
+
+    if isinstance(payload, Magnet):
+        return rule(payload)
+    if isinstance(payload, SoftBody):
+        return MagneticBody(_NONE, _NONE, soft=(soft_piece(payload),))
+    if payload.pieces:
+        return _of_pieces(payload, rule)
+    if payload.magnet is not None and (level > 1 or field is not None):
+        return rule(payload.magnet)
+    return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
+
+
+def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> MagneticBody:
+    points: list[Array] = [_NONE]
+    moments: list[Array] = [_NONE]
+    errors = []
+    for piece in payload.pieces:
+        if isinstance(piece.shape, Magnet):
+            magnet, turn = rule(piece.shape), np.asarray(piece.placement.rotation, dtype=float)
+            points.append(magnet.points @ turn.T + piece.placement.position)
+            moments.append(magnet.moments @ turn.T)
+            errors += [] if magnet.error is None else [magnet.error]
+    soft = tuple(
+        soft_piece(one.shape, one.placement) for one in payload.pieces if isinstance(one.shape, SoftBody)
+    )
+    error = max(errors) if errors else None
+    return MagneticBody(np.concatenate(points), np.concatenate(moments), error, soft)

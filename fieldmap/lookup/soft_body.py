@@ -1,0 +1,148 @@
+"""Soft iron in a field: ellipsoids that answer the field at their centre, docs/theory/wrench.md (5)..(9), and a sphere
+of constant permeability that answers its gradient, too, (4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import elliprd
+
+from fieldmap.device.materials import Material, SaturatingMaterial
+from fieldmap.device.payload import SoftBody, shape_text
+from fieldmap.device.placement import Placement
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import AnyField, as_field
+from fieldmap.kernels.constants import MU0
+from fieldmap.kernels.map.induced_moment import SIZE
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+_NO_LAW = (np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
+ASSUMPTION = (
+    "soft iron of the payload answers the field at its centre, undisturbed by its other pieces and by what it does to "
+    "the machine's iron; shares of the order (size / distance of the nearest source)^2 are left out"
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SoftPiece(Record):
+    """An ellipsoid of soft iron in a body: centre (3,), m; axes (3, 3), columns its own axes in the body; demagnetising
+    factors (3,); volume, m^3; law: h, J, dJ/dh, T, and the integral of J dh, T^2, at knots, or empty arrays for a
+    constant permeability mu_r."""
+
+    centre: Array
+    axes: Array
+    factors: Array
+    volume: float
+    mu_r: float
+    law: tuple[Array, Array, Array, Array] = _NO_LAW
+
+
+def demagnetising_factors(axes: ArrayLike) -> Array:
+    """Demagnetising factors (3,) of an ellipsoid of these axes (3,), of any unit; their sum is 1.
+
+    N_i = a_1 a_2 a_3 / 3 R_D(a_j^2, a_k^2, a_i^2) with Carlson's integral, DLMF 19.16.5: J. A. Osborn, Phys. Rev. 67
+    (1945) 351. Raises InputError unless the axes are positive.
+
+    >>> demagnetising_factors([1.0, 1.0, 4.0]).round(4).tolist()
+    [0.4623, 0.4623, 0.0754]
+    """
+    size = np.asarray(axes, dtype=np.float64)
+    if size.shape != (3,) or not np.isfinite(size).all() or (size <= 0).any():
+        must_hold = "must be three positive lengths"
+        raise InputError(Problem("demagnetising_factors(axes)", must_hold, f"{axes}", "give the axes"))
+    a = size / np.cbrt(size.prod())  # their product is 1
+    x, y, z = a * a
+    return np.array([elliprd(y, z, x), elliprd(x, z, y), elliprd(x, y, z)]) / 3.0
+
+
+def soft_piece(shape: SoftBody, placement: Placement | None = None) -> SoftPiece:
+    """A soft sphere or ellipsoid at its place in a body, with its law. Raises InputError for a material that is no soft
+    iron, or a mere name of one."""
+    place = Placement() if placement is None else placement
+    mu_r, law = _law_of(shape)
+    return SoftPiece(
+        np.array(place.position, dtype=np.float64),
+        np.array(place.rotation, dtype=np.float64),
+        demagnetising_factors(shape.axes),
+        shape.volume,
+        mu_r,
+        law,
+    )
+
+
+def _law_of(shape: SoftBody) -> tuple[float, tuple[Array, Array, Array, Array]]:
+    """Permeability and no law, or infinity and the law's knots."""
+    where, material, mu_r = f"payload, {shape_text(shape)}", shape.material, shape.mu_r
+    if (material is None) == (mu_r is None):
+        received = "neither" if mu_r is None else "both"
+        raise InputError(Problem(where, "must have a material or a mu_r", received, "give one of them"))
+    if isinstance(material, SaturatingMaterial):
+        material.require_physical()
+        return np.inf, knots_of(material)
+    if isinstance(material, Material):
+        if material.role != "iron":
+            raise InputError(
+                Problem(where, "must be of soft iron", f"a {material.role}", "name another material")
+            )
+        mu_r = material.initial_mu_r
+    elif mu_r is None:
+        must_hold = "must have its material at hand"
+        remedy = "take the payload of the device file, or give fieldmap.material(...) or mu_r"
+        raise InputError(Problem(where, must_hold, f"the name {material!r}", remedy))
+    if not mu_r > 1.0:
+        raise InputError(Problem(where, "must have a mu_r above 1", f"{mu_r}", "correct it"))
+    return float(mu_r), _NO_LAW
+
+
+def knots_of(material: SaturatingMaterial) -> tuple[Array, Array, Array, Array]:
+    """h, J, dJ/dh, T, and the integral of J dh, T^2, at the knots of a law, exact for the cubics between them."""
+    points = material.points()
+    h, j, slope = (
+        np.array(part, dtype=np.float64) for part in (points.field, points.polarisation, points.slope)
+    )
+    width = np.diff(h)
+    pieces = width * (j[1:] + j[:-1]) / 2.0 + width**2 * (slope[:-1] - slope[1:]) / 12.0
+    return h, j, slope, np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+def soft_numbers(pieces: Sequence[SoftPiece], shift: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Soft pieces as compiled code takes them (fieldmap.kernels.map.induced_moment), moved by shift (3,), m."""
+    rows: list[float] = []
+    laws: list[Array] = []
+    at = 1 + SIZE * len(pieces)
+    for piece in pieces:
+        knots = len(piece.law[0])
+        reluctance = -1.0 if knots else 1.0 / (piece.mu_r - 1.0)
+        rows += [*(piece.centre + np.asarray(shift, float)), *piece.axes.ravel(), *piece.factors]
+        rows += [piece.volume / MU0, reluctance, at, knots]
+        laws += piece.law
+        at += 4 * knots
+    return np.concatenate([[len(pieces)], rows, *laws])
+
+
+def soft_sphere_force(
+    field: AnyField, positions: ArrayLike, currents: Any, diameter: float, mu_r: float = np.inf
+) -> Array:
+    """Force (n, 3), N, on a sphere of constant permeability with its centre at positions (n, 3); no torque.
+
+    docs/theory/wrench.md (4): the sphere answers the field's own value and gradient exactly. What is left out, the
+    answer to the second gradient, is of the order (radius / R)^4 of the force with R the distance of the nearest
+    source; the sphere's influence on the coils' iron is left out as well. The field is that without the sphere.
+    Raises InputError for a diameter or permeability that cannot be.
+    """
+    if not (diameter > 0 and np.isfinite(diameter) and mu_r >= 1):
+        received = f"diameter {diameter!r}, mu_r {mu_r!r}"
+        raise InputError(Problem("soft_sphere_force", "diameter > 0 in m, mu_r >= 1", received, "correct it"))
+    a, share = diameter / 2, 1 / mu_r
+    answer = [l * (1 - share) / (l + (l + 1) * share) for l in (1, 2)]
+    source = as_field(field)
+    flux, slope = source.field_and_gradient(positions, currents)
+    bend = source.second_gradient(positions, currents)
+    dipole = 4 * np.pi * a**3 * answer[0] / MU0 * np.einsum("...i,...ij->...j", flux, slope)
+    quadrupole = 2 * np.pi * a**5 * answer[1] / (3 * MU0) * np.einsum("...ij,...ijk->...k", slope, bend)
+    return np.asarray(dipole + quadrupole)

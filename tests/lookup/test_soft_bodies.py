@@ -1,0 +1,388 @@
+"""Soft spheres and ellipsoids, several pieces in one body, currents for them: against closed forms and differences."""
+
+import numpy as np
+import pytest
+import scipy.constants
+from scipy.integrate import quad
+
+import fieldmap as fm
+from fieldmap.device.payload import (
+    MagnetCylinder,
+    MagnetSphere,
+    Payload,
+    PayloadPiece,
+    SoftEllipsoid,
+    SoftSphere,
+)
+from fieldmap.errors import Infeasible, InputError
+from fieldmap.field import BaseField, CompletedField
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
+from fieldmap.lookup import (
+    demagnetising_factors,
+    interpolate,
+    magnetic_body,
+    soft_sphere_force,
+    volume_rule,
+    wrench_actuation,
+)
+from fieldmap.store import Grid, MapData
+
+MU0 = scipy.constants.mu_0
+STEEL = fm.material("steel_a3")
+IRON = fm.Froehlich("iron", mu_r=1000.0, saturation=2.0)
+NONE = np.zeros(0)
+
+
+class Gradient(BaseField):
+    """B0 + G x: uniform gradient."""
+
+    coil_names = ()
+
+    def __init__(self, flux, slope):
+        self.flux, self.slope = np.array(flux, float), np.array(slope, float)
+
+    def field(self, points, currents):
+        return self.flux + np.atleast_2d(points) @ self.slope.T
+
+    def gradient(self, points, currents):
+        return np.broadcast_to(self.slope, (len(np.atleast_2d(points)), 3, 3))
+
+
+SLOPE = np.array([[0.3, 0.5, -0.2], [0.5, -0.9, 0.7], [-0.2, 0.7, 0.6]])
+FLUX = np.array([0.02, -0.05, 0.08])
+
+
+def turned(axis_angle):
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    angle = np.linalg.norm(axis_angle)
+    x, y, z = np.asarray(axis_angle) / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+TURN = turned([0.4, -0.7, 0.3])
+
+
+def wrench(shape, flux=FLUX, slope=SLOPE, at=(0.0, 0.0, 0.0), turn=TURN):
+    return Gradient(flux, slope).wrench(np.array(at), magnetic_body(shape), NONE, turn)
+
+
+def moment(shape, flux, turn=None):
+    return magnetic_body(shape).induced_moment(Gradient(flux, SLOPE), np.zeros(3), NONE, turn)[0]
+
+
+@pytest.mark.parametrize("mu_r", [1.5, 30.0, 1e9, np.inf])
+def test_a_sphere_in_a_uniform_gradient(mu_r):
+    # m = 3 V / mu0 (mu_r - 1) / (mu_r + 2) B, F = m grad B: Jackson, Classical Electrodynamics (1999), (5.115).
+    sphere, at = SoftSphere(4e-3, mu_r=mu_r), np.array([0.01, 0.02, -0.01])
+    share = 1.0 if np.isinf(mu_r) else (mu_r - 1) / (mu_r + 2)
+    exact = 3 * sphere.volume / MU0 * share * (FLUX + SLOPE @ at)
+    found = wrench(sphere, at=at)
+    np.testing.assert_allclose(found[:3], SLOPE.T @ exact, rtol=1e-12)
+    np.testing.assert_allclose(found[3:], 0, atol=1e-15 * np.linalg.norm(exact))
+
+
+def test_a_saturated_sphere_has_the_moment_of_its_saturation():
+    sphere = SoftSphere(4e-3, IRON)
+    strong = 1e3 * FLUX
+    np.testing.assert_allclose(np.linalg.norm(moment(sphere, strong)), sphere.volume * 2.0 / MU0, rtol=3e-5)
+    # At each field the law itself: h = b0 - J / 3.
+    for size in (1e-4, 0.1, 0.5, 0.66, 0.7, 1.0, 3.0):
+        b0 = size * np.array([0.6, 0.0, 0.8])
+        j = np.linalg.norm(moment(sphere, b0)) * MU0 / sphere.volume
+        h = size - j / 3
+        law = 999 * h / (1 + 999 * h / 2.0)
+        # The knots of the law are 240 for ten decades.
+        assert j == pytest.approx(law, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("axes", "factors"),
+    [
+        ((1.0, 1.0, 1.0), (1 / 3, 1 / 3, 1 / 3)),
+        # Osborn (1945), prolate and oblate spheroids of ratio m: (2.5), (2.9).
+        (
+            (1.0, 1.0, 5.0),
+            (None, None, 1 / 24 * (5 / (2 * np.sqrt(24)) * np.log((5 + 24**0.5) / (5 - 24**0.5)) - 1)),
+        ),
+        ((5.0, 5.0, 1.0), (None, None, 25 / 24 * (1 - np.arcsin(np.sqrt(24) / 5) / np.sqrt(24)))),
+        ((1.0, 1.0, 1e6), (0.5, 0.5, 0.0)),
+        ((1e6, 1e6, 1.0), (0.0, 0.0, 1.0)),
+    ],
+)
+def test_demagnetising_factors_of_spheroids(axes, factors):
+    found = demagnetising_factors(axes)
+    assert found.sum() == pytest.approx(1.0, abs=1e-14)
+    for value, exact in zip(found, factors, strict=True):
+        if exact is not None:
+            assert value == pytest.approx(exact, abs=3e-6 if 1e6 in axes else 1e-13)
+
+
+def test_demagnetising_factors_of_three_axes():
+    a = np.array([1.0, 1.7, 3.1])
+    found = demagnetising_factors(2 * a)
+    for k in range(3):
+
+        def shape(s, k=k):
+            return 1 / ((s + a[k] ** 2) * np.sqrt(np.prod(s + a**2)))
+
+        assert found[k] == pytest.approx(a.prod() / 2 * quad(shape, 0, np.inf, epsabs=1e-13)[0], rel=1e-8)
+    with pytest.raises(InputError) as caught:
+        demagnetising_factors([1.0, 0.0, 1.0])
+    assert caught.value.problems[0].where == "demagnetising_factors(axes)"
+
+
+def test_torque_of_a_prolate_ellipsoid():
+    # T = V / mu0 (N_x - N_z) chi^2 B^2 sin(2 angle) / 2 / ((1 + N_x chi) (1 + N_z chi)).
+    body, angle, size, chi = SoftEllipsoid((2e-3, 2e-3, 8e-3), mu_r=50.0), 0.4, 0.03, 49.0
+    n = demagnetising_factors(body.size)
+    flux = size * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    found = wrench(body, flux, np.zeros((3, 3)), turn=None)
+    exact = body.volume / MU0 * (n[0] - n[2]) * chi**2 * size**2 * np.sin(2 * angle) / 2
+    exact /= (1 + n[0] * chi) * (1 + n[2] * chi)
+    # The long axis turns towards the field: about +y.
+    assert found[4] == pytest.approx(exact, rel=1e-12)
+    np.testing.assert_allclose(found[[0, 1, 2, 3, 5]], 0, atol=1e-15)
+
+
+@pytest.mark.parametrize("size", [1e-3, 0.3, 0.8, 3.0])
+def test_ellipsoids_of_a_law_fulfil_its_equations(size):
+    body = SoftEllipsoid((2e-3, 3e-3, 7e-3), STEEL)
+    n, points = demagnetising_factors(body.size), STEEL.points()
+    b0 = size * np.array([0.5, -0.6, 0.7])
+    j = moment(body, b0) * MU0 / body.volume
+    h = b0 - n * j
+    np.testing.assert_allclose(np.cross(h, j), 0, atol=1e-9 * np.linalg.norm(j) * size)
+    if np.linalg.norm(h) > points.field[-1]:
+        assert np.linalg.norm(j) == pytest.approx(points.polarisation[-1], rel=1e-12)
+    else:
+        exact = np.interp(np.linalg.norm(h), points.field, points.polarisation)
+        assert np.linalg.norm(j) == pytest.approx(exact, rel=2e-2)
+
+
+PAIR = Payload(
+    mass=0.01,
+    pieces=[
+        PayloadPiece(SoftSphere(4e-3, STEEL), fm.placed([0.0, 0.0, 6e-3])),
+        PayloadPiece(SoftEllipsoid((2e-3, 3e-3, 6e-3), IRON), fm.placed([4e-3, 0.0, 0.0], [20.0, 30.0, 0.0])),
+        PayloadPiece(MagnetSphere(3e-3, 1.2), fm.placed([0.0, -5e-3, 0.0], [90.0, 0.0, 0.0])),
+    ],
+)
+LOOPS = [(0.016, [0.02, 0.0, 0.03]), (0.025, [-0.02, 0.01, 0.035]), (0.02, [0.0, -0.02, -0.04])]
+
+
+class Loops(BaseField):
+    """Three loops of so many ampere turns."""
+
+    coil_names = ("a", "b", "c")
+    proportional = affine = True
+
+    def __init__(self, turns=3e3):
+        self.turns = turns
+
+    def _of(self, points, currents, which):
+        each = [
+            loop_flux_density_and_gradient(np.atleast_2d(points) - np.array(c), r)[which] for r, c in LOOPS
+        ]
+        return self.turns * np.tensordot(np.asarray(currents, float), np.array(each), axes=(-1, 0))
+
+    def field(self, points, currents):
+        return self._of(points, currents, 0)
+
+    def gradient(self, points, currents):
+        return self._of(points, currents, 1)
+
+
+@pytest.mark.parametrize("turns", [300.0, 3e3, 2e4])
+def test_wrench_is_the_slope_of_the_energy_by_place_and_by_turn(turns):
+    field, body = Loops(turns), magnetic_body(PAIR)
+    at, currents = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    found = body.wrench(field, at, currents, TURN)
+    size = [np.linalg.norm(found[:3]), np.linalg.norm(found[3:])]
+    for j in range(3):
+        unit = np.eye(3)[j]
+        moved = [body.energy(field, at + s * 1e-5 * unit, currents, TURN) for s in (-1, 1)]
+        assert (moved[0] - moved[1]) / 2e-5 == pytest.approx(found[j], abs=2e-5 * size[0])
+        spun = [body.energy(field, at, currents, turned(s * 1e-4 * unit) @ TURN) for s in (-1, 1)]
+        assert (spun[0] - spun[1]) / 2e-4 == pytest.approx(found[3 + j], abs=2e-5 * size[1])
+
+
+def test_a_body_is_the_sum_of_its_pieces_with_their_arms():
+    field, at, currents = Loops(), np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    together = magnetic_body(PAIR).wrench(field, at, currents, TURN)
+    apart = np.zeros(6)
+    for piece in PAIR.pieces:
+        arm = TURN @ piece.placement.position
+        load = magnetic_body(piece.shape).wrench(field, at + arm, currents, TURN @ piece.placement.rotation)
+        apart += np.concatenate([load[:3], load[3:] + np.cross(arm, load[:3])])
+    np.testing.assert_allclose(together, apart, rtol=1e-10, atol=1e-15)
+
+
+def test_slopes_by_the_currents_pass_a_taylor_test():
+    field, body = Loops(), magnetic_body(PAIR)
+    at, currents, along = (
+        np.array([0.003, 0.002, -0.004]),
+        np.array([1.0, -0.7, 0.4]),
+        np.array([0.3, 1.0, -0.6]),
+    )
+    about = wrench_actuation(field, at, body, currents, TURN)
+    here = body.wrench(field, at, currents, TURN)
+    np.testing.assert_allclose(about.matrix @ currents + about.constant, here, rtol=1e-12)
+    # A law of cubics is smooth to its second derivative but for a knot; steps stay within one.
+    steps = np.array([1e-2, 3e-3, 1e-3])
+    off = [
+        np.linalg.norm(body.wrench(field, at, currents + s * along, TURN) - here - s * about.matrix @ along)
+        for s in steps
+    ]
+    assert np.polyfit(np.log(steps), np.log(off), 1)[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_stiffness_is_the_slope_of_the_force():
+    field, body = Loops(), magnetic_body(PAIR)
+    at, currents = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    stiffness = body.stiffness(field, at, currents, TURN)
+    steps = 1e-5 * np.eye(3)
+    ahead, behind = (body.wrench(field, at + s * steps, currents, TURN)[:, :3] for s in (1, -1))
+    exact = -(ahead - behind).T / 2e-5
+    np.testing.assert_allclose(stiffness, exact, atol=1e-4 * np.abs(exact).max())
+
+
+def test_what_a_sphere_at_its_centre_leaves_out_falls_with_the_square_of_its_size():
+    field, at, currents = (
+        CompletedField(Loops()),
+        np.array([[0.003, 0.002, -0.004]]),
+        np.array([1.0, -0.7, 0.4]),
+    )
+    sizes = np.array([0.5e-3, 1e-3, 2e-3, 4e-3])
+    off = []
+    for diameter in sizes:
+        exact = soft_sphere_force(field, at, currents, diameter, 100.0)[0]
+        found = magnetic_body(SoftSphere(diameter, mu_r=100.0)).wrench(field, at[0], currents)
+        off.append(np.linalg.norm(found[:3] - exact) / np.linalg.norm(exact))
+    assert np.polyfit(np.log(sizes), np.log(off), 1)[0] == pytest.approx(2.0, abs=0.05)
+    assert off[-1] < 0.02
+
+
+def test_the_rules_of_a_cylinder_converge():
+    field, at, currents = Loops(), np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    magnet = MagnetCylinder(0.010, 0.008, 1.3)
+    exact = volume_rule(magnet, 8).wrench(field, at, currents, TURN)
+    off = [
+        np.linalg.norm((volume_rule(magnet, n).wrench(field, at, currents, TURN) - exact)[:3])
+        / np.linalg.norm(exact[:3])
+        for n in (1, 2, 3, 4)
+    ]
+    # Rule n misses less than (a / R)^(2 n), a of the magnet 6.4 mm and R of the nearest wire 34 mm.
+    nearest = min(np.hypot(np.linalg.norm((at - c)[:2]) - r, (at - c)[2]) for r, c in LOOPS)
+    gain = (np.hypot(5e-3, 4e-3) / nearest) ** 2
+    assert (np.array(off) < gain ** np.arange(1, 5)).all()
+    assert np.polyfit(range(4), np.log(off), 1)[0] == pytest.approx(np.log(gain), rel=0.1)
+
+
+GRID = Grid([-0.012, -0.012, -0.012], [0.002, 0.002, 0.002], (13, 13, 13))
+
+
+@pytest.fixture(scope="module")
+def opened():
+    """Eight loops around a cube, 40 mm from its middle, 1000 A turns."""
+    points, flux, slope = GRID.points(), [], []
+    for k in range(8):
+        angle = np.pi / 2 * k + (np.pi / 4 if k >= 4 else 0.0)
+        lift = 0.0 if k < 4 else -0.7
+        axis = np.array([np.cos(angle), np.sin(angle), lift])
+        axis /= np.linalg.norm(axis)
+        side = np.cross(axis, [0.0, 0.0, 1.0])
+        side /= np.linalg.norm(side)
+        turn = np.column_stack([side, np.cross(axis, side), axis])
+        b, g = loop_flux_density_and_gradient((points - 0.04 * axis) @ turn, 0.015)
+        flux.append(1e3 * b @ turn.T)
+        slope.append(1e3 * np.einsum("ij,njk,lk->nil", turn, g, turn))
+    shape = (8, *GRID.shape, 3)
+    names = tuple(str(k + 1) for k in range(8))
+    data = MapData(
+        GRID, names, np.ones(8), flux_density=np.reshape(flux, shape), gradient=np.reshape(slope, (*shape, 3))
+    )
+    return interpolate(data)
+
+
+BEAD = SoftSphere(3e-3, STEEL)
+WEIGHT = 9.81 * 7850 * BEAD.volume
+
+
+def test_currents_for_a_force_on_a_bead(opened):
+    bead, at = magnetic_body(BEAD), np.array([0.001, -0.002, 0.001])
+    for force in ([0.0, 0.0, WEIGHT], [0.3 * WEIGHT, -0.5 * WEIGHT, 1.2 * WEIGHT], [0.0, 0.0, -WEIGHT]):
+        currents = opened.currents_for(at, force=force, moment=bead)
+        np.testing.assert_allclose(opened.wrench(at, bead, currents)[:3], force, atol=1e-8 * WEIGHT)
+        # Warm, and nearby: no more power than a little.
+        again = opened.currents_for(at, force=force, moment=bead, start=1.02 * currents)
+        assert again @ again <= (1 + 1e-4) * (currents @ currents)
+    # No direction in the null space of the slopes saves power.
+    about = opened.actuation(at, currents, bead)
+    slopes = about.matrix[8:11]
+    _, _, right = np.linalg.svd(slopes)
+    assert np.abs(right[3:] @ currents).max() < 2e-3 * np.linalg.norm(currents)
+
+
+def test_least_power_of_one_axis_is_the_strongest_eigenvector(opened):
+    # Linear iron, only F_z asked for: F_z = i^T Q i, the least power is F_z over the largest eigenvalue.
+    bead, at = magnetic_body(SoftSphere(3e-3, mu_r=1e9)), np.array([0.001, -0.002, 0.001])
+    flux, slope = opened.unit_field(at), opened.unit_gradient(at)
+    matrix = 3 * BEAD.volume / MU0 * np.einsum("ki,ni->kn", flux, slope[:, :, 2])
+    largest = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[-1]
+    currents = opened.currents_for(at, force=[np.nan, np.nan, WEIGHT], moment=bead)
+    assert currents @ currents == pytest.approx(WEIGHT / largest, rel=1e-5)
+
+
+def test_currents_for_more_than_limits_allow(opened):
+    bead = magnetic_body(BEAD)
+    at, force = np.array([0.001, -0.002, 0.001]), np.array([0.0, 0.0, WEIGHT])
+    free = opened.currents_for(at, force=force, moment=bead)
+    limit = 0.95 * np.abs(free).max()
+    held = opened.currents_for(at, force=force, moment=bead, limits=limit)
+    assert np.abs(held).max() <= limit * (1 + 1e-12)
+    assert held @ held > free @ free
+    np.testing.assert_allclose(opened.wrench(at, bead, held)[:3], force, atol=1e-7 * WEIGHT)
+    with pytest.raises(Infeasible) as caught:
+        opened.currents_for(at, force=1e3 * force, moment=bead, limits=limit)
+    assert caught.value.problems[0].where == "currents_for"
+
+
+def test_currents_for_magnets_in_a_body_are_those_for_their_dipole(opened):
+    magnet, at = magnetic_body(MagnetSphere(3e-3, 1.2)), np.array([0.001, 0.0, -0.002])
+    force, torque = [1e-3, -2e-3, 3e-3], [1e-6, 0.0, 0.0]
+    dipole = magnet.moments[0] @ TURN.T
+    expected = opened.currents_for(at, force, dipole, torque=[*torque[:2], np.nan])
+    found = opened.currents_for(at, force, magnet, torque=[*torque[:2], np.nan], orientation=TURN)
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+    plain = opened.actuation(at, expected, dipole)
+    body = opened.actuation(at, expected, magnet, TURN)
+    assert (body.rows, body.constant) == (plain.rows, None)
+    np.testing.assert_allclose(body.matrix, plain.matrix, rtol=1e-9, atol=1e-12)
+
+
+def test_a_field_of_points_takes_bodies_as_a_map_does(opened):
+    bead, at = magnetic_body(PAIR), np.array([0.001, 0.0, -0.002])
+    currents = np.linspace(-3.0, 4.0, 8)
+    whole = opened.wrench(at, bead, currents, TURN)
+    np.testing.assert_array_equal(opened.at(currents).wrench(at, bead, TURN), whole)
+    np.testing.assert_allclose(opened.wrench(at[None, None], bead, currents, TURN), whole[None, None])
+    with pytest.raises(InputError) as caught:
+        opened.wrench(at, [0.0, 0.0, 1.0], currents, TURN)
+    assert caught.value.problems[0].where == "wrench, orientations"
+
+
+def test_bad_bodies_are_refused():
+    for wrong, received in (
+        (SoftSphere(1e-3), "neither"),
+        (SoftSphere(1e-3, STEEL, 10.0), "both"),
+        (SoftSphere(1e-3, "steel"), "the name 'steel'"),
+        (SoftSphere(1e-3, fm.PermanentMagnet("magnet", 1.05, [0.0, 0.0, 1.2])), "a magnet"),
+        (SoftSphere(1e-3, mu_r=0.5), "0.5"),
+    ):
+        with pytest.raises(InputError) as caught:
+            magnetic_body(wrong)
+        assert caught.value.problems[0].received == received
+    with pytest.raises(InputError) as caught:
+        wrench_actuation(Loops(), np.zeros(3), magnetic_body(BEAD))
+    assert caught.value.problems[0].where == "actuation, currents"
