@@ -387,9 +387,9 @@ class BaseField(TakesPoints, ABC):
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
         of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
-        body = body_of(moments, orientations)
-        if body is not None:
-            return body.wrench(self, positions, currents, orientations)
+        if isinstance(moments, MagneticLoad):
+            return moments.wrench(self, positions, currents, orientations)
+        refuse_orientations(orientations)
         where = np.asarray(positions, dtype=float)
         points = np.atleast_2d(where)
         result = dipole_wrench(self.field(points, currents), self.gradient(points, currents), moments)
@@ -460,9 +460,9 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
         of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
-        body = body_of(moments, orientations)
-        if body is not None:
-            return body.wrench(self, positions, self.currents, orientations)
+        if isinstance(moments, MagneticLoad):
+            return moments.wrench(self, positions, self.currents, orientations)
+        refuse_orientations(orientations)
         where = np.asarray(positions, dtype=float)
         points = np.atleast_2d(where)
         result = dipole_wrench(self.field(points), self.gradient(points), moments)
@@ -523,9 +523,10 @@ class FixedCurrents(BaseFieldAtCurrents):
         orientations: ArrayLike | None = None,
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles or a body (n, 6), about their own positions."""
-        if body_of(moments, orientations) is None:
-            return self.source.wrench(positions, moments, self.currents)
-        return super().wrench(positions, moments, orientations)
+        if isinstance(moments, MagneticLoad):
+            return moments.wrench(self, positions, self.currents, orientations)
+        refuse_orientations(orientations)
+        return self.source.wrench(positions, moments, self.currents)
 
     def outlines(self) -> Sequence[Any]:
         """Those of the field."""
@@ -829,14 +830,11 @@ def dipole_wrench(flux: Array, slope: Array, moments: ArrayLike) -> Array:
     return np.concatenate([force, np.cross(dipoles, flux)], axis=1)
 
 
-def body_of(moments: Any, orientations: ArrayLike | None) -> MagneticLoad | None:
-    """The body that was given in place of moments; None for moments. Raises InputError for orientations of these."""
-    if isinstance(moments, MagneticLoad):
-        return moments
+def refuse_orientations(orientations: ArrayLike | None) -> None:
+    """Raise InputError for orientations of point dipoles, whose moments are in the frame of the field."""
     if orientations is not None:
         must_hold, remedy = "orientations are those of a body", "turn the moments, or give a MagneticBody"
         raise InputError(Problem("wrench, orientations", must_hold, "moments and orientations", remedy))
-    return None
 
 
 def differenced(gradient: Any, points: ArrayLike, step: float = STEP) -> Array:

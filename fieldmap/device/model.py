@@ -136,9 +136,9 @@ class Device(Made):
 
     def _take_materials_of_payload(self) -> None:
         """Materials of the payload's pieces are those of the device: names stand for them, and others join them."""
-        if not isinstance(self.payload, Payload) or not self.payload.pieces:
+        if not isinstance(self.payload, Payload) or not isinstance(self.payload.pieces, tuple):
             return
-        payload = self.payload.with_materials(self.materials)
+        payload = self.payload.with_materials(self.materials) if self.payload.pieces else self.payload
         own = [getattr(getattr(piece, "shape", None), "material", None) for piece in payload.pieces]
         new = {one.name: one for one in own if isinstance(one, Material) and one.name not in self.materials}
         object.__setattr__(self, "payload", payload)

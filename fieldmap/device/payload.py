@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from scipy.constants import mu_0
@@ -207,16 +207,17 @@ class Payload(Made):
         """Its magnetism in a few words: the moment, or the pieces."""
         return _pieces_text(self.pieces) if self.pieces else f"moment {self.moment:.4g} A m2"
 
-    def with_materials(self, materials: Any) -> Payload:
+    def with_materials(self, materials: Mapping[str, Material]) -> Payload:
         """Names of materials replaced by these (name -> material); names that are not among them stay."""
-        pieces = []
-        for piece in self.pieces:
-            shape = getattr(piece, "shape", None)
-            name = shape.material if isinstance(shape, SoftBody) else None
-            if isinstance(name, str) and name in materials:
-                piece = replace(piece, shape=replace(shape, material=materials[name]))  # type: ignore[type-var]
-            pieces.append(piece)
-        return replace(self, pieces=tuple(pieces))
+
+        def named(piece: PayloadPiece) -> PayloadPiece:
+            shape = piece.shape if isinstance(piece, PayloadPiece) else None
+            if not isinstance(shape, SoftBody) or not isinstance(shape.material, str):
+                return piece
+            material = materials.get(shape.material, shape.material)
+            return replace(piece, shape=replace(shape, material=material))
+
+        return replace(self, pieces=tuple(named(piece) for piece in self.pieces))
 
 
 def _moment_of(pieces: tuple[PayloadPiece, ...]) -> Array:

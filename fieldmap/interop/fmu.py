@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_signal
-from fieldmap.errors import FieldmapError, Problem
+from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.interop.c_map import c_header, write_c_map
 from fieldmap.kernels.motion.layout import INERTIA
-from fieldmap.lookup import FieldMap, FiniteMagnet, MapAtCurrents
+from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array
 
@@ -99,7 +99,7 @@ class _Variable:
 def write_fmu(
     field: FieldMap | MapAtCurrents,
     path: str | PathLike[str],
-    magnet: FiniteMagnet | ArrayLike = (0.0, 0.0, 1.0),
+    magnet: MagneticBody | ArrayLike = (0.0, 0.0, 1.0),
     body: RigidBody | None = None,
     *,
     version: int = 2,
@@ -114,13 +114,13 @@ def write_fmu(
     walls. binary: compiled for this machine; without, the unit holds its sources alone, for an importer that compiles
     them, such as `python -m fmpy compile`.
 
-    Raises InputError for a saturating map without fixed currents and for a Hermite form, FieldmapError where no C
-    compiler is found (CC, cc, gcc or clang).
+    Raises InputError for a saturating map without fixed currents, for a Hermite form and for soft iron, FieldmapError
+    where no C compiler is found (CC, cc, gcc or clang).
 
     >>> write_fmu(open_map("linear.h5"), "lift.fmu", magnet=[0, 0, 0.8])                     # doctest: +SKIP
     """
     check_choice("write_fmu(version)", str(version), map(str, VERSIONS))
-    target, carried = Path(path), _dipoles(magnet) if body is None else body.magnet
+    target, carried = Path(path), _dipoles(magnet if body is None else body.magnet)
     seat = np.zeros(3) if body is None else body.magnet_at
     coils = field.coil_names if isinstance(field, FieldMap) else ()
     variables = _variables(coils, _middle(field), body)
@@ -149,11 +149,15 @@ def write_fmu(
     return target
 
 
-def _dipoles(magnet: FiniteMagnet | ArrayLike) -> FiniteMagnet:
-    if isinstance(magnet, FiniteMagnet):
+def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
+    if isinstance(magnet, MagneticBody):
+        if magnet.soft:
+            must_hold = "magnets only: the unit's code knows no soft iron"
+            received, remedy = f"{len(magnet.soft)} soft pieces", "give the moment that it has at its place"
+            raise InputError(Problem("write_fmu(magnet)", must_hold, received, remedy))
         return magnet
     moment = np.array(check_signal("write_fmu(magnet)", magnet, columns=3))
-    return FiniteMagnet(np.zeros((1, 3)), moment.reshape(1, 3))
+    return MagneticBody(np.zeros((1, 3)), moment.reshape(1, 3))
 
 
 def _source() -> Path:
@@ -235,7 +239,7 @@ def _of_body(vector: Callable[..., list[_Variable]], body: RigidBody) -> list[_V
 def _numbers_header(
     version: int,
     coils: int,
-    magnet: FiniteMagnet,
+    magnet: MagneticBody,
     seat: Array,
     body: RigidBody | None,
     variables: list[_Variable],

@@ -24,11 +24,11 @@ from fieldmap.field import (
     Bounds,
     MagneticLoad,
     TakesPoints,
-    body_of,
     dipole_wrench,
     has_leading_shape,
     magpylib_source,
     over_points,
+    refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.kernels.map import dipole_wrench as wrench_kernels
@@ -389,9 +389,9 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
                     return load
         except (TypeError, AttributeError, ValueError):
             pass  # as in `field_and_gradient`
-        body = body_of(moments, orientations)
-        if body is not None:
-            return body.wrench(self, positions, self.currents, orientations)
+        if isinstance(moments, MagneticLoad):
+            return moments.wrench(self, positions, self.currents, orientations)
+        refuse_orientations(orientations)
         where, single = checked_vectors("positions", positions)
         flux, slope = self.field_and_gradient(where)
         result = dipole_wrench(flux, slope, moments)

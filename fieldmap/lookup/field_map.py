@@ -17,12 +17,12 @@ from fieldmap.field import (
     BaseField,
     Bounds,
     MagneticLoad,
-    body_of,
     coil_currents,
     dipole_wrench,
     has_leading_shape,
     magpylib_source,
     over_points,
+    refuse_orientations,
     require_affine,
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
@@ -420,9 +420,9 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
                     return load
         except (TypeError, AttributeError, ValueError):
             pass
-        body = body_of(moments, orientations)
-        if body is not None:
-            return body.wrench(self, positions, currents, orientations)
+        if isinstance(moments, MagneticLoad):
+            return moments.wrench(self, positions, currents, orientations)
+        refuse_orientations(orientations)
         where, single = checked_vectors("positions", positions)
         result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
         return result[0] if single else result

@@ -50,7 +50,9 @@ def wrench_demand(
 ) -> Demand:
     """Rows of all that is asked for at once, as `demand_of` for a body: selection (r, 18) on force and torque (6), and
     on flux density and gradient at the body's centre (12). Raises InputError."""
-    parts, names, values = [], [], []
+    parts: list[Array] = []
+    names: list[str] = []
+    values: list[Array] = []
     for asked, rows, what in ((force, FORCE_ROWS, "force"), (torque, TORQUE_ROWS, "torque")):
         if asked is None:
             continue

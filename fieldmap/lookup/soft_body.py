@@ -54,7 +54,9 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
     size = np.asarray(axes, dtype=np.float64)
     if size.shape != (3,) or not np.isfinite(size).all() or (size <= 0).any():
         must_hold = "must be three positive lengths"
-        raise InputError(Problem("demagnetising_factors(axes)", must_hold, f"{axes}", "give the axes"))
+        raise InputError(
+            Problem("demagnetising_factors(axes)", must_hold, f"{size.tolist()}", "give the axes")
+        )
     a = size / np.cbrt(size.prod())  # their product is 1
     x, y, z = a * a
     return np.array([elliprd(y, z, x), elliprd(x, z, y), elliprd(x, y, z)]) / 3.0

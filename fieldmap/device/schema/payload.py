@@ -1,8 +1,8 @@
 """What is levitated, [payload], and what drives the coils, [driver]."""
 
-from typing import Annotated, Any, Literal, Protocol, Self
+from typing import Annotated, Any, Literal, Protocol
 
-from pydantic import Field, Tag, field_validator, model_validator
+from pydantic import Field, Tag, ValidationInfo, field_validator
 from scipy.constants import mu_0
 
 from fieldmap.device import payload as model
@@ -83,15 +83,18 @@ class _SoftKeys(Table):
         default=None, description="name of a [material.NAME] table of this file; or give mu_r instead"
     )
     mu_r: Annotated[float, Field(gt=1, le=1e9)] | None = Field(
-        default=None, description="constant relative permeability, instead of a material"
+        default=None,
+        validate_default=True,
+        description="constant relative permeability, instead of a material",
     )
 
-    @model_validator(mode="after")
-    def _one_law(self) -> Self:
-        if (self.material is None) == (self.mu_r is None):
-            received = "neither" if self.mu_r is None else "both"
+    @field_validator("mu_r")
+    @classmethod
+    def _one_law(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if "material" in info.data and (info.data["material"] is None) == (value is None):
+            received = "neither" if value is None else "both"
             raise broken("soft iron has a material or a mu_r", received, "give one of them")
-        return self
+        return value
 
 
 class SoftSphereKeys(_SoftKeys):
