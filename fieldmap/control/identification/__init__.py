@@ -11,6 +11,7 @@ from fieldmap.control.identification.closed_loop import (
 )
 from fieldmap.control.identification.estimate import Estimate, EstimatedRuns, Orders
 from fieldmap.control.identification.excitation import pseudo_random_binary
+from fieldmap.control.identification.identify_log import METHODS, ROLES, IdentifiedLog, identify_log
 from fieldmap.control.identification.least_squares import (
     least_squares,
     modified_least_squares,
@@ -18,6 +19,7 @@ from fieldmap.control.identification.least_squares import (
 )
 from fieldmap.control.identification.log import Log, make_log, read_log, write_log
 from fieldmap.control.identification.noise_models import armax, generalised_least_squares
+from fieldmap.control.identification.recognised_log import Column, RecognisedLog, recognise_log
 from fieldmap.control.identification.recursive import RecursiveRun, recursive_least_squares
 from fieldmap.control.identification.root_locus import RootLocus, root_locus
 from fieldmap.control.identification.step_fits import (
@@ -28,10 +30,15 @@ from fieldmap.control.identification.step_fits import (
 )
 
 __all__ = [
+    "METHODS",
+    "ROLES",
+    "Column",
     "Estimate",
     "EstimatedRuns",
+    "IdentifiedLog",
     "Log",
     "Orders",
+    "RecognisedLog",
     "RecursiveRun",
     "RootLocus",
     "StepFit",
@@ -41,6 +48,7 @@ __all__ = [
     "generalised_least_squares",
     "identify_direct",
     "identify_indirect",
+    "identify_log",
     "identify_two_stage",
     "least_squares",
     "make_log",
@@ -49,6 +57,7 @@ __all__ = [
     "noisy_step_metrics",
     "pseudo_random_binary",
     "read_log",
+    "recognise_log",
     "recursive_least_squares",
     "root_locus",
     "write_log",

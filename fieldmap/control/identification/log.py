@@ -138,7 +138,10 @@ def read_log(path: str | Path) -> Log:
     values = _numbers(source, rows, len(heading))
     factors = [column[2] for column in columns]  # type: ignore[index]
     table = values * np.array(factors)
-    Ts = _sampling_time(source, table[:, 0], [number for number, _ in rows])
+    uneven = sampling_problem(source, table[:, 0], [number for number, _ in rows])
+    if uneven:
+        raise InputError(*uneven)
+    Ts = float((table[-1, 0] - table[0, 0]) / (len(table) - 1))
     signals = {name: table[:, i] for i, name in enumerate(names) if i}
     units = {name: columns[i][1] for i, name in enumerate(names) if i}  # type: ignore[index]
     return Log(Ts, float(table[0, 0]), signals, units)
@@ -247,18 +250,19 @@ def _numbers(source: Path, rows: list[tuple[int, list[str]]], columns: int) -> A
     return values
 
 
-def _sampling_time(source: Path, time: Array, lines: list[int]) -> float:
+def sampling_problem(source: Path, time: Array, lines: list[int]) -> list[Problem]:
+    """What is wrong with times (n,), s, that must be even; lines (n,): their numbers in the file."""
     Ts = float((time[-1] - time[0]) / (time.size - 1))
     off = np.abs(time - time[0] - Ts * np.arange(time.size))
     steps = np.diff(time)
     worst = int(np.argmax(np.abs(steps - Ts)))
     if not (Ts > 0 and math.isfinite(Ts)) or off.max() > 0.5 * Ts or abs(steps[worst] - Ts) > UNEVEN * Ts:
-        raise InputError(
+        return [
             Problem(
                 f"{source.name}:{lines[worst + 1]}",
                 f"must be evenly sampled, within {100 * UNEVEN:g} % of the mean step of {Ts:.6g} s",
                 f"a step of {steps[worst]:.6g} s",
                 "cut the record at the gap, or resample it yourself: what lies between samples is your decision",
             )
-        )
-    return Ts
+        ]
+    return []

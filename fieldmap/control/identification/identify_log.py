@@ -1,0 +1,138 @@
+"""A model with its uncertainty from a log of a rig: what `fieldmap identify` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.control.identification.closed_loop import identify_direct, identify_two_stage
+from fieldmap.control.identification.estimate import Estimate, Orders
+from fieldmap.control.identification.least_squares import least_squares
+from fieldmap.control.identification.noise_models import armax
+from fieldmap.control.identification.recognised_log import Column, RecognisedLog
+from fieldmap.errors import InputError, Problem
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+ROLES: dict[str, tuple[str, ...]] = {
+    "input": ("input", "control", "u", "control signal", "voltage", "current", "command", "drive"),
+    "output": ("output", "position", "y", "measured", "gap", "height", "depth", "distance"),
+    "reference": ("reference", "r", "ref", "setpoint", "target", "wanted"),
+}
+"""Names by which columns are recognised."""
+METHODS = ("direct", "armax", "least-squares", "two-stage")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentifiedLog(Record):
+    """A model from the input to the output of a log, deviations from rest, in the units of the log.
+
+    estimate: with its covariance; columns: role -> column; samples; rest: samples whose mean is the operating point;
+    operating_point: role -> that mean.
+    """
+
+    estimate: Estimate
+    columns: Mapping[str, Column]
+    samples: int
+    rest: int
+    operating_point: Mapping[str, float]
+
+    @property
+    def continuous_poles(self) -> tuple[NDArray[np.complex128], Array]:
+        """Poles in s, 1/s, of the poles in q, and their standard errors; those at 0, of dead time, are left out."""
+        poles, errors = self.estimate.poles, self.estimate.pole_errors
+        moving = np.abs(poles) > 1e-12
+        q = poles[moving].astype(complex)
+        return np.log(q) / self.estimate.Ts, errors[moving] / (np.abs(q) * self.estimate.Ts)
+
+    @property
+    def coefficients(self) -> list[tuple[str, float, float]]:
+        """Name, value and standard error of a_1 ... and b_0 ..., as docs/theory/identification.md (1) has them."""
+        model, p = self.estimate.model, len(self.estimate.covariance) - self.estimate.model.numerator.size
+        values = [*model.denominator[1 : p + 1], *model.numerator]
+        names = [f"a_{k + 1}" for k in range(p)] + [f"b_{k}" for k in range(model.numerator.size)]
+        return [
+            (name, float(value), float(error))
+            for name, value, error in zip(names, values, self.estimate.standard_errors, strict=True)
+        ]
+
+    def to_dict(self) -> dict[str, Plain]:
+        """As plain Python: complex numbers as [real, imaginary]."""
+        found, (s, s_errors) = self.estimate, self.continuous_poles
+
+        def roots(values: NDArray[np.complex128]) -> list[list[float]]:
+            return [[float(v.real), float(v.imag)] for v in np.asarray(values, complex)]
+
+        return plain_items(
+            columns={role: {"name": c.name, "unit": c.unit} for role, c in self.columns.items()},
+            method=found.method,
+            Ts=found.Ts,
+            samples=self.samples,
+            rest=self.rest,
+            operating_point=dict(self.operating_point),
+            numerator=found.model.numerator,
+            denominator=found.model.denominator,
+            coefficients=[{"name": n, "value": v, "standard_error": e} for n, v, e in self.coefficients],
+            covariance=found.covariance,
+            poles=roots(found.poles),
+            pole_errors=found.pole_errors,
+            zeros=roots(found.zeros),
+            zero_errors=found.zero_errors,
+            poles_per_s=roots(s),
+            pole_errors_per_s=s_errors,
+            gain=found.gain,
+            steady_gain=found.steady_gain,
+            residual_rms=found.residual_rms,
+            assumptions=found.assumptions,
+        )
+
+
+def identify_log(
+    recognised: RecognisedLog, orders: Orders, method: str = "direct", rest: int | None = None
+) -> IdentifiedLog:
+    """Identify the model from "input" to "output" of a log.
+
+    method: "direct" and "armax" from both signals, also where there is feedback; "least-squares", biased by noise of
+    the sensor; "two-stage", which takes the "reference", too. rest: samples at the beginning at which the rig is at its
+    operating point; unless given, those before the reference moves first, or one where there is no reference. Raises
+    InputError for what the log does not hold, NotConverged.
+    """
+    log = recognised.log
+    if method not in METHODS:
+        raise InputError(
+            Problem("identify_log(method)", f"must be one of {', '.join(METHODS)}", method, "choose")
+        )
+    if method == "two-stage" and "reference" not in log.signals:
+        must, remedy = "needs a column that is the reference", "name it, or take another method"
+        raise InputError(Problem("identify_log(method)", must, "none", remedy))
+    count = _at_rest(recognised) if rest is None else rest
+    signals = {role: recognised.shown(role)[0] for role in log.signals}
+    if not 1 <= count < log.time.size:
+        must = f"must be from 1 to {log.time.size - 1} samples"
+        raise InputError(Problem("identify_log(rest)", must, f"{count}", "say how many"))
+    means = {role: float(values[:count].mean()) for role, values in signals.items()}
+    shown = {role: values - means[role] for role, values in signals.items()}
+    y, u = shown["output"], shown["input"]
+    if method == "direct":
+        found = identify_direct(y, u, orders, log.Ts)
+    elif method == "armax":
+        found = armax(y, u, orders, log.Ts)
+    elif method == "least-squares":
+        found = least_squares(y, u, orders, log.Ts)
+    else:
+        loop = Orders(orders.poles + 2, orders.poles + 2)
+        found = identify_two_stage(y, u, shown["reference"], orders, log.Ts, loop=loop)
+    return IdentifiedLog(found, recognised.columns, y.size, count, means)
+
+
+def _at_rest(recognised: RecognisedLog) -> int:
+    """Samples before the reference moves first; one where there is none, or where it moves at once."""
+    if "reference" not in recognised.log.signals:
+        return 1
+    reference = recognised.log["reference"]
+    moving = np.flatnonzero(reference != reference[0])
+    return int(moving[0]) if moving.size else 1

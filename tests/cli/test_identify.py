@@ -1,0 +1,200 @@
+"""`fieldmap identify`: known models recovered from logs, and everything that is wrong with a log told at once."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldmap.control import PID, from_roots, simulate_loop
+from fieldmap.control.identification import ROLES, make_log, pseudo_random_binary, recognise_log, write_log
+from fieldmap.dynamics import linear_points, prepare, read_scenario
+from fieldmap.errors import InputError
+
+TS = 2e-3
+POLES, ZERO, GAIN = (1.01, 0.905), 0.9935, -0.03
+
+
+@pytest.fixture(scope="module")
+def signals():
+    """A rig with the plant (5-17) of the thesis and noise of its sensor, in closed loop, mm and V."""
+    rig = from_roots(GAIN, [ZERO], POLES)
+    pid = PID(0.5, 0.007, 0.001, TS, integration="trapezoidal", acts_on_minus_error=True)
+    reference = np.concatenate([np.zeros(50), pseudo_random_binary(8, hold=4, samples=2040)])
+    noise = np.random.default_rng(1).normal(scale=0.0104, size=(1, reference.size))
+    run = simulate_loop(rig, pid, reference, runs=1, position_noise=noise)
+    return {"reference": 8.0 + reference, "position": 8.0 + (run.y + noise)[0], "control": 4.2 + run.u[0]}
+
+
+@pytest.fixture
+def rig(signals, tmp_path):
+    units = {"reference": "mm", "position": "mm", "control": "V"}
+    write_log(tmp_path / "rig.csv", make_log(TS, signals, units), units)
+    return tmp_path / "rig.csv"
+
+
+def check_model(answer, factor=1.0):
+    for key, wanted in (("poles", POLES), ("zeros", (ZERO,))):
+        found = np.array(answer[key])
+        assert np.abs(found[:, 1]).max() == 0.0
+        errors = np.array(answer[f"{key[:-1]}_errors"])
+        assert (np.abs(found[:, 0] - wanted) < 4 * errors).all()
+        assert (errors < 2e-3).all()
+    assert answer["gain"] == pytest.approx(factor * GAIN, rel=0.01)
+    np.testing.assert_allclose(np.array(answer["poles_per_s"])[:, 0], np.log(POLES) / TS, rtol=0.02)
+    assert answer["Ts"] == pytest.approx(TS)
+
+
+@pytest.mark.parametrize("method", ["direct", "armax", "two-stage"])
+def test_the_model_behind_a_log_is_found_with_its_errors(command, rig, method):
+    code, out, err = command("identify", rig, "--method", method, "--json")
+    assert code == 0, err
+    answer = json.loads(out)
+    if method != "two-stage":
+        check_model(answer)
+    np.testing.assert_allclose(np.array(answer["poles"])[:, 0], POLES, rtol=0.03)
+    assert answer["rest"] == 50
+    assert answer["operating_point"]["output"] == pytest.approx(8.0, abs=0.01)
+    assert {c["name"] for c in answer["coefficients"]} == {"a_1", "a_2", "b_0", "b_1"}
+    assert len(answer["covariance"]) == 4
+
+
+def test_the_page_names_every_pole(command, rig):
+    code, out, _ = command("identify", rig)
+    assert code == 0
+    assert "1.01" in out
+    assert "±" in out
+
+
+def written_as(signals, path, delimiter, decimal=".", heading="{} ({})", names=None):
+    """The log as another program writes it."""
+    columns = {"time": TS * np.arange(len(signals["control"])), **signals}
+    units = {"time": "s", "reference": "mm", "position": "mm", "control": "V"}
+    names = {name: name for name in columns} | (names or {})
+    head = delimiter.join(heading.format(names[name], units[name]) for name in columns)
+    rows = [
+        delimiter.join(f"{v:.6f}".replace(".", decimal) for v in row)
+        for row in zip(*columns.values(), strict=True)
+    ]
+    path.write_text("\n".join(["% a rig", head, *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal", "heading"),
+    [
+        (";", ",", "{} [{}]"),
+        ("\t", ".", "{}_{}"),
+        ("\t", ",", "{} ({})"),
+        (" ", ".", "{} ({})"),
+        ("   ", ".", "{}_{}"),
+        (",", ".", "{}/{}"),
+        (";", ".", '"{} ({})"'),
+    ],
+)
+def test_delimiters_decimal_commas_and_units_are_recognised(
+    command, signals, tmp_path, delimiter, decimal, heading
+):
+    path = written_as(signals, tmp_path / "log.txt", delimiter, decimal, heading)
+    code, out, err = command("identify", path, "--json")
+    assert code == 0, err
+    check_model(json.loads(out))
+
+
+def test_what_is_not_recognised_is_asked_for(command, signals, tmp_path):
+    names = {"control": "ch 1", "position": "ch 2", "reference": "ch 3"}
+    path = written_as(signals, tmp_path / "log.csv", ",", heading="{}", names=names)
+    code, _, err = command("identify", path)
+    assert code == 2
+    # The time has no unit; neither input nor output are known.
+    assert all(word in err for word in ("--from", "--to", "column time"))
+    words = ["--from", "ch 1", "--to", "ch 2", "--unit", "time=s", "--unit", "ch 1=V", "--unit", "ch 2=mm"]
+    code, out, err = command("identify", path, *words, "--rest", 50, "--json")
+    assert code == 0, err
+    check_model(json.loads(out))
+    code, out, err = command(
+        "identify", path, *words[:4], *words[6:], "--sampling-ms", 2, "--rest", 50, "--json"
+    )
+    assert code == 0, err
+    check_model(json.loads(out))
+
+
+BROKEN = "time (s),control (V),position (furlong)\n0,1,2\n0.1,x,3\n0.2,1\n0.3,nan,3\n0.9,1,2\n"
+
+
+def test_all_problems_of_a_file_and_of_the_options_are_told_at_once(command, tmp_path):
+    (tmp_path / "log.csv").write_text(BROKEN)
+    code, _, err = command(
+        "identify", tmp_path / "log.csv", "--poles", 1, "--zeros", 2, "--method", "guess", "--unit", "mm"
+    )
+    assert code == 2
+    for where in ("log.csv:3", "log.csv:4", "log.csv:5", "furlong", "Orders", "--method", "--unit"):
+        assert where in err
+
+
+@pytest.mark.parametrize(
+    ("text", "wheres"),
+    [
+        (BROKEN, ["log.csv: column position", "log.csv:3", "log.csv:4", "log.csv:5"]),
+        ("time (s),u (V),y (m)\n0,1,1\n1,1,1\n2,1,1\n3,1,1\n9,1,1\n", ["log.csv:6"]),
+        ("a (s),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: time"]),
+        ("time (m),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: column time"]),
+        ("time (s),u (V),u2 (V)\n0,1,1\n1,1,1\n", ["log.csv: output"]),
+        ("time (s),u (V),Y (m),y (m)\n0,1,1,1\n1,1,1,1\n", ["log.csv: output"]),
+        ("one\ntwo\nthree\n", ["log.csv:1"]),
+        ("one\n", ["log.csv"]),
+    ],
+)
+def test_logs_that_cannot_be_read(tmp_path, text, wheres):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError) as error:
+        recognise_log(tmp_path / "log.csv", ROLES, required=("input", "output"))
+    found = [problem.where for problem in error.value.problems]
+    assert [Path(where).name if "/" in where else where for where in found] == wheres
+
+
+def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, written, tmp_path):
+    """PID on six dipoles with a pseudo-random reference; the machine's own linear model knows the poles."""
+    changes = {
+        "reference.0": {
+            "kind": "prbs",
+            "axis": "depth",
+            "at_s": 0.1,
+            "amplitude_mm": 0.02,
+            "bit_ms": 8,
+            "order": 8,
+        },
+        "sensors.deviation_mm": [0.0, 0.0, 0.0002],
+        "coils.dynamics": False,
+        "control.delay_ms": 0.0,
+        "duration_s": 4.1,
+    }
+    path = written()
+    experiment = prepare(read_scenario(path, changes))
+    linear = linear_points(experiment)[0].linear
+    z = [linear.states.index(name) for name in ("z", "velocity_z")]
+    wanted = np.sort(np.linalg.eigvals(linear.A[np.ix_(z, z)]).real)
+    text = json.dumps(changes["reference.0"]).replace(":", " =").replace('"kind"', "kind")
+    for key in ("axis", "at_s", "amplitude_mm", "bit_ms", "order"):
+        text = text.replace(f'"{key}"', key)
+    words = ["--set", f"reference.0={text}", "--set", "sensors.deviation_mm=[0.0, 0.0, 0.0002]"]
+    words += ["--set", "coils.dynamics=false", "--set", "control.delay_ms=0.0", "--set", "duration_s=4.1"]
+    code, _, err = command("simulate", path, *words, "-o", tmp_path / "run.csv")
+    assert code == 0, err
+    code, out, err = command(
+        "identify",
+        tmp_path / "run.csv",
+        "--from",
+        "outputs lift",
+        "--to",
+        "seen z",
+        "--reference",
+        "reference z",
+        "--json",
+    )
+    assert code == 0, err
+    answer = json.loads(out)
+    found, errors = np.array(answer["poles_per_s"])[:, 0], np.array(answer["pole_errors_per_s"])
+    order = np.argsort(found)
+    assert (np.abs(found[order] - wanted) < 4 * errors[order]).all()
+    np.testing.assert_allclose(found[order], wanted, rtol=0.05)
