@@ -1,0 +1,236 @@
+"""The built site: titles, formulas and the index of the search without a browser; widths and the search in one."""
+
+import functools
+import html
+import http.server
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HERE = Path(__file__).parent
+NEEDED = ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers.python")
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+# Columns of code that fit into a page of 1400 px beside both lists of contents.
+COLUMNS = 118
+TABS = ["Home", "User guide", "How-to", "Reference", "Theory", "Thesis"]
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The site, built as `make docs` builds it."""
+    missing = [name for name in NEEDED if importlib.util.find_spec(name.split(".")[0]) is None]
+    if missing:
+        pytest.skip(f"the extra docs is not installed: {', '.join(missing)}")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    return folder
+
+
+def pages(site: Path) -> dict[str, str]:
+    """Text of every page by its path in the site."""
+    found = {str(path.relative_to(site)): path.read_text() for path in sorted(site.rglob("*.html"))}
+    return {name: text for name, text in found.items() if name != "404.html" and "<article" in text}
+
+
+def article(text: str) -> str:
+    """What stands on a page, without the lists around it."""
+    return text.split("<article", 1)[1].split("</article>", 1)[0]
+
+
+def plain(text: str) -> str:
+    return html.unescape(re.sub(r"<[^>]+>", "", text))
+
+
+def index(site: Path) -> dict[str, object]:
+    """The index of the search, as the script holds it that a page on disk reads."""
+    script = (site / "search" / "search_index.js").read_text()
+    found: dict[str, object] = json.loads(script.removeprefix("var __index = ").rstrip("; \n"))
+    return found
+
+
+def test_no_two_pages_have_one_title(site):
+    titles = [re.search(r"<title>(.*?)</title>", text, re.DOTALL) for text in pages(site).values()]
+    names = [re.sub(r"\W+", " ", title[1]).strip().lower() for title in titles if title]
+    assert len(names) == len(titles) > 60
+    assert sorted({name for name in names if names.count(name) > 1}) == []
+
+
+def test_the_parts_are_tabs(site):
+    tabs = re.findall(
+        r'<li class="md-tabs__item.*?<a [^>]*>(.*?)</a>', (site / "index.html").read_text(), re.DOTALL
+    )
+    assert [plain(tab).strip() for tab in tabs] == TABS
+
+
+def test_nothing_is_fetched_from_elsewhere(site):
+    for name, text in pages(site).items():
+        loaded = re.findall(r'<(?:script|img|iframe)[^>]* src="([^"]+)"', text)
+        loaded += re.findall(r'<link[^>]* rel="(?:stylesheet|preload|preconnect)"[^>]* href="([^"]+)"', text)
+        assert [place for place in loaded if "//" in place] == [], name
+        assert [
+            place for place in loaded if not ((site / name).parent / place.split("?")[0]).exists()
+        ] == [], name
+    for style in site.rglob("*.css"):
+        assert not re.search(r"url\(['\"]?https?:", style.read_text()), style
+
+
+def test_every_formula_reaches_the_site(site):
+    """Each block of the pages is one that the script typesets; none is left as a listing."""
+    count = 0
+    for source in sorted((ROOT / "docs").rglob("*.md")):
+        blocks = len(re.findall(r"^```math$", source.read_text(), re.MULTILINE))
+        name = str(source.relative_to(ROOT / "docs").with_suffix(".html"))
+        text = article(pages(site)[name])
+        assert len(re.findall(r'<div class="arithmatex">\s*\\\[', text)) == blocks, name
+        count += blocks
+    assert count > 100
+
+
+def test_no_listing_is_wider_than_a_page(site):
+    """Without a browser: columns of code. What a program prints wraps, and so do signatures."""
+    wide = []
+    for name, text in pages(site).items():
+        for language, code in re.findall(
+            r'<div class="language-(\w+) highlight">.*?<code>(.*?)</code>', article(text), re.DOTALL
+        ):
+            if language in ("text", "console"):
+                continue
+            lines = plain(code).splitlines()
+            wide += [
+                f"{name}: {line}" for line in lines if len(line) > COLUMNS and name.split("/")[0] != "api"
+            ]
+    assert wide == []
+
+
+def test_no_table_is_wider_than_a_page(site):
+    """Without a browser: the longest words of a row, which cannot be broken, side by side."""
+    most = 135
+    for name, text in pages(site).items():
+        for table in re.findall(r"<table>(.*?)</table>", article(text), re.DOTALL):
+            rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in table.split("</tr>")]
+            cells = [[re.sub(r"<code>.*?</code>", "code", cell) for cell in row] for row in rows if row]
+            words = [[max(map(len, plain(cell).split()), default=0) for cell in row] for row in cells]
+            columns = [max(column) for column in zip(*words, strict=True)]
+            assert sum(columns) + 2 * len(columns) < most, f"{name}: {plain(table)[:60]}"
+
+
+def test_the_index_of_the_search_has_every_page(site):
+    documents = index(site)["docs"]
+    assert isinstance(documents, list)
+    listed = {str(document["location"]).split("#")[0] for document in documents}
+    assert {name for name in pages(site) if name not in listed} - {"index.html"} == set()
+    found = [document["location"] for document in documents if "hysteresis" in str(document).lower()]
+    assert "theory/hysteresis.html" in {str(place).split("#")[0] for place in found}
+
+
+# -- in a browser
+
+
+class Answers(http.server.SimpleHTTPRequestHandler):
+    """Serves a folder, and keeps what is sent to it."""
+
+    def do_POST(self) -> None:
+        server = self.server
+        body = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        self.send_response(200)
+        self.end_headers()
+        server.answer = body  # type: ignore[attr-defined]
+        server.answered.set()  # type: ignore[attr-defined]
+
+    def log_message(self, *_: object) -> None:
+        """Nothing is printed."""
+
+
+@pytest.fixture
+def served(site):
+    """A server on this machine for the folder of the site."""
+    handler = functools.partial(Answers, directory=str(site))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        server.answered, server.answer = threading.Event(), ""  # type: ignore[attr-defined]
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def browse(served, tmp_path):
+    """browse(address, seconds): opens it in Chromium and returns what the page sends to the server."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip("no Chromium on this machine (Debian: chromium-headless-shell)")
+
+    def answer(address: str, seconds: float) -> str:
+        options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+        # The port keeps the browser open; nobody talks to it.
+        command = [browser, *options, "--remote-debugging-port=0", "--window-size=1500,1000", address]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            try:
+                assert served.answered.wait(seconds), f"no answer from {address}"
+            finally:
+                process.terminate()
+        served.answered.clear()
+        return str(served.answer)
+
+    return answer
+
+
+def test_pages_fit_into_1400_and_400_pixels(site, served, browse):
+    """At 1400 px no table, listing, formula or picture is wider than its place. At 400 px the page does not scroll
+    sideways; what is wider does so by itself. Formulas are typeset, and pictures are there."""
+    names = list(pages(site))
+    harness = (HERE / "measure_pages.html").read_text().replace("PAGES", json.dumps(names))
+    (site / "measure.html").write_text(harness)
+    results = json.loads(browse(f"http://127.0.0.1:{served.server_port}/measure.html", 600.0))
+    (site / "measure.html").unlink()
+    assert len(results) == 2 * len(names)
+    cut = [
+        (result["page"], result["width"], found)
+        for result in results
+        for found in result["found"]
+        if result["width"] == 1400 or not found["scrolls"]
+    ]
+    assert cut == []
+    assert [(r["page"], r["page_width"]) for r in results if r["page_width"] > r["width"] + 1] == []
+    assert [(r["page"], r["wrong"], r["formulas"] - r["typeset"]) for r in results if r["wrong"]] == []
+    assert [r["page"] for r in results if r["formulas"] != r["typeset"]] == []
+    assert [(r["page"], r["broken"]) for r in results if r["broken"]] == []
+    assert sum(r["formulas"] for r in results) > 1000
+
+
+@pytest.mark.parametrize(
+    ("word", "page"),
+    [
+        ("hysteresis", "theory/hysteresis.html"),
+        ("current_limit_A", "keys/device.html"),
+        ("openPMD", "map_file.html"),
+    ],
+)
+def test_the_search_finds_pages_on_disk(site, served, browse, word, page):
+    """The site is opened as a file, as a reader does who unpacked it."""
+    script = (HERE / "search_site.js").read_text()
+    script = script.replace("WORD", word).replace("PLACE", f"http://127.0.0.1:{served.server_port}/")
+    probe = site / "probe.html"
+    probe.write_text(
+        (site / "index.html").read_text().replace("</body>", f"<script>{script}</script></body>")
+    )
+    found = browse(probe.as_uri(), 60.0)
+    probe.unlink()
+    assert page in {
+        place.split("?")[0].split("#")[0].removeprefix(site.as_uri() + "/") for place in found.split("\n")
+    }
