@@ -112,7 +112,7 @@ def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
             inertia = f", inertia {', '.join(f'{1e9 * one:.4g}' for one in moments)} g mm2{uniform}"
         yield (
             "payload",
-            f"{1e3 * device.payload.mass:.4g} g, moment {device.payload.moment:.4g} A m2{inertia}",
+            f"{1e3 * device.payload.mass:.4g} g, {device.payload.description}{inertia}",
         )
     if device.driver is not None:
         yield "driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil"

@@ -86,7 +86,9 @@ def equilibrium(
         found = find_named(source, options, progress, settings)
         amperes = parse_currents(currents, found.coil_names) if currents else None
         payload = check_payload(
-            found.payload if payload_of is None else named_device(payload_of).payload, "equilibrium"
+            found.payload if payload_of is None else named_device(payload_of).payload,
+            "equilibrium",
+            pieces=True,
         )
         if amperes is not None:
             _check_search(found, begin, moment)
@@ -164,7 +166,7 @@ def _common_rows(answer: "Levitation") -> "Iterator[tuple[str, str]]":
 
     payload, found = answer.payload, answer.found
     weight = f"{1e3 * payload.mass:.4g} g (weight {1e3 * payload.mass * GRAVITY:.4g} mN)"
-    yield "payload", f"{weight}, moment {payload.moment:.4g} A m2"
+    yield "payload", f"{weight}, {payload.description}"
     yield "currents", currents_text(answer.source.coil_names, found.currents)
     yield "magnet's centre", millimetres(found.position)
     if answer.has_sensor:

@@ -23,8 +23,9 @@ from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.kernels.map.map_block import INSIDE
 from fieldmap.kernels.motion import mujoco_force as at
-from fieldmap.lookup import FieldMap, FiniteMagnet
+from fieldmap.lookup import FieldMap, MagneticBody
 from fieldmap.lookup.evaluation import outside_error
+from fieldmap.lookup.soft_body import soft_numbers
 from fieldmap.typing import Array
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
@@ -38,11 +39,11 @@ _active = np.zeros(1, np.int64)
 class MagnetForces:
     """Force and torque of a map's field on bodies of a MuJoCo model.
 
-    magnets: per body, by name, its moment (3,) in A m^2 in the body's frame, at the body's origin, or a `FiniteMagnet`
-    with its centre there and magnetised along the body's z. currents (n_coils,), A: assign `currents` between steps,
-    as a controller does. offset (3,), m: where the map's origin lies in the world. Axes of map and world are parallel,
-    units SI. mutual: magnets act on each other, dipole by dipole. Raises InputError for a body that does not exist,
-    FieldmapError without MuJoCo.
+    magnets: per body, by name, its moment (3,) in A m^2 in the body's frame, at the body's origin, or a `MagneticBody`
+    about it: a magnet of finite size, soft iron, several of them (`fieldmap.lookup.magnetic_body`). currents
+    (n_coils,), A: assign `currents` between steps, as a controller does. offset (3,), m: where the map's origin lies in
+    the world. Axes of map and world are parallel, units SI. mutual: magnets act on each other, dipole by dipole; soft
+    iron feels the map's field alone. Raises InputError for a body that does not exist, FieldmapError without MuJoCo.
 
     `compiled` says whether MuJoCo calls machine code; that is so unless the map is of saturating iron, or one that an
     evaluator other than the compiled kernels answers. compiled=False asks for Python. Compiling takes some seconds,
@@ -62,7 +63,7 @@ class MagnetForces:
         self,
         model: Any,
         field: FieldMap,
-        magnets: Mapping[str, FiniteMagnet | ArrayLike],
+        magnets: Mapping[str, MagneticBody | ArrayLike],
         currents: ArrayLike,
         offset: ArrayLike = (0.0, 0.0, 0.0),
         *,
@@ -76,14 +77,14 @@ class MagnetForces:
         self._weights = np.append(amperes, np.ones(int(not field.proportional)))
         self._currents = self._weights[: len(amperes)]
         self._offset = np.array(offset, dtype=np.float64)
-        self._bodies: list[tuple[int, FiniteMagnet | Array]] = []
+        self._bodies: list[tuple[int, MagneticBody | Array]] = []
         for name, magnet in magnets.items():
             body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
             if body < 0:
                 raise InputError(
                     Problem("MagnetForces, magnets", "bodies of the model", name, "check its name")
                 )
-            known = magnet if isinstance(magnet, FiniteMagnet) else np.array(magnet, dtype=np.float64)
+            known = magnet if isinstance(magnet, MagneticBody) else np.array(magnet, dtype=np.float64)
             self._bodies.append((body, known))
         self._before: Any = None
         self._error: Exception | None = None
@@ -113,11 +114,11 @@ class MagnetForces:
         """Whether MuJoCo calls machine code."""
         return self._compiled is not None
 
-    def wrench(self, data: Any, body: int, magnet: FiniteMagnet | Array) -> Array:
+    def wrench(self, data: Any, body: int, magnet: MagneticBody | Array) -> Array:
         """Force and torque (6,) on a magnet about its body's origin, world frame."""
         position = data.xpos[body] - self._offset
         turn = data.xmat[body].reshape(3, 3)
-        if isinstance(magnet, FiniteMagnet):
+        if isinstance(magnet, MagneticBody):
             return magnet.wrench(self._field, position, self.currents, turn)
         return self._field.wrench(position, turn @ magnet, self.currents)
 
@@ -168,17 +169,21 @@ class _Compiled:
         self._mujoco, self._model = mujoco, model
         rows: list[list[int]] = []
         dipoles: list[list[float]] = []
+        soft: list[Array] = []
         for body, magnet in magnets._bodies:
-            if isinstance(magnet, FiniteMagnet):
-                points, moments = magnet.points, magnet.moments
-            else:
-                points, moments = np.zeros((1, 3)), magnet.reshape(1, 3)
+            if not isinstance(magnet, MagneticBody):
+                magnet = MagneticBody(np.zeros((1, 3)), magnet.reshape(1, 3))
+            points, moments, first = magnet.points, magnet.moments, -1
+            if magnet.soft:
+                first = sum(map(len, soft))
+                soft.append(soft_numbers(magnet.soft))
             free = _free_joint(mujoco, model, body)
-            rows.append([body, len(dipoles), len(dipoles) + len(points), free])
+            rows.append([body, len(dipoles), len(dipoles) + len(points), free, first])
             dipoles += np.hstack([points, moments]).tolist()
         # Kept here because the task holds nothing but addresses.
         self._block = np.ascontiguousarray(block)
         self._dipoles, self._rows = np.reshape(np.array(dipoles, float), (-1, 6)), np.array(rows, np.int64)
+        self._soft = np.concatenate([*soft, np.zeros(1)])
         self._place, self._origin, self._weights = np.zeros(3), magnets._offset.copy(), magnets._weights
         task = self._task = np.zeros(at.SIZE, np.int64)
         task[at.APPLY] = ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0
@@ -192,10 +197,12 @@ class _Compiled:
             (at.BODIES, self._rows),
             (at.PLACE, self._place),
             (at.ORIGIN, self._origin),
+            (at.SOFT, self._soft),
         ):
             task[where] = array.ctypes.data
         task[at.BLOCK_SIZE], task[at.COILS] = len(self._block), len(self._weights)
         task[at.DIPOLE_COUNT], task[at.BODY_COUNT] = len(self._dipoles), len(self._rows)
+        task[at.SOFT_SIZE] = len(self._soft)
         task[at.MUTUAL] = int(magnets._mutual)
         self._before = 0
         _callback()

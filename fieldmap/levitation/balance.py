@@ -1,11 +1,12 @@
-"""The force balance of a levitated magnet: an upright dipole, a dipole along the field, or a rigid magnet.
+"""The force balance of a levitated magnet: an upright dipole, a dipole along the field, a rigid magnet, or an upright
+body of several magnets and soft iron.
 
 docs/theory/equilibrium.md. SI units, frame of the field.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -17,6 +18,8 @@ from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import Bounds, Field
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
+from fieldmap.lookup.magnetic_body import MagneticBody
+from fieldmap.lookup.payload import magnetic_body
 from fieldmap.typing import Array
 
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
@@ -36,17 +39,22 @@ _HELD = {
 }
 
 
-def check_payload(payload: Payload | None, where: str) -> Payload:
-    """A payload with a positive mass and a positive moment. Raises InputError."""
+def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> Payload:
+    """A payload with a positive mass and a positive moment; or of pieces, if these are welcome. Raises InputError."""
     if payload is None:
         raise InputError(
             Problem(
                 f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"
             )
         )
+    if payload.pieces and not pieces:
+        must_hold = "must be one magnet or a moment here"
+        remedy = "find_equilibrium, lift_current, currents_for, simulate and MuJoCo take payloads of pieces"
+        raise InputError(Problem(f"{where}(payload.pieces)", must_hold, payload.description, remedy))
+    needed = [("mass", payload.mass)] + ([] if payload.pieces else [("moment", payload.moment)])
     problems = [
         Problem(f"{where}(payload.{name})", "must be positive", f"{value}", f"give the payload a {name}")
-        for name, value in (("mass", payload.mass), ("moment", payload.moment))
+        for name, value in needed
         if not (np.isfinite(value) and value > 0)
     ]
     if problems:
@@ -237,6 +245,66 @@ class RigidBalance:
         return self.magnet.wrench(self.source, points, self.currents, _frames(axis))
 
 
+@dataclass(eq=False)
+class BodyBalance:
+    """Magnetic force and weight of an upright body of magnets and soft iron at fixed currents; induced moments follow
+    the field: docs/theory/wrench.md (5)..(9). orientation (3, 3): columns its axes. `evaluations` counts its places."""
+
+    source: Field
+    currents: Array
+    mass: float
+    body: MagneticBody
+    orientation: Array
+    evaluations: int = 0
+    magnitude: float = 0.0
+    """Largest sum of moments, by their magnitudes, met so far, A m^2."""
+
+    @property
+    def weight(self) -> float:
+        """Weight, N."""
+        return self.mass * GRAVITY
+
+    def moments(self, points: Array) -> Array:
+        """Moment (n, 3) of the whole body with its centre at points (n, 3), A m^2."""
+        fixed = self.body.moments.sum(axis=0) @ self.orientation.T
+        if not self.body.soft:
+            return np.broadcast_to(fixed, points.shape)
+        induced = self.body.induced_moment(self.source, points, self.currents, self.orientation)
+        self.magnitude = max(self.magnitude, float(np.linalg.norm(induced, axis=2).sum(axis=1).max()))
+        return np.asarray(fixed + induced.sum(axis=1))
+
+    def magnetic_force(self, points: Array) -> Array:
+        """Magnetic force (n, 3) with the centre at points (n, 3), N."""
+        self.evaluations += len(points)
+        return self.body.wrench(self.source, points, self.currents, self.orientation)[:, :3]
+
+    def residual(self, points: Array) -> Array:
+        """Magnetic force plus weight (n, 3), N."""
+        force = self.magnetic_force(points)
+        force[:, 2] -= self.weight
+        return force
+
+    def stiffness(self, position: Array) -> Array:
+        """-dF/dx (3, 3) at one position (3,), N/m."""
+        return self.body.stiffness(self.source, position, self.currents, self.orientation)
+
+
+def body_balance(field: Field, currents: Array, payload: Payload, near: Array) -> BodyBalance:
+    """The balance of a payload of pieces, upright, or turned over about x if it is lifted more that way at the points
+    near (n, 3)."""
+    body = magnetic_body(payload)
+    fixed = float(np.linalg.norm(body.moments, axis=1).sum())
+    upright = BodyBalance(field, currents, payload.mass, body, np.eye(3), magnitude=fixed)
+    turned = replace(upright, orientation=np.diag([1.0, -1.0, -1.0]))
+    if not len(body.points):
+        upright.moments(near)
+        return upright
+    lifts = [one.magnetic_force(near)[:, 2].max() for one in (upright, turned)]
+    chosen = upright if lifts[0] >= lifts[1] else turned
+    chosen.moments(near)
+    return chosen
+
+
 def _cross_up(axis: Array) -> Array:
     """axis x e_z: the torque of a unit weight that hangs a unit length below the centre, along the axis."""
     return np.stack([axis[:, 1], -axis[:, 0], np.zeros(len(axis))], axis=1)
@@ -256,7 +324,7 @@ def _frames(axis: Array) -> Array:
     return turn
 
 
-MagnetBalance: TypeAlias = Balance | RigidBalance
+MagnetBalance: TypeAlias = Balance | RigidBalance | BodyBalance
 """Magnetic force and weight of a magnet at fixed currents, whatever its model."""
 
 
@@ -271,12 +339,16 @@ def magnet_balance(
     """The force balance of a payload's magnet at currents (n_coils,), A.
 
     moment: "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet itself,
-    integrated over its volume and turned until torque vanishes; "rigid upright", the same without turning. A fixed or
-    rigid moment points up or down, whichever is lifted at the point near (3,). lever: of the body's centre of mass
-    below the magnet's centre, m, for "rigid". Raises InputError for another name or a payload without a magnet.
+    integrated over its volume and turned until torque vanishes; "rigid upright", the same without turning. A payload of
+    pieces stays upright. A fixed or rigid moment points up or down, whichever is lifted at the point near (3,). lever:
+    of the body's centre of mass below the magnet's centre, m, for "rigid". Raises InputError for another name or a
+    payload without a magnet.
     """
     check_choice("moment", moment, MODELS)
     point = np.asarray(near, dtype=float)[None, :]
+    if payload.pieces:
+        refuse_models_of_pieces("magnet_balance(moment)", moment)
+        return body_balance(field, currents, payload, point)
     if moment == "aligned":
         return Balance(field, currents, payload.mass, payload.moment, None)
     sign = 1.0 if field.gradient(point, currents)[0, 2, 2] >= 0.0 else -1.0
@@ -290,6 +362,15 @@ def magnet_balance(
         )
     turning = UPRIGHT if moment == "rigid upright" else lever
     return RigidBalance(field, currents, payload.mass, volume_rule(payload.magnet, RULE), turning, sign)
+
+
+def refuse_models_of_pieces(where: str, moment: str) -> None:
+    """Raise InputError for another model than the upright one of a payload of pieces."""
+    if moment not in ("fixed", "rigid upright"):
+        must_hold = (
+            "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
+        )
+        raise InputError(Problem(where, must_hold, f"'{moment}'", "leave it out"))
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:

@@ -13,7 +13,15 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
-from fieldmap.levitation.balance import Balance, check_payload, check_position
+from fieldmap.levitation.balance import (
+    Balance,
+    BodyBalance,
+    body_balance,
+    check_payload,
+    check_position,
+    refuse_models_of_pieces,
+)
+from fieldmap.lookup.payload import magnetic_body
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -112,15 +120,15 @@ def find_equilibrium(
     start: ArrayLike | None = None,
     moment: Literal["fixed", "aligned"] = "fixed",
 ) -> Equilibrium:
-    """Find where the force on a point dipole balances its weight, F(x) + m g = 0, inside the field's box.
+    """Find where the force on a payload balances its weight, F(x) + m g = 0, inside the field's box.
 
     field: an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
     box; a solved state of saturating iron too, whose currents may be left out. currents: (n_coils,), one number for
-    all coils, or by name, A. payload: mass and moment are used. start (3,), m: where to begin; without it the whole
-    box is searched and, of several equilibria, the one with most stable directions nearest to the box's vertical axis
-    is returned (the rest are in `.others`). moment: "fixed" keeps the moment vertical, turned so that it is pulled up
-    at the start; "aligned" lets it follow B. Returns an `Equilibrium`: SI units, frame of the field; see
-    docs/theory/equilibrium.md for the equations.
+    all coils, or by name, A. payload: a point dipole of its mass and moment, or its pieces. start (3,), m: where to
+    begin; without it the whole box is searched and, of several equilibria, the one with most stable directions nearest
+    to the box's vertical axis is returned (the rest are in `.others`). moment: "fixed" keeps the moment vertical,
+    turned so that it is pulled up at the start; "aligned" lets it follow B. Pieces stay upright, and soft iron follows
+    B. Returns an `Equilibrium`: SI units, frame of the field; see docs/theory/equilibrium.md for the equations.
 
     Raises InputError for currents or a start that do not fit the field, NoEquilibrium (with the lift that is
     available) when nothing balances.
@@ -132,12 +140,14 @@ def find_equilibrium(
         e = fieldmap.find_equilibrium(m, currents=3.0, payload=payload)
         print(e.position, e.stable_axes)
     """
-    carried = check_payload(payload, "find_equilibrium")
+    carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
     if moment not in ("fixed", "aligned"):
         raise InputError(
             Problem("find_equilibrium(moment)", "must be 'fixed' or 'aligned'", repr(moment), "choose one")
         )
+    if carried.pieces:
+        refuse_models_of_pieces("find_equilibrium(moment)", moment)
     box = require_bounds(source)
     begin = None if start is None else check_position(box, start, "find_equilibrium(start)")
     grid = search_grid(box)
@@ -152,11 +162,16 @@ def find_equilibrium(
         tried, found = tried + len(starts), roots(balance, box, starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
-    return _result(balance, box, found, begin, tried, moment)
+    held = assumptions_of_pieces(carried) if carried.pieces else assumptions(moment)
+    return _result(balance, box, found, begin, tried, held)
 
 
-def _balance(source: Field, currents: Array, payload: Payload, moment: str, where: Array) -> Balance:
+def _balance(
+    source: Field, currents: Array, payload: Payload, moment: str, where: Array
+) -> Balance | BodyBalance:
     """The balance, with a fixed moment up or down, whichever is lifted more at the points `where`."""
+    if payload.pieces:
+        return body_balance(source, currents, payload, where)
     up = np.array([0.0, 0.0, payload.moment])
     balance = Balance(source, currents, payload.mass, payload.moment, up)
     if moment == "aligned":
@@ -174,7 +189,9 @@ def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
 
-def _ranked(balance: Balance, box: Bounds, found: list[Array], begin: Array | None) -> list[Array]:
+def _ranked(
+    balance: Balance | BodyBalance, box: Bounds, found: list[Array], begin: Array | None
+) -> list[Array]:
     """By distance from where the search began; else the stable ones first, then by distance from the axis."""
     axis = 0.5 * (box[0] + box[1])
 
@@ -188,12 +205,12 @@ def _ranked(balance: Balance, box: Bounds, found: list[Array], begin: Array | No
 
 
 def _result(
-    balance: Balance,
+    balance: Balance | BodyBalance,
     box: Bounds,
     found: list[Array],
     begin: Array | None,
     tried: int,
-    moment: str,
+    held: tuple[str, ...],
 ) -> Equilibrium:
     ranked = _ranked(balance, box, found, begin)
     position = ranked[0]
@@ -221,7 +238,7 @@ def _result(
         field=balance.source.field(position[None, :], balance.currents)[0],
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
-        assumptions=assumptions(moment),
+        assumptions=held,
         report=report,
     )
 
@@ -237,6 +254,16 @@ def assumptions(moment: str) -> tuple[str, ...]:
         held,
         "the currents are constant and the magnet does not change the field of the coils and the iron",
         "position means the magnet's centre; the sensor reads a point magnet_offset above it",
+    )
+
+
+def assumptions_of_pieces(payload: Payload) -> tuple[str, ...]:
+    """What the force on a payload of pieces rests on."""
+    return (
+        f"the payload of {payload.description} stays upright",
+        *magnetic_body(payload).assumptions,
+        "the currents are constant and the payload does not change the field of the coils and the iron",
+        "position means the payload's centre; the sensor reads a point magnet_offset above it",
     )
 
 
@@ -263,7 +290,7 @@ def best_starts(grid: Array, unbalance: Array, box: Bounds) -> Array:
     return np.array(chosen)
 
 
-def roots(balance: Balance, box: Bounds, starts: Array) -> list[Array]:
+def roots(balance: Balance | BodyBalance, box: Bounds, starts: Array) -> list[Array]:
     """Distinct points of balance reached from the starts (trust region, analytic derivative, kept in the
     box).
 
@@ -300,12 +327,14 @@ def _distinct(answers: list[OptimizeResult], unbalance: float, apart: float) -> 
     return found
 
 
-def largest_step(balance: Balance) -> float:
+def largest_step(balance: Balance | BodyBalance) -> float:
     """Largest step of the force between cells of a map, over the weight; 0 for a field that has none."""
     return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
 
 
-def no_equilibrium(balance: Balance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
+def no_equilibrium(
+    balance: Balance | BodyBalance, grid: Array, residuals: Array, tried: int
+) -> NoEquilibrium:
     """The error that says where balance was looked for and what lift there is."""
     lift = residuals[:, 2] + balance.weight
     high, low = int(lift.argmax()), int(lift.argmin())

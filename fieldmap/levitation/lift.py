@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,14 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.kernels.constants import GRAVITY
-from fieldmap.levitation.balance import Balance, check_payload, check_position, dipole_force
+from fieldmap.levitation.balance import (
+    Balance,
+    body_balance,
+    check_payload,
+    check_position,
+    dipole_force,
+)
+from fieldmap.lookup.actuation import wrench_actuation
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -81,7 +88,8 @@ def lift_current(
     one that adds what no current drives, i carries what that leaves of the weight, and may be zero or negative. Any
     other is asked at some four currents, each near the last: at `first` (A, positive), then by proportion, then by the
     secant, kept inside the bracket once there is one, until |F_z - m g| <= tolerance m g; on_state(common current in A,
-    F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart.
+    F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart. A
+    payload of pieces stays upright; soft iron is pulled with the square of the current, and asked in the same way.
 
     Raises InputError for a payload, position, shares, first or tolerance that do not fit, OutsideMapError for a
     position or current beyond the field, Infeasible where the field does not lift, NotConverged after MAX_STATES.
@@ -92,10 +100,12 @@ def lift_current(
         print(lift.current, "A in each coil")
         lift = lift_current(fieldmap.iron.NonlinearSolver(device), device.payload, [0, 0, -0.102], first=1.5)
     """
-    carried = check_payload(payload, "lift_current")
+    carried = check_payload(payload, "lift_current", pieces=True)
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
     point = check_position(require_bounds(source), position, "lift_current(position)")
+    if carried.pieces:
+        return _of_pieces(source, carried, point, weights, first, tolerance, on_state)
     if source.proportional:
         return _by_proportion(source, carried, point, weights)
     if source.affine:
@@ -208,6 +218,75 @@ def _by_secant(
             trials.append(trial(following))
         except OutsideMapError as error:
             raise _beyond(point, tried, following) from error
+
+
+def _of_pieces(
+    field: Field,
+    payload: Payload,
+    point: Array,
+    shares: Array,
+    first: float,
+    tolerance: float,
+    on_state: Callable[[float, float], None] | None,
+) -> LiftCurrent:
+    """Of a body of magnets and soft iron, by the secant from `first` on; to 1e-9 of the weight where the field costs
+    little."""
+    weight, at = payload.mass * GRAVITY, point[None, :]
+    upright = body_balance(field, first * shares, payload, at)
+    limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
+    tried: list[tuple[float, float]] = []
+    forces: list[Array] = []
+    following = first
+    while True:
+        balance = replace(upright, currents=following * shares)
+        try:
+            force = balance.magnetic_force(at)[0]
+        except OutsideMapError as error:
+            if not tried:
+                raise
+            raise _beyond(point, tried, following) from error
+        forces.append(force)
+        tried.append((following, float(force[2] / weight - 1.0)))
+        if on_state is not None:
+            on_state(following, tried[-1][1] + 1.0)
+        if abs(tried[-1][1]) <= limit and len(tried) > 1:
+            break
+        if len(tried) == most:
+            raise _not_converged(point, tried)
+        if len(tried) == 1:
+            if force[2] <= 0.0:
+                raise _not_lifted(point, payload, first)
+            guess = first / float(np.sqrt(force[2] / weight))
+            following = (
+                guess if abs(guess / first - 1.0) > _SLOPE_WIDTH else (1.0 + 2.0 * _SLOPE_WIDTH) * guess
+            )
+        else:
+            following = _next_current(tried)
+    if field.affine:
+        about = wrench_actuation(field, point, balance.body, balance.currents, balance.orientation)
+        slope = about.matrix[:3] @ shares
+    else:
+        far = [k for k in range(len(tried) - 1) if abs(tried[k][0] / following - 1.0) >= _SLOPE_WIDTH]
+        other = min(far or range(len(tried) - 1), key=lambda k: abs(tried[k][0] - following))
+        slope = (forces[-1] - forces[other]) / (following - tried[other][0])
+    return LiftCurrent(
+        current=following,
+        currents=balance.currents,
+        position=point,
+        force=forces[-1],
+        force_per_ampere=slope,
+        stiffness=balance.stiffness(point),
+        field=field.field(at, balance.currents)[0],
+        assumptions=(f"the payload of {payload.description} stays upright", *balance.body.assumptions),
+        history=() if field.affine else tuple((i, float((v + 1.0) * weight)) for i, v in tried),
+    )
+
+
+def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
+    where = f"lift_current at {(1e3 * point).round(3).tolist()} mm"
+    must_hold = "the field must pull the payload up at the first current"
+    remedy = "choose another position, other shares, or another first current"
+    return Infeasible(Problem(where, must_hold, f"{payload.description}, {current:g} A, no lift", remedy))
 
 
 def _next_current(tried: Sequence[tuple[float, float]]) -> float:

@@ -103,7 +103,7 @@ def stationary_points(
 
     Raises InputError for arguments that do not fit, OutsideMapError for a window beyond the map.
     """
-    carried = check_payload(payload, "stationary_points")
+    carried = check_payload(payload, "stationary_points", pieces=True)
     source, amperes = resolve_currents(field, currents)
     box = require_bounds(source)
     check_count("stationary_points", samples=samples)

@@ -2,16 +2,18 @@
 
 import re
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import fieldmap as fm
 from fieldmap.device.model import MagnetCylinder
-from fieldmap.dynamics import RigidBody, move_adaptively, state_of
+from fieldmap.dynamics import RigidBody, energy, move, move_adaptively, state_of
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.interop import MagnetForces
-from fieldmap.lookup import FiniteMagnet, volume_rule
+from fieldmap.lookup import FiniteMagnet, magnetic_body, volume_rule
 from fieldmap.store import write_map
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install .[mujoco])")
@@ -244,6 +246,62 @@ def test_poses_are_those_of_our_simulator(ring):
     assert min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1)) < 1e-6
     assert np.abs(data.qvel[3:] - found[10:]).max() < 1e-3
     assert np.abs(found[:3] - begin[:3]).max() > 1e-3
+
+
+STEEL = fm.material("steel_a3")
+# Two soft pieces, turned and beside the centre, and a magnet.
+BODY = magnetic_body(
+    fm.Payload(
+        MASS,
+        pieces=[
+            fm.PayloadPiece(
+                fm.SoftEllipsoid((6e-3, 6e-3, 16e-3), STEEL), fm.placed([0, 0, 6e-3], [30.0, 0, 0])
+            ),
+            fm.PayloadPiece(fm.SoftSphere(8e-3, mu_r=200.0), fm.placed([4e-3, 0.0, -2e-3])),
+            fm.PayloadPiece(fm.MagnetSphere(8e-3, 1.2), fm.placed([0.0, 0.0, -6e-3])),
+        ],
+    ),
+)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_soft_iron_feels_the_wrench_of_the_map(ring, compiled):
+    model, data = scene(0.004, -0.003, -0.1, tilt=40.0)
+    currents = np.array([8.0, 9.0, 6.0, -4.0, 2.0, 5.0])
+    with MagnetForces(model, ring.map, {"float": BODY}, currents, compiled=compiled) as magnets:
+        assert magnets.compiled == compiled
+        mujoco.mj_forward(model, data)
+    turn = data.xmat[1].reshape(3, 3)
+    expected = ring.map.wrench(np.array([0.004, -0.003, -0.1]), BODY, currents, turn)
+    soft = np.linalg.norm(
+        expected - replace(BODY, soft=()).wrench(ring.map, [0.004, -0.003, -0.1], currents, turn)
+    )
+    assert soft > 0.05 * np.linalg.norm(expected)
+    np.testing.assert_allclose(data.qfrc_passive[:3], expected[:3], rtol=1e-9)
+    np.testing.assert_allclose(turn @ data.qfrc_passive[3:], expected[3:], rtol=1e-9, atol=1e-15)
+
+
+def test_poses_of_soft_iron_are_those_of_our_simulator(ring):
+    """As with magnets, by MuJoCo's Runge-Kutta steps and by our steps of fourth order."""
+    currents = np.full(6, 6.0)
+    inertia = np.array([6e-7, 7e-7, 3e-7])
+    body = RigidBody(MASS, inertia, BODY, gravity=GRAVITY)
+    begin = state_of([0.003, 0.002, HEIGHT], (0.01, 0.0, 0.02), (1.0, 0.1, -0.05, 0.2), (3.0, -2.0, 20.0))
+    text = f"""<mujoco><option timestep="1e-4" gravity="0 0 -{GRAVITY}" integrator="RK4"/><worldbody><body name="float">
+        <freejoint/><inertial pos="0 0 0" mass="{MASS}" diaginertia="6e-7 7e-7 3e-7"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = [*begin[:3], *begin[6:10]], [*begin[3:6], *begin[10:]]
+    with MagnetForces(model, ring.map, {"float": BODY}, currents):
+        mujoco.mj_step(model, data, 500)
+    run = move(ring.map.at(currents), body, begin, 0.05, 2e-5, order="fourth")
+    found = run.states[-1]
+    assert np.abs(data.qpos[:3] - found[:3]).max() < 1e-8
+    assert min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1)) < 1e-5
+    # Energy with that of the induced moments is kept.
+    total = energy(ring.map.at(currents), body, run.states[[0, -1]])
+    magnetic = BODY.energy(ring.map, [begin[:3], found[:3]], currents, None)
+    assert abs(np.ptp(total)) < 1e-6 * abs(magnetic).max()
 
 
 @pytest.mark.parametrize(("count", "bound"), [(1, 1.3), (3, 1.6)])

@@ -18,7 +18,7 @@ from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.field import Field
 from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
-from fieldmap.lookup import FieldMap, finite_magnet, open_map
+from fieldmap.lookup import FieldMap, magnetic_body, open_map
 from fieldmap.shipped import shipped_file
 
 MILLI = 1e-3
@@ -89,11 +89,11 @@ def body_of(scenario: Scenario, device: Device, opened: FieldMap) -> RigidBody:
         payload = replace(payload, magnet_offset=MILLI * keys.magnet_offset_mm)
     magnet = None
     if keys.finite_magnet:
-        if payload.magnet is None:
+        if payload.magnet is None and not payload.pieces:
             raise scenario.error(
                 "body.finite_magnet", "needs a magnet", "a moment only", "add payload.magnet"
             )
-        magnet = finite_magnet(payload.magnet, opened.at(np.ones(len(opened.coil_names))), 1e-4)
+        magnet = magnetic_body(payload, field=opened.at(np.ones(len(opened.coil_names))), tolerance=1e-4)
     lengths = (keys.radius_mm, keys.height_mm, keys.below_mm)
     radius, height, below = (None if value is None else MILLI * value for value in lengths)
     return body_of_payload(

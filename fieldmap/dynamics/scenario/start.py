@@ -22,9 +22,9 @@ from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.scenario.controller_schema import ConstantKeys, LinearisationKeys
 from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.schema import CircleKeys
-from fieldmap.errors import Infeasible
+from fieldmap.errors import Infeasible, NotConverged
 from fieldmap.levitation import force_per_ampere, lift_current, lift_shares
-from fieldmap.lookup import FieldMap, division_domain, saturates
+from fieldmap.lookup import FieldMap, division_domain, saturates, wrench_actuation
 from fieldmap.typing import Array
 
 MILLI = 1e-3
@@ -69,7 +69,8 @@ def with_depth(scenario: Scenario, device: Device, opened: FieldMap, body: Rigid
             currents, _ = starting_currents(there, device, opened, body, point)
         except Infeasible:
             continue
-        along = float(opened.field(point, currents) @ body.magnet.moments.sum(axis=0)) > 0.0
+        moment = body.magnet.moments.sum(axis=0)
+        along = bool(body.magnet.soft) or float(opened.field(point, currents) @ moment) > 0.0
         limit = np.where(currents > 0.0, high, -low)
         share = float(np.max(np.abs(currents) / np.maximum(limit, 1e-12)))
         if share < least and (along or body.upright):
@@ -102,7 +103,10 @@ def starting_currents(
         must, remedy = "must be least_power: the division is for six coils", "change or leave it out"
         raise scenario.error("control.allocation", must, f"a map of {coils} coils", remedy)
     divided = kind == "division" or (kind is None and coils == 6)
-    if saturates(opened):
+    free = isinstance(opened.parametrisation, IndependentCurrents)
+    if saturates(opened) and body.magnet.soft and free:
+        currents = _for_soft_iron(scenario, opened, body, point)
+    elif saturates(opened):
         currents = _equal(scenario, opened, body, point)
     elif divided:
         currents = lift_current(opened, device.payload, point).currents / scenario.contents.field.scale
@@ -114,7 +118,7 @@ def starting_currents(
         return currents, _beside_constant(scenario, device, opened, body, point, currents)
     largest = float(np.abs(currents).max())
     gain = 1.0 if device.driver is None else device.driver.gain
-    force = force_per_ampere(opened, body.magnet.moments.sum(axis=0), point, currents)
+    force = _force_per_ampere(scenario, opened, body, point, currents)
     allocation = least_power_allocation(force, currents / largest, largest / gain)
     _check_idle(scenario, allocation.idle)
     return currents, allocation
@@ -125,7 +129,7 @@ def _beside_constant(
 ) -> ControlAllocation:
     """The allocation where something that no current drives lifts, too: the currents that carry the body may be zero or
     take away, so that its scale is that of the currents which would carry the weight alone."""
-    force = force_per_ampere(opened, body.magnet.moments.sum(axis=0), point, currents)
+    force = _force_per_ampere(scenario, opened, body, point, currents)
     shares = lift_shares(force)
     scale = scenario.contents.field.scale
     largest = body.mass * body.gravity / float(scale * force[2] @ shares)
@@ -135,8 +139,35 @@ def _beside_constant(
     return allocation
 
 
+def _force_per_ampere(
+    scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array, currents: Array
+) -> Array:
+    """Force (3, n), N/A, of the map as it is; of soft iron about the currents as the scale of the field has it."""
+    if not body.magnet.soft:
+        return force_per_ampere(opened, body.magnet.moments.sum(axis=0), point, currents)
+    scale = scenario.contents.field.scale
+    return wrench_actuation(opened, point, body.magnet, scale * currents).matrix[:3]
+
+
+def _for_soft_iron(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
+    """What carries a body of soft iron with least power, and pushes it nowhere else if the coils can do that."""
+    weight = body.mass * body.gravity
+    try:
+        found = opened.currents_for(point, force=[0.0, 0.0, weight], moment=body.magnet)
+    except (Infeasible, NotConverged):
+        try:
+            found = opened.currents_for(point, force=[np.nan, np.nan, weight], moment=body.magnet)
+        except (Infeasible, NotConverged) as error:
+            told = error.problems[0]
+            found_no = scenario.error("start", told.must_hold, told.received, told.remedy)
+            raise Infeasible(found_no.problems[0]) from None
+    return found / scenario.contents.field.scale
+
+
 def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
     """Of linear iron: what carries the weight."""
+    if body.magnet.soft:
+        return _for_soft_iron(scenario, opened, body, point)
     moment, ones = body.magnet.moments.sum(axis=0), np.ones(len(opened.coil_names))
     force = scenario.contents.field.scale * force_per_ampere(opened, moment, point, ones)
     try:
@@ -164,8 +195,13 @@ def _equal(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) 
         # What no current drives may lift enough by itself, or too much.
         assert reduced is not None
         levels = np.linspace(float(reduced.lower.max()), float(reduced.upper.min()), 25)
-    moment, weight = body.magnet.moment * scale, body.mass * body.gravity
-    lift = np.array([moment * opened.gradient(point, np.full(coils, i))[2, 2] for i in levels])
+    weight = body.mass * body.gravity
+    if body.magnet.soft:
+        pulls = [opened.wrench(point, body.magnet, np.full(coils, scale * i))[2] for i in levels]
+        lift = np.array(pulls)
+    else:
+        moment = body.magnet.moment * scale
+        lift = np.array([moment * opened.gradient(point, np.full(coils, i))[2, 2] for i in levels])
     if opened.fixed_sources and lift[0] > lift[-1]:
         levels, lift = levels[::-1], lift[::-1]
     if lift.max() < weight:

@@ -13,6 +13,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from fieldmap.kernels.constants import MU0_OVER_4PI
+from fieldmap.kernels.map import induced_moment as iron
 from fieldmap.kernels.map.lookup import superposed_at
 from fieldmap.kernels.map.map_block import INSIDE
 
@@ -22,9 +23,11 @@ from fieldmap.kernels.map.map_block import INSIDE
 # that was not in the map, number of its magnet, and address of three numbers for that point; address of the map's
 # origin in the world (3).
 MODEL, APPLY, XPOS, XMAT, PASSIVE, BLOCK, BLOCK_SIZE, CURRENTS, COILS = range(9)
-DIPOLES, DIPOLE_COUNT, BODIES, BODY_COUNT, MUTUAL, STATUS, AT_FAULT, PLACE, ORIGIN, SIZE = range(9, 19)
-# Of BODIES (b, 4): number of the body in MuJoCo, its first dipole, the one after its last; its first degree of freedom
-# where a free joint is all that it hangs on, else -1.
+DIPOLES, DIPOLE_COUNT, BODIES, BODY_COUNT, MUTUAL, STATUS, AT_FAULT, PLACE, ORIGIN = range(9, 18)
+# Address and size of the soft pieces of all bodies, as in fieldmap.kernels.map.induced_moment, one after the other.
+SOFT, SOFT_SIZE, SIZE = 18, 19, 20
+# Of BODIES (b, 5): number of the body in MuJoCo, its first dipole, the one after its last; its first degree of freedom
+# where a free joint is all that it hangs on, else -1; where its soft pieces begin, else -1.
 _WORD, _REAL = ir.IntType(64), ir.DoubleType()
 
 
@@ -130,7 +133,33 @@ def _by_others(task, bodies, dipoles, places, turns, own, point, moment):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _load(task, bodies, dipoles, places, turns, block, currents, origin, n):
+def _on_iron(soft, base, place, turn, block, currents, origin):
+    """Status of the map, and force and torque (6) of the map's field on a body's soft pieces about its origin."""
+    fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(int(soft[base])):
+        at = base + 1 + iron.SIZE * p + iron.POINT
+        ax, ay, az = _turned(turn, soft[at], soft[at + 1], soft[at + 2])
+        x, y, z = place[0] + ax - origin[0], place[1] + ay - origin[1], place[2] + az - origin[2]
+        status, v = superposed_at(block, currents, x, y, z)
+        if status != INSIDE:
+            return status, (x, y, z, 0.0, 0.0, 0.0)
+        bx = turn[0] * v[0] + turn[3] * v[1] + turn[6] * v[2]
+        by = turn[1] * v[0] + turn[4] * v[1] + turn[7] * v[2]
+        bz = turn[2] * v[0] + turn[5] * v[1] + turn[8] * v[2]
+        mx, my, mz, _ = iron.induced_moment(soft, base, p, bx, by, bz)
+        m = _turned(turn, mx, my, mz)
+        gx = v[3] * m[0] + v[6] * m[1] + v[9] * m[2]
+        gy = v[4] * m[0] + v[7] * m[1] + v[10] * m[2]
+        gz = v[5] * m[0] + v[8] * m[1] + v[11] * m[2]
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+        tx += m[1] * v[2] - m[2] * v[1] + ay * gz - az * gy
+        ty += m[2] * v[0] - m[0] * v[2] + az * gx - ax * gz
+        tz += m[0] * v[1] - m[1] * v[0] + ax * gy - ay * gx
+    return INSIDE, (fx, fy, fz, tx, ty, tz)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _load(task, bodies, dipoles, soft, places, turns, block, currents, origin, n):
     """Status of the map, and force and torque (6) on magnet n about its body's origin, in the world."""
     body = bodies[n, 0]
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -154,7 +183,12 @@ def _load(task, bodies, dipoles, places, turns, block, currents, origin, n):
         tx += m[1] * bz - m[2] * by + ay * gz - az * gy
         ty += m[2] * bx - m[0] * bz + az * gx - ax * gz
         tz += m[0] * by - m[1] * bx + ax * gy - ay * gx
-    return INSIDE, (fx, fy, fz, tx, ty, tz)
+    if bodies[n, 4] < 0:
+        return INSIDE, (fx, fy, fz, tx, ty, tz)
+    status, more = _on_iron(soft, bodies[n, 4], places[body], turns[body], block, currents, origin)
+    if status != INSIDE:
+        return status, more
+    return INSIDE, (fx + more[0], fy + more[1], fz + more[2], tx + more[3], ty + more[4], tz + more[5])
 
 
 @njit(cache=True, error_model="numpy")
@@ -173,17 +207,18 @@ def add_forces(active, model, data):
     xpos = carray(_words(data + task[XPOS]), (1,))[0]
     xmat = carray(_words(data + task[XMAT]), (1,))[0]
     passive = carray(_words(data + task[PASSIVE]), (1,))[0]
-    bodies = carray(_words(task[BODIES]), (task[BODY_COUNT], 4))
+    bodies = carray(_words(task[BODIES]), (task[BODY_COUNT], 5))
     most = 0
     for n in range(task[BODY_COUNT]):
         most = max(most, bodies[n, 0] + 1)
     places, turns = carray(_reals(xpos), (most, 3)), carray(_reals(xmat), (most, 9))
     dipoles = carray(_reals(task[DIPOLES]), (task[DIPOLE_COUNT], 6))
+    soft = carray(_reals(task[SOFT]), (task[SOFT_SIZE],))
     block = carray(_reals(task[BLOCK]), (task[BLOCK_SIZE],))
     currents = carray(_reals(task[CURRENTS]), (task[COILS],))
     origin = carray(_reals(task[ORIGIN]), (3,))
     for n in range(task[BODY_COUNT]):
-        status, load = _load(task, bodies, dipoles, places, turns, block, currents, origin, n)
+        status, load = _load(task, bodies, dipoles, soft, places, turns, block, currents, origin, n)
         if status != INSIDE:
             place = carray(_reals(task[PLACE]), (3,))
             for k in range(3):

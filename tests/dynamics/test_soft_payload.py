@@ -1,0 +1,160 @@
+"""Beads of soft iron in motion: the compiled force, a bead held under coils, scenarios, and what they rest on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.dynamics import body_of_payload, prepare, read_scenario, sampled_field, state_of
+from fieldmap.kernels.map.cached_field import keep_field
+from fieldmap.kernels.motion.magnet import field_points, magnet_energy, magnet_wrench
+from fieldmap.lookup import magnetic_body
+from fieldmap.sources import CoilSet
+
+COILS = """
+format = 1
+name = "five"
+title = "Five coils above a bead"
+
+[material.steel]
+kind = "bh_table"
+file = "materials/steel_a3.toml"
+below = "straight line to the origin"
+above = "slope mu0"
+
+[[coil]]
+name = "{{k}}"
+kind = "circular"
+inner_radius_mm = 8
+outer_radius_mm = 16
+height_mm = 30
+turns = 600
+resistance_ohm = 3
+inductance_mH = 8
+repeat = {{ count = 4, about = "z" }}
+position_mm = [34, 0, 15]
+
+[[coil]]
+name = "middle"
+kind = "circular"
+inner_radius_mm = 8
+outer_radius_mm = 16
+height_mm = 30
+turns = 600
+resistance_ohm = 3
+inductance_mH = 8
+position_mm = [0, 0, 15]
+
+[payload]
+mass_g = {mass}
+{payload}
+
+[driver]
+gain_A_per_V = 1.0
+current_limit_A = 10
+supply_voltage_V = 60
+
+[workspace]
+shape = "box"
+lower_mm = [-9, -9, -30]
+upper_mm = [9, 9, -6]
+"""
+BEAD = '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4\nmaterial = "steel"\n'
+SCENARIO = """
+format = 1
+title = "A bead held, then 0.5 mm higher and aside"
+map = "none"
+duration_s = 1.0
+[drag]
+linear_N_s_per_m = [1e-4, 1e-4, 1e-4]
+[sensors]
+zero_depth_mm = 0
+[control]
+period_ms = 1.0
+allocation = "least_power"
+[control.coupled]
+kind = "lqg"
+[start]
+depth_mm = 15
+[body]
+turning = "upright"
+[[reference]]
+kind = "step"
+axis = "depth"
+at_s = 0.2
+by_mm = -0.5
+[[reference]]
+kind = "step"
+axis = "x"
+at_s = 0.4
+by_mm = 0.4
+"""
+
+
+@pytest.fixture(scope="module")
+def five():
+    device = fm.read_device(COILS.format(mass=0.263, payload=BEAD))
+    return device, sampled_field(CoilSet(device.coils, device.bounds), 1.5e-3)
+
+
+def test_compiled_force_and_energy_are_those_of_the_body(five):
+    _, field = five
+    payload = fm.Payload(
+        mass=2e-3,
+        pieces=[
+            fm.PayloadPiece(
+                fm.SoftEllipsoid((2e-3, 3e-3, 5e-3), fm.material("steel_a3")), fm.placed([0, 0, 2e-3])
+            ),
+            fm.PayloadPiece(fm.SoftSphere(2e-3, mu_r=50.0), fm.placed([1e-3, 0.0, -2e-3])),
+            fm.PayloadPiece(fm.MagnetSphere(2e-3, 1.2), fm.placed([0.0, 0.0, -4e-3])),
+        ],
+        inertia=(1e-9, 1e-9, 1e-9),
+    )
+    body, currents = body_of_payload(payload, centre_of_mass=1e-3), np.array([3.0, -2.0, 5.0, 1.0, 9.0])
+    numbers, load = body.numbers(), np.empty(6)
+    assert field_points(numbers) == 3
+    kept = keep_field(field.compiled()[1], currents, 3)
+    for quaternion in ([1.0, 0.0, 0.0, 0.0], [0.8, 0.3, -0.4, 0.2]):
+        state = state_of([0.0021, 0.0012, -0.0157], quaternion=quaternion)
+        w, x, y, z = state[6:10]
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+        assert magnet_wrench(kept, numbers, state, load) == 0
+        centre = state[:3] + turn @ body.magnet_at
+        expected = body.magnet.wrench(field, centre, currents, turn)
+        np.testing.assert_allclose(load[:3], expected[:3], rtol=1e-10)
+        torque = expected[3:] + np.cross(turn @ body.magnet_at, expected[:3])
+        np.testing.assert_allclose(turn @ load[3:], torque, rtol=1e-9)
+        whole = body.magnet.energy(field, centre, currents, turn)
+        assert magnet_energy(kept, numbers, state) == pytest.approx(whole, rel=1e-10)
+
+
+def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five, tmp_path):
+    device, field = five
+    path = tmp_path / "bead.toml"
+    path.write_text(SCENARIO)
+    experiment = prepare(read_scenario(path), field, device)
+    # Carried by least power, as the inverse of the map says it.
+    point, bead = experiment.operating_point, magnetic_body(device.payload)
+    load = field.wrench(point.state[:3], bead, point.currents)
+    np.testing.assert_allclose(load[:3], [0.0, 0.0, 0.263e-3 * 9.80665], atol=1e-6 * 2.6e-3)
+    least = field.currents_for([0.0, 0.0, -0.015], force=[0, 0, 0.263e-3 * 9.80665], moment=bead)
+    assert point.currents @ point.currents == pytest.approx(least @ least, rel=0.05)
+    run = fm.simulate(path, field_map=field, device=device)
+    assert run.event is None
+    end = run.sensed[-100:]
+    np.testing.assert_allclose(end, np.broadcast_to([4e-4, 0.0, -0.0145], end.shape), atol=4e-5)
+    text = " ".join(run.assumptions)
+    assert "1 induced dipoles" in text
+    assert "soft iron" in text
+
+
+def test_inertia_and_surface_of_a_bead(five):
+    device, _ = five
+    body = body_of_payload(device.payload)
+    np.testing.assert_allclose(body.inertia, 0.1 * 0.263e-3 * 4e-3**2)
+    np.testing.assert_allclose(np.linalg.norm(body.skin, axis=1), 2e-3)
+    mirrored = body_of_payload(device.payload, direction=-1.0)
+    assert mirrored.magnet.soft == body.magnet.soft or len(mirrored.magnet.soft) == 1
+    assert replace(body, upright=True).numbers()[1] > 1.0

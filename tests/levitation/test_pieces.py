@@ -1,0 +1,84 @@
+"""Where soft iron floats and what current carries it, against the force itself."""
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.errors import Infeasible, InputError
+from fieldmap.field import as_field
+from fieldmap.levitation import (
+    GRAVITY,
+    equilibrium_sensitivity,
+    find_equilibrium,
+    lift_current,
+    stationary_points,
+)
+from fieldmap.lookup import magnetic_body
+from fieldmap.sources import CoilSet
+
+COIL = fm.CircularCoil("coil", inner_radius=0.01, outer_radius=0.02, height=0.02, turns=500)
+BOX = np.array([-0.008, -0.008, -0.04]), np.array([0.008, 0.008, -0.005])
+BEAD = fm.Payload(2.6e-4, pieces=[fm.SoftSphere(4e-3, fm.material("steel_a3"))])
+
+
+@pytest.fixture(scope="module")
+def field():
+    return as_field(CoilSet((COIL,), BOX))
+
+
+def test_a_bead_floats_where_its_weight_is_carried(field):
+    found = find_equilibrium(field, 10.0, BEAD)
+    bead = magnetic_body(BEAD)
+    force = bead.wrench(field, found.position, 10.0)[:3]
+    np.testing.assert_allclose(force, [0.0, 0.0, BEAD.mass * GRAVITY], atol=1e-7 * BEAD.mass * GRAVITY)
+    np.testing.assert_allclose(found.position[:2], 0.0, atol=1e-8)
+    steps = 1e-5 * np.eye(3)
+    ahead, behind = (bead.wrench(field, found.position + s * steps, 10.0)[:, :3] for s in (1, -1))
+    exact = -(ahead - behind).T / 2e-5
+    np.testing.assert_allclose(found.stiffness, exact, atol=1e-4 * np.abs(exact).max())
+    # Braunbek: what is drawn to strong fields is never stable.
+    assert found.trace < 0.0
+    np.testing.assert_allclose(found.moment, bead.induced_moment(field, found.position, 10.0)[0], rtol=1e-12)
+    assert found.angle_to_field == pytest.approx(0.0, abs=1e-4)
+    assert any("soft sphere of 4 mm" in words for words in found.assumptions)
+
+
+@pytest.mark.parametrize("depth", [0.012, 0.02])
+def test_the_current_that_carries_a_bead(field, depth):
+    at = np.array([0.0, 0.0, -depth])
+    found = lift_current(field, BEAD, at)
+    weight = BEAD.mass * GRAVITY
+    assert found.force[2] == pytest.approx(weight, rel=1e-8)
+    bead, step = magnetic_body(BEAD), 1e-4 * found.current
+    ahead, behind = (bead.wrench(field, at, found.current + s * step)[:3] for s in (1, -1))
+    np.testing.assert_allclose(found.force_per_ampere, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-9)
+    # Far from saturation with the square of the current.
+    assert found.force_per_ampere[2] == pytest.approx(2 * weight / found.current, rel=1e-6)
+    assert find_equilibrium(field, found.currents, BEAD, start=at).position == pytest.approx(at, abs=1e-7)
+
+
+def test_a_magnet_among_pieces_is_turned_to_be_lifted(field):
+    pieces = [fm.MagnetSphere(3e-3, 1.2)]
+    found = find_equilibrium(field, -10.0, fm.Payload(2e-3, pieces=pieces))
+    alone = find_equilibrium(field, -10.0, fm.Payload(2e-3, magnet=pieces[0]))
+    np.testing.assert_allclose(found.position, alone.position, atol=1e-7)
+    np.testing.assert_allclose(found.moment, alone.moment, rtol=1e-12)
+
+
+def test_one_stationary_point_below_a_coil(field):
+    found = stationary_points(field, 10.0, BEAD, -0.025, samples=8)
+    assert found.complete
+    assert [point.kind for point in found.points] == ["stable"]
+
+
+def test_refusals(field):
+    with pytest.raises(InputError) as caught:
+        find_equilibrium(field, 10.0, BEAD, moment="aligned")
+    assert caught.value.problems[0].where == "find_equilibrium(moment)"
+    with pytest.raises(InputError) as caught:
+        equilibrium_sensitivity(field, 10.0, BEAD, [0.0, 0.0, -0.02])
+    assert caught.value.problems[0].where == "equilibrium_sensitivity(payload.pieces)"
+    above = CoilSet((COIL,), (np.array([-0.008, -0.008, 0.03]), np.array([0.008, 0.008, 0.05])))
+    with pytest.raises(Infeasible) as caught:
+        lift_current(above, BEAD, [0.0, 0.0, 0.04])
+    assert caught.value.problems[0].remedy
