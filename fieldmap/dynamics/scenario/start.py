@@ -22,7 +22,7 @@ from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.scenario.controller_schema import ConstantKeys, LinearisationKeys
 from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.schema import CircleKeys
-from fieldmap.errors import Infeasible, NotConverged
+from fieldmap.errors import FieldmapError, Infeasible, NotConverged
 from fieldmap.levitation import force_per_ampere, lift_current, lift_shares
 from fieldmap.lookup import FieldMap, division_domain, saturates, wrench_actuation
 from fieldmap.typing import Array
@@ -32,6 +32,8 @@ MILLI = 1e-3
 # Share of what amplifiers and supply give for long that a start chosen by the program takes; what is left is for
 # control.
 _EASY = 0.5
+# Share of it within which currents for soft iron are looked for first: of several sets of them one is even.
+_EASIER = 0.9
 # Heights of the map at which that is tried.
 _HEIGHTS = 21
 
@@ -105,11 +107,13 @@ def starting_currents(
     divided = kind == "division" or (kind is None and coils == 6)
     free = isinstance(opened.parametrisation, IndependentCurrents)
     if saturates(opened) and body.magnet.soft and free:
-        currents = _for_soft_iron(scenario, opened, body, point)
+        currents = _for_soft_iron(scenario, device, opened, body, point)
     elif saturates(opened):
         currents = _equal(scenario, opened, body, point)
     elif divided:
         currents = lift_current(opened, device.payload, point).currents / scenario.contents.field.scale
+    elif body.magnet.soft:
+        currents = _for_soft_iron(scenario, device, opened, body, point)
     else:
         currents = _least_power(scenario, opened, body, point)
     if divided:
@@ -149,25 +153,29 @@ def _force_per_ampere(
     return wrench_actuation(opened, point, body.magnet, scale * currents).matrix[:3]
 
 
-def _for_soft_iron(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
-    """What carries a body of soft iron with least power, and pushes it nowhere else if the coils can do that."""
-    weight = body.mass * body.gravity
-    try:
-        found = opened.currents_for(point, force=[0.0, 0.0, weight], moment=body.magnet)
-    except (Infeasible, NotConverged):
+def _for_soft_iron(
+    scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody, point: Array
+) -> Array:
+    """What carries a body of soft iron with least power, and pushes it nowhere else if the coils can do that; with room
+    left of what the amplifiers give, if there is."""
+    scale, weight = scenario.contents.field.scale, body.mass * body.gravity
+    low, high = drive_of_device(device, scenario.contents.coils.lowest_voltage_V).steady
+    within = _EASIER * scale * low, _EASIER * scale * high
+    free = np.array([np.nan, np.nan, weight])
+    told: FieldmapError | None = None
+    for force, limits in ((np.nan_to_num(free), within), (np.nan_to_num(free), None), (free, None)):
         try:
-            found = opened.currents_for(point, force=[np.nan, np.nan, weight], moment=body.magnet)
+            return opened.currents_for(point, force, body.magnet, limits) / scale
         except (Infeasible, NotConverged) as error:
-            told = error.problems[0]
-            found_no = scenario.error("start", told.must_hold, told.received, told.remedy)
-            raise Infeasible(found_no.problems[0]) from None
-    return found / scenario.contents.field.scale
+            told = error
+    assert told is not None
+    problem = told.problems[0]
+    start = scenario.error("start", problem.must_hold, problem.received, problem.remedy)
+    raise Infeasible(start.problems[0])
 
 
 def _least_power(scenario: Scenario, opened: FieldMap, body: RigidBody, point: Array) -> Array:
     """Of linear iron: what carries the weight."""
-    if body.magnet.soft:
-        return _for_soft_iron(scenario, opened, body, point)
     moment, ones = body.magnet.moments.sum(axis=0), np.ones(len(opened.coil_names))
     force = scenario.contents.field.scale * force_per_ampere(opened, moment, point, ones)
     try:
