@@ -102,6 +102,8 @@ EXAMPLES: dict[str, Any] = {
     'with "towards saturation": what B - mu0 H rises to past the last point': 2.15,
     "material file, relative to the device file or among the shipped ones": "soft_iron.toml",
     "relative reluctivity at B = 0": 2e-4,
+    "constant relative permeability, instead of a material": 1000.0,
+    "[x, y, z] lengths of its axes": [2.0, 2.0, 6.0],
     "half the exponent of B": 5.5,
     "B^(2 alpha) at the middle of the knee, B in T": 5e4,
     "relative reluctivity that the formula tends to": 1.0,
