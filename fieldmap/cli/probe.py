@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from fieldmap.errors import OutsideMapError
     from fieldmap.io import FieldSource
     from fieldmap.io.answers import Probe
+    from fieldmap.lookup import MagneticBody
     from fieldmap.typing import Array
 
 
@@ -63,7 +64,7 @@ def probe(
         remedy = "add --at X Y Z (m) or --at-mm X Y Z"
         raise InputError(Problem("--at", "must give at least one point", "none", remedy))
     options, settings = checked_iron(mu_r, nonlinear, refinement, form), changes_of_device(changes)
-    dipole = None if moment is None else parse_moment(moment)
+    dipole: Array | MagneticBody | None = None if moment is None else parse_moment(moment)
     with Progress("solving") as progress:
         found = find_named(source, options, progress, settings)
         amperes = parse_currents(currents, found.coil_names)
@@ -92,7 +93,7 @@ def _in_metres(error: "OutsideMapError", at: list[str]) -> "OutsideMapError":
     return OutsideMapError(*problems)
 
 
-def _payload_moment(found: "FieldSource") -> "Array":
+def _payload_moment(found: "FieldSource") -> "Array | MagneticBody":
     import numpy as np
 
     from fieldmap.errors import InputError, Problem
@@ -100,6 +101,10 @@ def _payload_moment(found: "FieldSource") -> "Array":
     if found.payload is None:
         must_hold, remedy = "must have a [payload] table for --payload", "add one, or give --moment X Y Z"
         raise InputError(Problem(found.name, must_hold, "none", remedy))
+    if found.payload.pieces:
+        from fieldmap.lookup import magnetic_body
+
+        return magnetic_body(found.payload)
     return np.array([0.0, 0.0, found.payload.moment])
 
 

@@ -16,6 +16,7 @@ from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
 from fieldmap.levitation import GRAVITY, Equilibrium, LiftCurrent, find_equilibrium, lift_current
 from fieldmap.levitation.balance import check_position
+from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -64,25 +65,35 @@ class Probe(Record):
         return found
 
 
-def probe(source: FieldSource, points: Array, currents: ArrayLike, moment: Array | None = None) -> Probe:
-    """The field at points (n, 3), m, and what it does to a moment (3,), A m^2. currents (n_coils,), A.
+def probe(
+    source: FieldSource, points: Array, currents: ArrayLike, moment: Array | MagneticBody | None = None
+) -> Probe:
+    """The field at points (n, 3), m, and what it does to a moment (3,), A m^2, or an upright body. currents
+    (n_coils,), A.
 
     Raises InputError and OutsideMapError as the field does.
     """
     amperes = source.currents(currents)
     state = source.field.at(amperes)
     flux, slope = state.field(points), state.gradient(points)
+    rests: tuple[str, ...] = tuple(source.assumptions(amperes))
     if moment is None:
         probed = [
             ProbedPoint(*three) for three in zip(points, [amperes] * len(points), flux, slope, strict=True)
         ]
     else:
-        wrench = dipole_wrench(flux, slope, moment)
+        if isinstance(moment, MagneticBody):
+            wrench = moment.wrench(source.field, points, amperes)
+            moments = moment.whole_moment(source.field, points, amperes)
+            rests = (*rests, *moment.assumptions)
+        else:
+            wrench = dipole_wrench(flux, slope, moment)
+            moments = np.broadcast_to(moment, points.shape)
         probed = [
-            ProbedPoint(at, amperes, b, g, moment, w[:3], w[3:])
-            for at, b, g, w in zip(points, flux, slope, wrench, strict=True)
+            ProbedPoint(at, amperes, b, g, np.array(m), w[:3], w[3:])
+            for at, b, g, m, w in zip(points, flux, slope, moments, wrench, strict=True)
         ]
-    return Probe(source, tuple(probed), source.assumptions(amperes))
+    return Probe(source, tuple(probed), rests)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

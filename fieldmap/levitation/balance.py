@@ -7,7 +7,7 @@ docs/theory/equilibrium.md. SI units, frame of the field.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_choice
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem
-from fieldmap.field import Bounds, Field
+from fieldmap.field import AnyField, Bounds, Field, as_field
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -98,6 +98,14 @@ def dipole_force(moment: Array, gradient: Array) -> Array:
     [0.0, 0.0, 2.0]
     """
     return np.einsum("...i,...ik->...k", moment, gradient)
+
+
+def upright_force(field: AnyField, currents: Any, payload: Payload, points: Array) -> Array:
+    """Force (n, 3), N, on an upright payload centred at points (n, 3): its pieces, or a dipole that points up."""
+    if payload.pieces:
+        return magnetic_body(payload).wrench(field, points, currents)[:, :3]
+    up = np.array([0.0, 0.0, payload.moment])
+    return dipole_force(up, as_field(field).gradient(points, currents))
 
 
 def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:

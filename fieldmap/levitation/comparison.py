@@ -16,6 +16,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import Field, require_bounds
 from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation.balance import upright_force
 from fieldmap.levitation.lift import lift_current
 from fieldmap.levitation.signal_surface import equilibrium_surface
 from fieldmap.plain import Plain, plain_items
@@ -104,7 +105,10 @@ class ForceFit(Record):
 
 
 def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> ForceFit | None:
-    """The factor for rows of `lift_by_height`, and their currents with it; None if nothing was measured."""
+    """The factor for rows of `lift_by_height`, and their currents with it; None if nothing was measured, and for a
+    payload of pieces, whose force no factor on a moment changes."""
+    if payload.pieces:
+        return None
     shares = np.array([row.lift_share for row in lift if row.lift_share is not None])
     if not shares.any():
         return None
@@ -212,7 +216,8 @@ def _lift_share(field: Field, payload: Payload, height: float, current: float) -
     """Lift of a vertical magnet over its weight at equal currents; None where the field does not hold them."""
     point, currents = np.array([[0.0, 0.0, height]]), np.full(len(field.coil_names), current)
     try:
-        slope = field.gradient(point, currents)[0, 2, 2]
+        force = float(upright_force(field, currents, payload, point)[0, 2])
     except OutsideMapError:
         return None
-    return float(payload.moment * abs(slope) / (payload.mass * GRAVITY))
+    # A magnet is turned to be lifted; soft iron is not.
+    return (force if payload.pieces else abs(force)) / (payload.mass * GRAVITY)

@@ -97,6 +97,14 @@ class MagneticBody(Record):
         dipoles = self._moments(turn, flux)[0][:, len(self.points) :]
         return dipoles[0] if single else dipoles
 
+    def whole_moment(
+        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
+    ) -> Array:
+        """The moment (n, 3) of the whole body, A m^2, in the frame of the field; arguments as of `wrench`."""
+        _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
+        total = self._moments(turn, flux)[0].sum(axis=1)
+        return total[0] if single else total
+
     def stiffness(
         self, field: AnyField, position: ArrayLike, currents: Any, orientation: ArrayLike | None = None
     ) -> Array:

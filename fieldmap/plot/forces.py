@@ -4,7 +4,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.kernels.constants import GRAVITY
-from fieldmap.levitation.balance import dipole_force
+from fieldmap.levitation.balance import dipole_force, upright_force
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_magnet
 from fieldmap.plot.shown import Shown
@@ -42,8 +42,11 @@ def places_in_box(shown: Shown) -> Array:
 
 
 def magnetic_force(shown: Shown, places: Array) -> Array:
-    """Force (n, 3), N, on a dipole with the payload's moment, vertical, upwards where the lift is."""
+    """Force (n, 3), N, on a dipole with the payload's moment, vertical, upwards where the lift is; or on its pieces."""
     assert shown.payload is not None
+    if shown.payload.pieces:
+        assert shown.field is not None
+        return upright_force(shown.field, getattr(shown.field, "currents", None), shown.payload, places)
     force = dipole_force(np.array([0.0, 0.0, shown.payload.moment]), shown.gradient_at(places))
     return force if force[:, 2].sum() >= 0 else -force
 

@@ -11,6 +11,7 @@ from fieldmap.currents import IndependentCurrents
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
+from fieldmap.levitation.balance import check_payload
 from fieldmap.lookup import FieldMap
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -68,6 +69,7 @@ class LiveMap:
         if payload is None:
             remedy = "add a [payload] table to the device, or name one with --payload-of"
             raise InputError(Problem("LiveMap(payload)", "must be a payload", "none", remedy))
+        check_payload(payload, "LiveMap")
         self.field_map, self.points = field_map, np.asarray(points, dtype=float)
         # A force that is larger by a factor lifts the same as a moment that is.
         self.weight = payload.mass * GRAVITY

@@ -9,6 +9,7 @@ from fieldmap.field import Field, require_bounds
 from fieldmap.iron import LinearSolution
 from fieldmap.kernels.map import least_power
 from fieldmap.levitation import GRAVITY
+from fieldmap.levitation.balance import check_payload, upright_force
 from fieldmap.typing import Array
 
 HEIGHTS = 33
@@ -18,14 +19,15 @@ GRID = (7, 7, 9)
 def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
     """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight.
 
-    The moment is vertical, up or down, whichever is lifted more. The box's lower end if they lift it there too. Raises
-    Infeasible if they lift it nowhere on the vertical.
+    The moment is vertical, up or down, whichever is lifted more; pieces are upright. The box's lower end if they lift
+    it there too. Raises Infeasible if they lift it nowhere on the vertical.
     """
     lower, upper = (float(corner[2]) for corner in require_bounds(field))
 
     def lift(z: Array) -> Array:
         points = np.column_stack([np.broadcast_to(over[:2], (len(z), 2)), z])
-        return np.abs(payload.moment * field.gradient(points, currents)[:, 2, 2])
+        force = upright_force(field, currents, payload, points)[:, 2]
+        return force if payload.pieces else np.abs(force)
 
     weight = payload.mass * GRAVITY
     heights = np.linspace(lower, upper, HEIGHTS)
@@ -54,8 +56,10 @@ def controllable_share(
 ) -> float:
     """Share of a box in which some currents within +-limit hold the payload: no horizontal force, lift = weight.
 
-    By 7 x 7 x 9 cells, each by its centre, with a vertical moment; linear iron, whose coils superpose.
+    By 7 x 7 x 9 cells, each by its centre, with a vertical moment; linear iron, whose coils superpose. Raises
+    InputError for a payload of pieces.
     """
+    check_payload(payload, "reachable_share")
     axes = [
         low + (np.arange(n) + 0.5) / n * (high - low) for low, high, n in zip(lower, upper, GRID, strict=True)
     ]

@@ -15,7 +15,8 @@ from fieldmap.field import Field, as_field
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
-from fieldmap.levitation import Equilibrium, dipole_force, find_equilibrium, lift_current
+from fieldmap.levitation import Equilibrium, find_equilibrium, lift_current
+from fieldmap.levitation.balance import upright_force
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.lift_range import controllable_share, lowest_lift_height
 from fieldmap.studies.study import CurrentSet, IronModel, Record
@@ -223,13 +224,12 @@ def _field(point: _OperatingPoint) -> Numbers:
 
 
 def _force_per_ampere(point: _OperatingPoint) -> Numbers:
-    """(F(i + h) - F(i - h)) / 2h of an upward moment; exact where the force is proportional to the current."""
-    up = np.array([0.0, 0.0, point.payload.moment])
-    forces = []
-    for factor in (1.0 + _STEP, 1.0 - _STEP):
-        currents = factor * point.currents
-        gradient = point.iron.field.gradient(point.record.points, currents)
-        forces.append(dipole_force(up, gradient))
+    """(F(i + h) - F(i - h)) / 2h of an upward moment, or the upright pieces; exact where the force is
+    proportional to the current."""
+    forces = [
+        upright_force(point.iron.field, factor * point.currents, point.payload, point.record.points)
+        for factor in (1.0 + _STEP, 1.0 - _STEP)
+    ]
     return {"force_per_ampere": (forces[0] - forces[1]) / (2.0 * _STEP * point.common)}
 
 
