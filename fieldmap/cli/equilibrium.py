@@ -183,7 +183,7 @@ def _floating_rows(answer: "Levitation", found: "Equilibrium") -> "Iterator[tupl
     from fieldmap.levitation import GRAVITY
 
     report = found.report
-    turned = "up" if found.moment[2] > 0 else "down"
+    turned = "induced" if answer.payload.soft else "up" if found.moment[2] > 0 else "down"
     left = np.linalg.norm(found.force_residual) / (answer.payload.mass * GRAVITY)
     trace = found.trace / np.linalg.norm(found.stiffness)
     yield "moment", f"{turned}, {found.angle_to_field:.2f} degrees from the field"

@@ -30,7 +30,7 @@ from fieldmap.kernels.motion.layout import (
 )
 from fieldmap.lookup import MagneticBody, magnetic_body
 from fieldmap.lookup.soft_body import soft_numbers
-from fieldmap.records import Record
+from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
 
 _RIM = 8
@@ -157,7 +157,9 @@ def _magnetism(body: MagneticBody) -> tuple[str, ...]:
     """What stands for its magnets and its soft iron."""
     count = len(body.points)
     magnets = ("point dipole" if count == 1 else f"magnet of {count} dipoles",) if count else ()
-    return (*magnets, f"soft iron: {len(body.soft)} induced dipoles") if body.soft else magnets
+    if not body.soft:
+        return magnets
+    return (*magnets, f"soft iron: {count_of(len(body.soft), 'induced dipole', 'induced dipoles')}")
 
 
 def _cylinder(

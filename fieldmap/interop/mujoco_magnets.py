@@ -25,7 +25,6 @@ from fieldmap.kernels.map.map_block import INSIDE
 from fieldmap.kernels.motion import mujoco_force as at
 from fieldmap.lookup import FieldMap, MagneticBody
 from fieldmap.lookup.evaluation import outside_error
-from fieldmap.lookup.soft_body import soft_numbers
 from fieldmap.typing import Array
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
@@ -176,7 +175,7 @@ class _Compiled:
             points, moments, first = magnet.points, magnet.moments, -1
             if magnet.soft:
                 first = sum(map(len, soft))
-                soft.append(soft_numbers(magnet.soft))
+                soft.append(magnet.soft_numbers)
             free = _free_joint(mujoco, model, body)
             rows.append([body, len(dipoles), len(dipoles) + len(points), free, first])
             dipoles += np.hstack([points, moments]).tolist()

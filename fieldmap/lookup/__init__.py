@@ -23,7 +23,7 @@ from fieldmap.lookup.iron_response import (
     unit_block,
 )
 from fieldmap.lookup.magnetic_body import MagneticBody
-from fieldmap.lookup.payload import magnetic_body
+from fieldmap.lookup.payload import compiled_wrench, magnetic_body
 from fieldmap.lookup.soft_body import SoftPiece, demagnetising_factors, soft_piece, soft_sphere_force
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "SoftPiece",
     "capability",
     "compiled_currents",
+    "compiled_wrench",
     "demagnetising_factors",
     "division_domain",
     "field_actuation",

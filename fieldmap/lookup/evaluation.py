@@ -381,7 +381,7 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         """Force (N) and torque (N m) on point dipoles or a body, (n, 6), about their own positions: see
         `FieldMap.wrench`."""
         try:
-            if positions.ndim == 1:  # type: ignore[union-attr]
+            if positions.ndim == 1 and moments.ndim == 1:  # type: ignore[union-attr]
                 flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
                 if self._one(self._data, positions, flux, slope) == 0 and self._load(
                     flux, slope, moments, load

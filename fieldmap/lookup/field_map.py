@@ -412,7 +412,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         """
         # As in `field_and_gradient`.
         try:
-            if positions.ndim == 1:  # type: ignore[union-attr]
+            if positions.ndim == 1 and moments.ndim == 1:  # type: ignore[union-attr]
                 flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
                 if self._one(self._unit, currents, positions, flux, slope) == 0 and self._load(
                     flux, slope, moments, load

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,12 @@ class MagneticBody(Record):
         """At how many points the field acts on it."""
         return len(self.points) + len(self.soft)
 
-    @property
+    @cached_property
+    def soft_numbers(self) -> Array:
+        """Its soft pieces as compiled code takes them (fieldmap.kernels.map.induced_moment)."""
+        return soft_numbers(self.soft)
+
+    @cached_property
     def all_points(self) -> Array:
         """These points (count, 3), m: of the fixed dipoles, then the centres of the soft pieces."""
         if not self.soft:
@@ -126,7 +132,7 @@ class MagneticBody(Record):
         """
         turn = np.array(orientation, dtype=np.float64)
         arms, dipoles = self.all_points @ turn.T, self.moments @ turn.T
-        soft, k = soft_numbers(self.soft), flux.shape[1]
+        soft, k = self.soft_numbers, flux.shape[1]
         flux, slope = np.ascontiguousarray(flux), np.ascontiguousarray(slope)
 
         def load(weights: Array) -> tuple[Array, Array]:
@@ -145,7 +151,7 @@ class MagneticBody(Record):
             return fixed, np.zeros((n, 0)), np.zeros((n, 0, 3, 3))
         induced, energies, by_field = np.empty((n, s, 3)), np.empty((n, s)), np.empty((n, s, size, size))
         at = np.ascontiguousarray(flux[:, len(self.points) :])
-        induced_moments(soft_numbers(self.soft), np.array(turn), at, induced, energies, by_field)
+        induced_moments(self.soft_numbers, np.ascontiguousarray(turn), at, induced, energies, by_field)
         return np.concatenate([fixed, induced], axis=1), energies, by_field
 
     def _asked(
@@ -172,7 +178,9 @@ def _wrench(arms: Array, dipoles: Array, flux: Array, slope: Array) -> Array:
 
 def checked_turns(orientations: ArrayLike | None, n: int) -> Array:
     """Rotation matrices (n, 3, 3), upright without. Raises InputError."""
-    turn = np.eye(3) if orientations is None else np.asarray(orientations, dtype=np.float64)
+    if orientations is None:
+        return np.tile(np.eye(3), (n, 1, 1))
+    turn = np.asarray(orientations, dtype=np.float64)
     good = turn.shape in ((3, 3), (n, 3, 3))
     if not good or not np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6):
         received = f"shape {turn.shape}" + (" but columns not orthonormal" if good else "")

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from fieldmap.device.payload import Magnet, Payload, SoftBody
+from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField
+from fieldmap.kernels.map.body_wrench import model_wrench, sum_wrench
+from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.soft_body import soft_piece
@@ -46,6 +50,25 @@ def magnetic_body(
     if payload.magnet is not None and (level > 1 or field is not None):
         return rule(payload.magnet)
     return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
+
+
+def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
+    """(function, data) for your own numba functions: force and torque on a body, and their derivatives by the currents.
+
+    inside = function(data, currents, place, turn, wrench, slopes) with float64 arrays: currents (n_coils,), A; place
+    (3,), m, of the body's centre; turn (3, 3), columns its axes; it fills wrench (6,), N and N m, and slopes (6,
+    n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box. Of a map of saturating iron
+    data remembers the last currents: ask for one in each thread. Raises InputError for a map with a table of currents,
+    which has no slopes.
+
+    >>> function, data = compiled_wrench(m, magnetic_body(device.payload))                       # doctest: +SKIP
+    """
+    if field_map.current_table is not None:
+        must_hold, remedy = "a map without a table of currents", "open it with tabulate_currents=False"
+        raise InputError(Problem("compiled_wrench, field_map", must_hold, "one with a table", remedy))
+    _, data = field_map.compiled()
+    parts = body.all_points.copy(), body.moments.copy(), body.soft_numbers.copy()
+    return (sum_wrench if field_map.affine else model_wrench), (data, parts)
 
 
 def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> MagneticBody:

@@ -146,7 +146,7 @@ def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five, tmp_path):
     end = run.sensed[-100:]
     np.testing.assert_allclose(end, np.broadcast_to([4e-4, 0.0, -0.0145], end.shape), atol=4e-5)
     text = " ".join(run.assumptions)
-    assert "1 induced dipoles" in text
+    assert "1 induced dipole" in text
     assert "soft iron" in text
 
 

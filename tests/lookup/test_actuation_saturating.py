@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 
 from fieldmap.currents import IndependentCurrents
+from fieldmap.device.payload import MagnetSphere, Payload, PayloadPiece, SoftSphere
+from fieldmap.device.placement import placed
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.lookup import field_actuation, gradient_actuation, interpolate, wrench_actuation
+from fieldmap.lookup import (
+    compiled_wrench,
+    field_actuation,
+    gradient_actuation,
+    interpolate,
+    magnetic_body,
+    wrench_actuation,
+)
 from fieldmap.store import MapData, ReducedModel
 
 MOMENT = np.array([0.1, -0.2, 0.7])
@@ -142,3 +151,40 @@ def test_compiled_lookups_solve_for_new_currents(m, data):
 
 def test_a_pickled_map_gives_the_same_bits(m):
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(m)).field(PLACE, [1.3]), m.field(PLACE, [1.3]))
+
+
+BODY = magnetic_body(
+    Payload(
+        1e-3,
+        pieces=[
+            PayloadPiece(SoftSphere(4e-3, mu_r=500.0), placed([0.0, 1e-3, 2e-3])),
+            MagnetSphere(2e-3, 1.2),
+        ],
+    )
+)
+
+
+@pytest.mark.parametrize("amperes", [0.2, 1.1, -0.7])
+def test_soft_iron_beside_iron_that_saturates(m, amperes):
+    """Derivatives through the induced moment and through the model of the machine's iron."""
+    currents = np.array([amperes])
+    about = m.actuation(PLACE, currents, BODY)
+    here = m.wrench(PLACE, BODY, currents)
+    np.testing.assert_allclose((about.matrix @ currents + about.constant)[8:], here, rtol=1e-6)
+    step = 1e-4
+    ahead, behind = (m.wrench(PLACE, BODY, currents + s * step) for s in (1, -1))
+    exact = (ahead - behind) / (2 * step)
+    np.testing.assert_allclose(about.matrix[8:, 0], exact, atol=2e-5 * np.abs(exact).max())
+    function, data = compiled_wrench(m, BODY)
+    wrench, slopes = np.empty(6), np.empty((6, 1))
+    assert function(data, currents, PLACE, np.eye(3), wrench, slopes)
+    np.testing.assert_allclose(wrench, here, rtol=1e-6)
+    np.testing.assert_allclose(slopes, about.matrix[8:], rtol=1e-6)
+
+
+def test_currents_for_soft_iron_beside_iron_that_saturates(m):
+    wanted = m.wrench(PLACE, BODY, [0.9])[:3]
+    found = m.currents_for(PLACE, [np.nan, np.nan, wanted[2]], BODY)
+    assert m.wrench(PLACE, BODY, found)[2] == pytest.approx(wanted[2], rel=1e-7)
+    near = m.currents_for(PLACE, [np.nan, np.nan, wanted[2]], BODY, start=[0.85])
+    assert near == pytest.approx([0.9], rel=1e-5)

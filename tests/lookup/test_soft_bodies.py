@@ -18,6 +18,7 @@ from fieldmap.errors import Infeasible, InputError
 from fieldmap.field import BaseField, CompletedField
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import (
+    compiled_wrench,
     demagnetising_factors,
     interpolate,
     magnetic_body,
@@ -370,6 +371,19 @@ def test_a_field_of_points_takes_bodies_as_a_map_does(opened):
     with pytest.raises(InputError) as caught:
         opened.wrench(at, [0.0, 0.0, 1.0], currents, TURN)
     assert caught.value.problems[0].where == "wrench, orientations"
+
+
+def test_compiled_wrench_and_slopes_are_those_of_the_body(opened):
+    body, at = magnetic_body(PAIR), np.array([0.001, 0.0005, -0.0025])
+    currents = np.linspace(-3.0, 4.0, 8)
+    function, data = compiled_wrench(opened, body)
+    wrench, slopes = np.empty(6), np.empty((6, 8))
+    assert function(data, currents, at, TURN, wrench, slopes)
+    np.testing.assert_allclose(wrench, opened.wrench(at, body, currents, TURN), rtol=1e-10, atol=1e-16)
+    about = wrench_actuation(opened, at, body, currents, TURN)
+    np.testing.assert_allclose(slopes, about.matrix, rtol=1e-9, atol=1e-15)
+    assert not function(data, currents, np.array([0.0, 0.0, 0.0119]), TURN, wrench, slopes)
+    assert np.isnan(wrench).all()
 
 
 def test_bad_bodies_are_refused():

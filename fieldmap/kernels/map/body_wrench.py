@@ -3,8 +3,10 @@
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.map.current_solver import FOUND, current_slopes
 from fieldmap.kernels.map.induced_moment import induced_moment, moment_slope
-from fieldmap.kernels.map.map_block import OUTER
+from fieldmap.kernels.map.lookup import evaluate_units
+from fieldmap.kernels.map.map_block import OUTER, SETS
 
 
 @njit(**OUTER)
@@ -77,3 +79,58 @@ def wrench_and_slopes(dipoles, arms, soft, turn, flux, slope, weights, wrench, s
             slopes[3, k] += tx + ay * pull[2] - az * pull[1]
             slopes[4, k] += ty + az * pull[0] - ax * pull[2]
             slopes[5, k] += tz + ax * pull[1] - ay * pull[0]
+
+
+@njit(**OUTER)
+def _of_weights(block, body, place, turn, weights, wrench, slopes):
+    """`wrench_and_slopes` of a body (points (q + s, 3), moments (q, 3), soft) centred at place (3,) in a map's block;
+    whether all of its points lie in the map's box, NaN where one does not."""
+    points, moments, soft = body
+    count, fixed = points.shape[0], moments.shape[0]
+    arms, where, dipoles = np.empty((count, 3)), np.empty((count, 3)), np.empty((fixed, 3))
+    for p in range(count):
+        for i in range(3):
+            arms[p, i] = turn[i, 0] * points[p, 0] + turn[i, 1] * points[p, 1] + turn[i, 2] * points[p, 2]
+            where[p, i] = place[i] + arms[p, i]
+            if p < fixed:
+                m = moments[p]
+                dipoles[p, i] = turn[i, 0] * m[0] + turn[i, 1] * m[1] + turn[i, 2] * m[2]
+    flux, slope = np.empty((count, weights.shape[0], 3)), np.empty((count, weights.shape[0], 3, 3))
+    evaluate_units(block, where, flux, slope)
+    wrench_and_slopes(dipoles, arms, soft, turn, flux, slope, weights, wrench, slopes)
+    return np.isfinite(wrench[0])
+
+
+@njit(**OUTER)
+def sum_wrench(data, currents, place, turn, wrench, slopes):
+    """Fill wrench (6,) and slopes (6, coils) at currents (coils,), of a map that superposes; False where the body
+    leaves its box. data: the block, and the body as of `_of_weights`."""
+    block, body = data
+    coils = currents.shape[0]
+    weights = np.ones(int(block[SETS]))
+    weights[:coils] = currents
+    every = np.empty((6, weights.shape[0]))
+    inside = _of_weights(block, body, place, turn, weights, wrench, every)
+    slopes[:, :] = every[:, :coils]
+    return inside
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def model_wrench(data, currents, place, turn, wrench, slopes):
+    """`sum_wrench` of a map of saturating iron; False and NaN also where its model has no solution. data: (block,
+    CompiledModel, SolverState), and the body."""
+    (block, model, state), body = data
+    weights = np.empty(state.weights.size)
+    by_currents, every = np.empty((weights.size, currents.size)), np.empty((6, weights.size))
+    if current_slopes(model, state, currents, weights, by_currents) != FOUND:
+        wrench[:] = np.nan
+        slopes[:, :] = np.nan
+        return False
+    inside = _of_weights(block, body, place, turn, weights, wrench, every)
+    for r in range(6):
+        for c in range(currents.size):
+            total = 0.0
+            for f in range(weights.size):
+                total += every[r, f] * by_currents[f, c]
+            slopes[r, c] = total
+    return inside
