@@ -1,7 +1,11 @@
 """`fieldmap thesis`: the numbers that the thesis prints, beside ours."""
 
+import math
 import sys
-from collections.abc import Iterable, Iterator
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,24 +19,35 @@ if TYPE_CHECKING:
 
     from fieldmap.cli.printing import Section
     from fieldmap.thesis import Comparison, PartResult
+    from fieldmap.thesis.plan import Plan
     from fieldmap.typing import Progress
+
+LONG = 20.0
+"""Seconds from which on a command says first what it needs."""
+TOLD_EVERY = 10.0
+"""Seconds after which the time that a part has taken is told anew."""
 
 
 def completed_rows(incomplete: str) -> list[str]:
-    """Rows that begin like this.
+    """Rows that begin like this, or parts where it goes beyond the name of a row.
 
-    >>> completed_rows("S2")
-    ['S20']
+    >>> completed_rows("S2"), completed_rows("S4_w")
+    (['S20'], ['S4_windings'])
     """
-    from fieldmap.thesis import row_names
+    from fieldmap.thesis import part_names, row_names
 
-    return [name for name in row_names() if name.startswith(incomplete)]
+    names = part_names() if "_" in incomplete else row_names()
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def thesis(
     rows: Annotated[
         list[str] | None,
-        typer.Argument(metavar="ROW", help="Rows such as S7. Default: all.", autocompletion=completed_rows),
+        typer.Argument(
+            metavar="ROW",
+            help="Rows such as S7, or parts such as S14_table_6_2. Default: all.",
+            autocompletion=completed_rows,
+        ),
     ] = None,
     json: Json = False,
     report: Annotated[
@@ -40,12 +55,18 @@ def thesis(
         typer.Option(
             "--report",
             metavar="FOLDER",
-            help="Write index.html, report.md, numbers.csv and plots to it; a second call adds what is missing.",
+            help="Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call goes on.",
         ),
     ] = None,
     maps: Annotated[
         Path, typer.Option("--maps", metavar="FOLDER", help="Folder with the maps that rows need.")
     ] = Path("maps/out"),
+    make_maps: Annotated[
+        bool, typer.Option("--make-maps", help="Make the maps that are missing, when rows need them.")
+    ] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Coarse meshes and a coarse map: a first look in some minutes.")
+    ] = False,
 ) -> None:
     """Print the numbers of the thesis beside ours: what agrees, what does not, and what was assumed.
 
@@ -53,15 +74,25 @@ def thesis(
     that was asked for by name lacks its map.
     """
     from fieldmap.cli.printing import print_json
-    from fieldmap.cli.progress import Progress
-    from fieldmap.thesis import attempt_rows
-    from fieldmap.thesis.computation import attempt_part
+    from fieldmap.cli.progress import Progress, must_compile
+    from fieldmap.thesis import detail
+    from fieldmap.thesis.finished_parts import cached_parts
+    from fieldmap.thesis.plan import planned
+    from fieldmap.thesis.report import prepare_folder
+    from fieldmap.thesis.rows import parts_of
 
-    with Progress("thesis") as progress:
+    with detail.at(detail.QUICK if quick else detail.FULL):
+        parts = parts_of(rows or ())
         if report is not None:
-            results = reported(rows or (), report, maps, progress)
-        else:
-            results = list(attempt_rows(rows or (), progress, partial(attempt_part, maps=maps)))
+            prepare_folder(report)
+        plan = planned(parts, maps, make_maps, report, must_compile())
+        if Progress.shown and (report is not None or plan.seconds > LONG):
+            print(plan.text, file=sys.stderr)
+        with Progress("thesis") as progress:
+            if report is not None:
+                results = reported(plan, report, computed(plan, cached_parts(report, maps), progress))
+            else:
+                results = list(computed(plan, partial(_attempt, maps=maps), progress))
     if json:
         print_json([number for result in results for number in result.comparisons])
     elif report is not None:
@@ -71,29 +102,96 @@ def thesis(
     _close(results, bool(rows))
 
 
-def reported(rows: Iterable[str], folder: Path, maps: Path, progress: "Progress") -> "list[PartResult]":
-    """Write the report of these rows into a folder, and return the results of their parts."""
-    from fieldmap.plot.figures import save_curves
-    from fieldmap.thesis import attempt_rows
-    from fieldmap.thesis.finished_parts import cached_parts
-    from fieldmap.thesis.report import prepare_folder, write_report
-    from fieldmap.thesis.rows import parts_of
+def _attempt(part: str, maps: Path) -> "PartResult":
+    from fieldmap.thesis.computation import attempt_part
 
-    parts_of(rows)
-    prepare_folder(folder)
-    results: list[PartResult] = []
+    return attempt_part(part, maps)
+
+
+def computed(
+    plan: "Plan", attempt: "Callable[[str], PartResult]", progress: "Progress"
+) -> "Iterator[PartResult]":
+    """The parts of a plan, one by one; the maps that it asks for are made before the first part that needs one."""
+    from fieldmap.kernels.compile_ahead import compiled_ahead
+    from fieldmap.maps import generate
+    from fieldmap.thesis.computation import attempt_parts
+
+    begun = 0.0
+    for stage in plan.stages:
+
+        def share(message: str, fraction: float, begun: float = begun, of: float = stage.seconds) -> None:
+            progress(message, (begun + fraction * of) / plan.whole)
+
+        if stage.recipe:
+            stage.target.parent.mkdir(parents=True, exist_ok=True)
+            words = f"map {stage.recipe}"
+            with compiled_ahead():
+                generate(
+                    stage.recipe,
+                    stage.target,
+                    progress=lambda message, fraction, share=share, words=words: share(
+                        f"{words}: {message}", fraction
+                    ),
+                )
+        else:
+            with moving(share, stage.expected) as moved:
+                yield from attempt_parts(list(stage.expected), moved, attempt)
+        begun += stage.seconds
+
+
+@contextmanager
+def moving(
+    progress: "Callable[[str, float], None]", expected: Mapping[str, float]
+) -> "Iterator[Callable[[str, float], None]]":
+    """Progress for `attempt_parts` that moves while a part is at work, by the seconds that are expected of it.
+
+    A part that takes longer moves on ever more slowly and never passes its end.
+    """
+    from fieldmap.thesis.report import minutes
+
+    whole, stopped = sum(expected.values()), threading.Event()
+    at_work: list[tuple[str, float, float]] = []
+
+    def begins(part: str, share: float) -> None:
+        at_work[:] = [(part, share, time.monotonic())]
+        progress(part, share)
+
+    def ticks() -> None:
+        while not stopped.wait(1.0):
+            for part, share, since in tuple(at_work):
+                took, usual = time.monotonic() - since, expected[part]
+                inside = usual * (1.0 - math.exp(-took / usual)) / whole
+                if took > TOLD_EVERY:
+                    told = TOLD_EVERY * (took // TOLD_EVERY)
+                    progress(f"{part}, {minutes(told)} of about {minutes(usual)}", share + inside)
+
+    clock = threading.Thread(target=ticks, daemon=True)
+    clock.start()
+    try:
+        yield begins
+    finally:
+        stopped.set()
+        clock.join()
+
+
+def reported(plan: "Plan", folder: Path, results: "Iterable[PartResult]") -> "list[PartResult]":
+    """Write the report of these parts into a folder as they are done, and return their results."""
+    from fieldmap.plot.figures import save_curves
+    from fieldmap.thesis.report import write_report
+
+    found: list[PartResult] = []
 
     def collected() -> "Iterator[PartResult]":
-        for result in attempt_rows(rows, progress, cached_parts(folder, maps)):
-            results.append(result)
+        for result in results:
+            found.append(result)
             yield result
 
     try:
-        write_report(folder, collected(), save_curves)
+        write_report(folder, collected(), save_curves, plan.parts)
     except KeyboardInterrupt:
         print("finished rows are kept; the same command goes on from here", file=sys.stderr)
         raise
-    return results
+    return found
 
 
 def _close(results: "list[PartResult]", named: bool) -> None:

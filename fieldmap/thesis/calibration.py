@@ -1,6 +1,5 @@
 """S12 and S14 together: named calibrations, and whether one of them makes one picture of both."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.levitation import Calibration, LiftReadings, PositionReadings, calibrate
+from fieldmap.thesis import detail
 from fieldmap.thesis.drive_unit import payload
 from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -64,7 +64,7 @@ def _frozen(inputs: dict[str, Any]) -> tuple[Any, ...]:
     return (*tables, inputs["lift_deviation"], inputs["position_deviation_mm"])
 
 
-@cache
+@detail.cached
 def _fit(
     name: str, depths: Any, xs: Any, x_mm: Any, ys: Any, y_mm: Any, lift: float, place: float
 ) -> Calibration:

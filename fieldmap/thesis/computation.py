@@ -1,7 +1,7 @@
 """Printed numbers beside ours: parts of rows computed one by one, so that a failure loses nothing of the others."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +10,8 @@ import numpy as np
 from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
 from fieldmap.records import Record
-from fieldmap.thesis.available_maps import FOLDER, MapMissing, available_map
+from fieldmap.thesis import detail
+from fieldmap.thesis.available_maps import FOLDER, MapMissing, available_map, maps_in
 from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, filled, read_part, row_of
 from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
 
@@ -117,7 +118,8 @@ class PartResult(Record):
     """What became of one part of a row.
 
     explanations: name of a printed number, or "" for the part -> why ours differs. seconds: of processor time.
-    problem: why there are no numbers, or "". remedy: the command that helps, or "".
+    problem: why there are no numbers, or "". remedy: the command that helps, or "". map: the recipe whose map it takes,
+    or "". option: of the command line for its detail, " --quick" or "".
     """
 
     part: str
@@ -129,6 +131,7 @@ class PartResult(Record):
     problem: str = ""
     remedy: str = ""
     map: str = ""
+    option: str = ""
 
     @property
     def row(self) -> str:
@@ -167,9 +170,10 @@ def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
 def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     """The numbers, figures and explanations of one part. Raises MapMissing, and what the part itself raises."""
     printed = read_part(part)
-    inputs = printed.inputs | ({"map": available_map(printed.map, maps)} if printed.map else {})
-    started = time.process_time()
-    answers = function_of(part)(inputs)
+    with maps_in(maps):
+        inputs = printed.inputs | ({"map": available_map(printed.map)} if printed.map else {})
+        started = time.process_time()
+        answers = function_of(part)(inputs)
     seconds = time.process_time() - started
     if not isinstance(answers, Answers):
         answers = Answers(answers)
@@ -184,7 +188,8 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
             for name, text in printed.explanations.items()
         },
         seconds,
-        map=printed.map,
+        map=detail.current().map_name(printed.map),
+        option=detail.current().option,
     )
 
 
@@ -199,7 +204,9 @@ def attempt_part(part: str, maps: Path = FOLDER) -> PartResult:
         problem, remedy = str(error), ""
     except Exception as error:
         problem, remedy = f"{type(error).__name__}: {error}", ""
-    return PartResult(part, printed.title, problem=problem, remedy=remedy, map=printed.map)
+    chosen = detail.current()
+    needed = chosen.map_name(printed.map)
+    return PartResult(part, printed.title, problem=problem, remedy=remedy, map=needed, option=chosen.option)
 
 
 def attempt_rows(
@@ -208,14 +215,28 @@ def attempt_rows(
     attempt: Callable[[str], PartResult] = attempt_part,
 ) -> Iterator[PartResult]:
     """The parts of these rows (of all if none is given), one by one; progress(part, share of the work done)."""
-    parts = parts_of(rows)
-    costs = [read_part(part).seconds for part in parts]
+    yield from attempt_parts(parts_of(rows), progress, attempt)
+
+
+def attempt_parts(
+    parts: Sequence[str],
+    progress: Progress | None = None,
+    attempt: Callable[[str], PartResult] = attempt_part,
+) -> Iterator[PartResult]:
+    """These parts, one by one, as `attempt_rows`."""
+    costs = [expected_seconds(part) for part in parts]
     done = 0.0
     for part, cost in zip(parts, costs, strict=True):
         if progress is not None:
             progress(part, done / sum(costs))
         yield attempt(part)
         done += cost
+
+
+def expected_seconds(part: str) -> float:
+    """Processor time that a part takes at the present detail, about, s."""
+    printed = read_part(part)
+    return printed.quick_seconds if detail.current().is_quick else printed.seconds
 
 
 def _check_figures(part: str, printed: PrintedPart, curves: Iterable[Curves]) -> None:

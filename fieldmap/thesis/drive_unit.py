@@ -1,7 +1,7 @@
 """The drive unit with saturating iron, in the states and on the rays of currents that S11 to S15 ask for."""
 
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint, Grid, MapData
+from fieldmap.thesis import detail
 from fieldmap.thesis.available_maps import FOLDER, WAIT
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
@@ -193,13 +194,13 @@ class UnitRays(BaseField):
         return np.asarray(np.tensordot(weights[weights != 0.0], fields, axes=1))
 
 
-@cache
+@detail.cached
 def unit_states() -> UnitStates:
-    """States of the unit at the shipped mesh, cached in maps/out."""
-    return UnitStates()
+    """States of the unit at the shipped mesh, or the coarse one of a quick look, cached in maps/out."""
+    return UnitStates(refinement=detail.refinement(1.0))
 
 
-@cache
+@detail.cached
 def unit_rays() -> UnitRays:
     """The unit for any currents."""
     return UnitRays(unit_states())

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import GRAVITY, MagnetModel, equilibrium_at
 from fieldmap.records import Record
+from fieldmap.thesis import detail
 from fieldmap.thesis.drive_unit import payload, unit_rays
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -110,7 +110,7 @@ def fields_for(n: float, field_map: Any) -> tuple[FieldLike, ...]:
     return (field_map, unit_rays()) if n == 1.25 else (unit_rays(),)
 
 
-@cache
+@detail.cached
 def _curve(
     field_map: Any, signals: tuple[float, ...], axis: Axis, n: float, z_s: float, h: float, rule: Rule
 ) -> Shift:

@@ -18,7 +18,8 @@ from fieldmap import provenance
 from fieldmap.curves import Curves, Series
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.store import Checkpoint
-from fieldmap.thesis.available_maps import FOLDER, WAIT, map_path
+from fieldmap.thesis import detail
+from fieldmap.thesis.available_maps import FOLDER, WAIT, file_of
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
 from fieldmap.thesis.printed import data_files, read_part
 
@@ -35,14 +36,13 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
             mark = fingerprint(part, maps)
         except OSError:
             mark = ""
-        with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
-            finished = _finished(checkpoint, part, mark) if mark else None
+        finished = finished_part(folder, part, mark)
         if finished is not None:
             return finished
         result = attempt_part(part, maps)
         if mark and result.state == "done":
             with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
-                checkpoint.put(part, about={"fingerprint": mark, "result": _plain(result)})
+                checkpoint.put(_key(part), about={"fingerprint": mark, "result": _plain(result)})
         return result
 
     return attempt
@@ -52,23 +52,37 @@ def fingerprint(part: str, maps: Path = FOLDER) -> str:
     """What decides the numbers of a part, as 64 hexadecimal digits; "" where its map is missing."""
     printed = read_part(part)
     settings = [*(path.read_text(encoding="utf-8") for path in data_files(part)), *_devices()]
+    settings.append(detail.current().name)
     if printed.map:
-        path = maps / f"{printed.map}.h5"
+        path = file_of(printed.map, maps)
         if not path.is_file():
             return ""
-        settings.append(_of_a_map(map_path(printed.map, maps).resolve(), path.stat().st_mtime_ns))
+        settings.append(_of_a_map(path.resolve(), path.stat().st_mtime_ns))
     code = sorted({path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"})
     return provenance.fingerprint(settings, [name for name in code if name not in _WITHOUT_INFLUENCE])
 
 
-def _finished(checkpoint: Checkpoint, part: str, mark: str) -> PartResult | None:
-    """The part of this fingerprint, or None."""
-    piece = checkpoint.get(part)
-    return (
-        _from_plain(piece.about["result"])
-        if piece is not None and piece.about["fingerprint"] == mark
-        else None
-    )
+def finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
+    """The finished part of this fingerprint in a report's folder, or None."""
+    if not mark:
+        return None
+    with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
+        piece = checkpoint.get(_key(part))
+    if piece is None or piece.about["fingerprint"] != mark:
+        return None
+    return _from_plain(piece.about["result"])
+
+
+def is_finished(folder: Path, part: str, maps: Path = FOLDER) -> bool:
+    """Whether a report in this folder would take the part from what is kept."""
+    if not (folder / FILE).is_file():
+        return False
+    return finished_part(folder, part, fingerprint(part, maps)) is not None
+
+
+def _key(part: str) -> str:
+    """Under which a part is kept; quick results beside the others."""
+    return part + (" quick" if detail.current().is_quick else "")
 
 
 @cache

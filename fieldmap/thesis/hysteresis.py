@@ -3,7 +3,6 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -20,6 +19,7 @@ from fieldmap.levitation import StationaryPoint, equilibrium_at
 from fieldmap.provenance import fingerprint
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint
+from fieldmap.thesis import detail
 from fieldmap.thesis.available_maps import FOLDER, WAIT
 from fieldmap.thesis.drive_unit import DEVICE, LOWER, PACKAGES, UPPER
 from fieldmap.thesis.equilibrium_shift import Rule, curve
@@ -215,7 +215,7 @@ def _branch_rows(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
     figure = Curves(
         f"{table} with hysteresis in the iron", f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn)
     )
-    return Answers({"width": np.array(widths)}, (figure,), {"refinement": REFINEMENT})
+    return Answers({"width": np.array(widths)}, (figure,), {"refinement": detail.refinement(REFINEMENT)})
 
 
 def static_places(inputs: dict[str, Any], axis: Axis) -> Array:
@@ -231,7 +231,9 @@ def cached_shift(pinning: Pinning, protocol: Protocol, signals: Array, folder: P
     key = np.array([pinning.coercive_field, pinning.cells, axis, protocol.z_s, protocol.h, *way])
     if folder is None:
         return _shift(pinning, protocol, way)
-    mark = fingerprint((*read_device(DEVICE).texts, str(REFINEMENT)), (*PACKAGES, "levitation", "thesis"))
+    mark = fingerprint(
+        (*read_device(DEVICE).texts, str(detail.refinement(REFINEMENT))), (*PACKAGES, "levitation", "thesis")
+    )
     name = json.dumps(key.tolist())
     with Checkpoint(folder / _FILE, mark, wait=WAIT) as checkpoint:
         piece = checkpoint.get(name)
@@ -250,6 +252,6 @@ def _shift(pinning: Pinning, protocol: Protocol, way: Array) -> Array:
     return walk(solver, memory, way, protocol).shift(protocol.axis)
 
 
-@cache
+@detail.cached
 def _unit() -> HysteresisSolver:
-    return HysteresisSolver(read_device(DEVICE), Pinning(0.0), REFINEMENT)
+    return HysteresisSolver(read_device(DEVICE), Pinning(0.0), detail.refinement(REFINEMENT))

@@ -57,8 +57,8 @@ class PrintedPart(Record):
 
     ours: "module.function" of this package that computes them. explanations and assumptions: name of a printed
     quantity, or "" for the part -> why ours differs, and what it rests on; templates, filled by `filled`. map: the
-    recipe whose map it needs, or "". seconds: of processor time that the part takes, about. figures: of the thesis, by
-    number, that the part draws.
+    recipe whose map it needs, or "". seconds, quick_seconds: of processor time that the part takes, about, at full
+    and quick detail. figures: of the thesis, by number, that the part draws.
     """
 
     title: str
@@ -69,6 +69,7 @@ class PrintedPart(Record):
     ours: str = ""
     map: str = ""
     seconds: float = 1.0
+    quick_seconds: float = 1.0
     figures: tuple[str, ...] = ()
 
 
@@ -129,6 +130,7 @@ def _part(content: dict[str, Any]) -> PrintedPart:
         content["ours"],
         content.get("map", ""),
         content.get("seconds", 1.0),
+        content.get("quick_seconds", content.get("seconds", 1.0)),
         tuple(content.get("figures", ())),
     )
 

@@ -3,7 +3,8 @@
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date
 from importlib.metadata import version
@@ -16,10 +17,14 @@ from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
 from fieldmap.store import write_whole
+from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
-from fieldmap.thesis.printed import read_rows
+from fieldmap.thesis.printed import read_rows, row_of
 
 Draw = Callable[[Curves, Path], Any]
+Drawn = tuple[PartResult, tuple[str, ...]]
+OFTEN = 2.0
+"""Seconds after which the texts are written anew, at the earliest."""
 COLUMNS = (
     "row",
     "name",
@@ -39,11 +44,15 @@ COLUMNS = (
 
 @dataclass(frozen=True, repr=False)
 class Row(Record):
-    """One section of the report: the parts of a row with the file names of their figures."""
+    """One section of the report: the parts of a row with the file names of their figures.
+
+    waiting: titles of the parts that are not done yet.
+    """
 
     id: str
     system: str
     parts: tuple[tuple[PartResult, tuple[str, ...]], ...]
+    waiting: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> list[Comparison]:
@@ -69,7 +78,9 @@ class Row(Record):
 
     @property
     def state(self) -> str:
-        """ "done", "failed", "no map", or "partly" where some of its parts have numbers."""
+        """ "done", "failed", "no map", "partly" where some parts have numbers, or "waiting" for parts to come."""
+        if self.waiting:
+            return "waiting"
         states = {part.state for part, _ in self.parts}
         if len(states) == 1:
             return states.pop()
@@ -83,7 +94,8 @@ class Row(Record):
     @property
     def command(self) -> str:
         """What makes this row."""
-        return command_of(self.id, sorted({part.map for part, _ in self.parts if part.map}))
+        option = next((part.option for part, _ in self.parts), "")
+        return command_of(self.id + option, sorted({part.map for part, _ in self.parts if part.map}))
 
 
 def command_of(row: str, maps: Iterable[str]) -> str:
@@ -103,14 +115,35 @@ def prepare_folder(folder: Path) -> None:
         raise InputError(problem) from None
 
 
-def write_report(folder: Path, results: Iterable[PartResult], draw: Draw) -> Path:
+def write_report(folder: Path, results: Iterable[PartResult], draw: Draw, parts: Sequence[str] = ()) -> Path:
     """Write index.html, report.md, numbers.csv and plots/*.png, and return the path of index.html.
 
     results: drawn and taken one by one, so a generator may compute them. draw(curves, path) saves a figure as PNG.
-    The texts appear when all is done, each whole; figures appear as their rows are done.
+    parts: all that the results will be of. With these the texts are there before the first of them, and are written
+    anew as parts are done, each file whole; without, when all is done.
     """
-    drawn = [(result, _figures(result, folder, draw)) for result in results]
-    rows = _rows(drawn)
+    drawn: list[tuple[PartResult, tuple[str, ...]]] = []
+    waiting = dict.fromkeys(parts)
+    written = -OFTEN
+    for result in _none_first(results):
+        if result is not None:
+            drawn.append((result, _figures(result, folder, draw)))
+            waiting.pop(result.part, None)
+        if waiting and time.monotonic() > written + OFTEN:
+            _write(folder, drawn, tuple(waiting))
+            written = time.monotonic()
+    _write(folder, drawn, ())
+    return folder / "index.html"
+
+
+def _none_first(results: Iterable[PartResult]) -> Iterator[PartResult | None]:
+    yield None
+    yield from results
+
+
+def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None:
+    """The texts with what is done so far; waiting: parts to come."""
+    rows = _rows(drawn, waiting)
     numbers = [number for row in rows for number in row.numbers]
     agree, sharp = agreeing(numbers)
     known = {
@@ -127,11 +160,14 @@ def write_report(folder: Path, results: Iterable[PartResult], draw: Draw) -> Pat
         "seconds": sum(row.seconds for row in rows),
         "version": version("fieldmap"),
         "today": date.today().isoformat(),
+        "waiting": len(waiting),
+        "parts": len(drawn) + len(waiting),
+        "quick": detail.current().is_quick,
+        "coarse": detail.COARSE,
     }
     for template, name in (("report.md.j2", "report.md"), ("report.html.j2", "index.html")):
         write_whole(folder / name, _environment().get_template(template).render(known).encode())
     write_whole(folder / "numbers.csv", _csv(rows).encode())
-    return folder / "index.html"
 
 
 def _figures(result: PartResult, folder: Path, draw: Draw) -> tuple[str, ...]:
@@ -141,12 +177,24 @@ def _figures(result: PartResult, folder: Path, draw: Draw) -> tuple[str, ...]:
     return names
 
 
-def _rows(drawn: Sequence[tuple[PartResult, tuple[str, ...]]]) -> list[Row]:
-    names = dict.fromkeys(part.row for part, _ in drawn)
+def _rows(drawn: Sequence[Drawn], waiting: Sequence[str]) -> list[Row]:
+    """The rows in their order, the parts of each in the order of its file, whichever was done first."""
+    names = {part.row for part, _ in drawn} | {row_of(part) for part in waiting}
     return [
-        Row(name, read_rows()[name].system, tuple(pair for pair in drawn if pair[0].row == name))
-        for name in names
+        Row(
+            name,
+            row.system,
+            tuple(sorted((pair for pair in drawn if pair[0].row == name), key=_place)),
+            tuple(row.parts[part].title for part in waiting if row_of(part) == name),
+        )
+        for name, row in read_rows().items()
+        if name in names
     ]
+
+
+def _place(pair: Drawn) -> int:
+    names = list(read_rows()[pair[0].row].parts)
+    return names.index(pair[0].part) if pair[0].part in names else len(names)
 
 
 def _csv(rows: Iterable[Row]) -> str:

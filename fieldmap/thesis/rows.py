@@ -8,7 +8,7 @@ from typing import Any
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
-from fieldmap.thesis.printed import read_part, read_rows
+from fieldmap.thesis.printed import read_part, read_rows, row_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,19 +43,30 @@ def row_names() -> list[str]:
 
 
 def parts_of(rows: Iterable[str]) -> list[str]:
-    """The parts of these rows, in order; of all rows if none is given. Raises InputError for unknown rows."""
-    wanted = [name.upper() for name in rows]
-    known = row_names()
-    problems = [
-        Problem(
-            "thesis", f"must be a row of {', '.join(known)}", name, "leave the rows out to see all of them"
-        )
-        for name in wanted
-        if name not in known
-    ]
+    """The parts of these rows, or parts by their own names, in order; all if none is given. Raises InputError for
+    names that are neither.
+
+    >>> parts_of(["S4", "s14_table_6_2"])
+    ['S4_windings', 'S4_levitation', 'S14_table_6_2']
+    """
+    wanted = {name.lower(): name for name in rows}
+    known = {part.lower() for part in part_names()} | {row.lower() for row in row_names()}
+    problems = [_unknown(name) for lower, name in wanted.items() if lower not in known]
     if problems:
         raise InputError(*problems)
-    return [part for name in known if not wanted or name in wanted for part in read_rows()[name].parts]
+    return [
+        part for part in part_names() if not wanted or {part.lower(), row_of(part).lower()} & wanted.keys()
+    ]
+
+
+def _unknown(name: str) -> Problem:
+    row = row_of(name).upper()
+    if row in row_names():
+        return Problem(
+            "thesis", f"must be a part of {row}: {', '.join(read_rows()[row].parts)}", name, "or the row"
+        )
+    must_hold = f"must be a row of {', '.join(row_names())}, or a part of one"
+    return Problem("thesis", must_hold, name, "leave the rows out to see all of them")
 
 
 def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, Any]]:

@@ -1,6 +1,5 @@
 """S14: polynomial fits, current limit, convergence, magnet models, and what current noise does to the position."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from fieldmap.levitation import (
     model_assumptions,
     stationary_points,
 )
+from fieldmap.thesis import detail
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.equilibrium_shift import AXES, DRAWN_H, curve, fields_for, shift
 from fieldmap.thesis.rows import Answers, Ours
@@ -82,10 +82,10 @@ FINER = 1.3
 """Mesh sizes of the device file are divided by this."""
 
 
-@cache
+@detail.cached
 def finer_unit() -> UnitStates:
     """The unit on a finer mesh."""
-    return UnitStates(refinement=FINER)
+    return UnitStates(refinement=detail.refinement(FINER))
 
 
 def convergence(inputs: dict[str, Any]) -> Answers:
@@ -95,7 +95,7 @@ def convergence(inputs: dict[str, Any]) -> Answers:
     of = [shift((source,), signals, h=DRAWN_H, z_s=z_s, rule="constant") for source in sources]
     places = np.array([1e3 * (found.along + found.origin[0]) for found in of])
     mesh, by_map = np.abs(places[0] - places[1]).max(), np.abs(places[0] - places[2]).max()
-    facts = {"refinement": FINER, "mesh_mm": mesh, "map_mm": by_map, "drawn_h_mm": DRAWN_H}
+    facts = {"refinement": detail.refinement(FINER), "mesh_mm": mesh, "map_mm": by_map, "drawn_h_mm": DRAWN_H}
     return Answers({"constant": places}, facts=facts)
 
 
@@ -157,7 +157,7 @@ def own_current(inputs: dict[str, Any]) -> Answers:
     return Answers({"x": inputs["zero_mm"] + 1e3 * found.along}, facts=facts)
 
 
-@cache
+@detail.cached
 def sensitivity_at_origin() -> Sensitivity:
     """At (7-18)'s current in every coil, z_s = 10 mm, h = 15 mm: twelve states of their own, +-0.035 A in each coil."""
     states, currents = unit_states(), np.full(6, thesis_lift_current(10.0))

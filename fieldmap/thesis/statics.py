@@ -1,7 +1,6 @@
 """S11 to S13: the unit's coils, the current that levitates, and how it is divided."""
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from fieldmap.errors import OutsideMapError
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
 from fieldmap.sources import bare_inductance
+from fieldmap.thesis import detail
 from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
@@ -31,10 +31,10 @@ REFINEMENT = 0.5
 """Of the linear variants: their lift is within 2 % of the shipped mesh's."""
 
 
-@cache
+@detail.cached
 def linear_unit(name: str) -> LinearSolution:
     """A variant with linear iron (initial slope of its B-H table)."""
-    return solve_linear(read_device(name), refinement=REFINEMENT)
+    return solve_linear(read_device(name), refinement=detail.refinement(REFINEMENT))
 
 
 def coils(inputs: dict[str, Any]) -> Answers:
@@ -46,11 +46,11 @@ def coils(inputs: dict[str, Any]) -> Answers:
         "without_iron": 1e3 * np.diag(bare_inductance(unit.coils)),
     }
     z = np.linspace(-0.130, -0.085, 46)
-    facts = {"refinement": REFINEMENT, **_saturation()}
+    facts = {"refinement": detail.refinement(REFINEMENT), **_saturation()}
     return Answers(numbers, (_each_coil(unit, z), _all_coils(z), _variants(z)), facts)
 
 
-@cache
+@detail.cached
 def _on_its_core() -> Array:
     """Self-inductance (c,), H, of each winding on its own core, without the rest of the unit."""
     device = read_device("drive_unit")
@@ -117,7 +117,7 @@ def _saturation() -> dict[str, float]:
     return {"share_of_all": of_all, "share_of_one": of_one}
 
 
-@cache
+@detail.cached
 def lift_current(z_s: float, h: float) -> float:
     """Current in each coil at which the saturating unit carries the microrobot on the axis, A; NaN beyond 5.2 A."""
     low, high = PANELS[0][0], PANELS[-1][-1]
@@ -144,7 +144,7 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
     }
     best = int(np.argmin(spread))
     facts = {
-        "refinement": REFINEMENT,
+        "refinement": detail.refinement(REFINEMENT),
         "least_share": shares.min(),
         "largest_share": shares.max(),
         "best_h_mm": hs[best],

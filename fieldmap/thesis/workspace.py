@@ -1,6 +1,7 @@
 """S15: how far the magnet can be moved before a coil reaches the amplifier's limit or a place is no longer stable."""
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import stationary_points
 from fieldmap.lookup import FieldMap, open_map
+from fieldmap.thesis import detail
 from fieldmap.thesis.available_maps import map_path
 from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
 from fieldmap.thesis.equilibrium_shift import DRAWN_H, Axis, Shift, shift
@@ -24,10 +26,15 @@ SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
 """y < 0 mirrors y > 0."""
 
 
-@cache
 def extended_map() -> FieldMap:
     """The map `division`, which answers beyond its currents too. Raises MapMissing."""
-    return open_map(map_path("division"), outside_currents="evaluate")
+    path = map_path("division").resolve()
+    return _extended(path, path.stat().st_mtime_ns)
+
+
+@cache
+def _extended(path: Path, changed: int) -> FieldMap:
+    return open_map(path, outside_currents="evaluate")
 
 
 def ranges(inputs: dict[str, Any]) -> Answers:
@@ -53,7 +60,7 @@ def ranges(inputs: dict[str, Any]) -> Answers:
     return Answers(numbers, tuple(curves), facts)
 
 
-@cache
+@detail.cached
 def _followed(axis: Axis, way: float, z_s: float, h: float) -> Shift:
     """As far as the map's box goes."""
     signals = SIGNALS

@@ -1,4 +1,4 @@
-"""The script makes the maps that are missing, then the report."""
+"""The script is the command with the options of a whole reproduction."""
 
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -17,20 +17,14 @@ def script(monkeypatch):
     return module
 
 
-def test_maps_are_made_before_the_report(script, monkeypatch, tmp_path):
+def test_missing_maps_are_asked_for(script, monkeypatch, tmp_path):
+    """That they are made before the parts that need them is tested in tests/thesis/test_plan.py."""
     done = []
-    monkeypatch.setattr(
-        script.fieldmap, "generate", lambda recipe, output, progress: done.append((recipe, output))
-    )
     monkeypatch.setattr(script, "command_line", lambda words: done.append(words) or 0)
-    maps, report = tmp_path / "maps", tmp_path / "report"
-    words = ["S3", "S12", "--report", str(report), "--maps", str(maps)]
+    words = ["S3", "S12", "--report", str(tmp_path / "report"), "--maps", str(tmp_path / "maps")]
     monkeypatch.setattr(sys, "argv", ["reproduce_thesis.py", *words])
     assert script.main() == 0
-    assert done == [("division", maps / "division.h5"), ["thesis", *words]]
-    (maps / "division.h5").write_bytes(b"a map")
-    assert script.main() == 0
-    assert done[2:] == [["thesis", *words]]
+    assert done == [["thesis", *words, "--make-maps"]]
 
 
 def test_a_report_without_maps(script, monkeypatch, tmp_path):

@@ -178,7 +178,10 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(finished_parts, "attempt_part", interrupted)
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 130
     assert capsys.readouterr().err
-    assert not (tmp_path / "index.html").exists()
+    page = Page((tmp_path / "index.html").read_text())
+    assert "progress" in page.anchors
+    states = {row[0].strip(): row[6].strip() for row in page.rows if len(row) == 8}
+    assert states["S7"] == "waiting"
     assert finished(tmp_path) == ["S3", "S6"]
     computed = []
 
@@ -189,6 +192,7 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(finished_parts, "attempt_part", counting)
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 0
     assert computed == ["S7"]
+    assert "progress" not in Page((tmp_path / "index.html").read_text()).anchors
 
 
 def test_a_row_that_fails_and_one_without_its_map_are_listed(tmp_path):

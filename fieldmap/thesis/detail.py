@@ -1,0 +1,91 @@
+"""How fine the rows are computed: on the meshes that they state, or on coarse ones, for a first look.
+
+What a part takes as its mesh goes through `refinement`, what it remembers through `cached`, and the name of its map
+through `Detail.map_name`, so that results of both never meet.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache, update_wrapper
+from typing import Generic, ParamSpec, TypeVar
+
+from fieldmap.records import Record
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+COARSE = 0.4
+"""Mesh sizes of the device file are divided by this at most where a row is computed quickly."""
+
+
+@dataclass(frozen=True, repr=False)
+class Detail(Record):
+    """name: "full" or "quick". option: of the command line that asks for it, with a space before it."""
+
+    name: str
+    option: str = ""
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether meshes and maps are coarser than the rows state."""
+        return self.name == "quick"
+
+    def map_name(self, recipe: str) -> str:
+        """The recipe whose map stands for that of `recipe`; "" for none.
+
+        >>> QUICK.map_name("division"), FULL.map_name("division"), QUICK.map_name("")
+        ('division_quick', 'division', '')
+        """
+        return f"{recipe}_quick" if recipe and self.is_quick else recipe
+
+
+FULL = Detail("full")
+QUICK = Detail("quick", " --quick")
+_CURRENT: ContextVar[Detail] = ContextVar("detail", default=FULL)
+
+
+def current() -> Detail:
+    """The detail that rows are computed with now."""
+    return _CURRENT.get()
+
+
+@contextmanager
+def at(detail: Detail) -> Iterator[Detail]:
+    """Compute rows with this detail inside the block."""
+    token = _CURRENT.set(detail)
+    try:
+        yield detail
+    finally:
+        _CURRENT.reset(token)
+
+
+def refinement(usual: float) -> float:
+    """By what mesh sizes are divided where a part states `usual`; a finer mesh stays finer than the others.
+
+    >>> with at(QUICK):
+    ...     [refinement(usual) for usual in (1.0, 1.3, 0.5, 0.3)]
+    [0.4, 0.52, 0.4, 0.3]
+    """
+    return round(min(usual, COARSE * max(1.0, usual)), 6) if current().is_quick else usual
+
+
+class Cached(Generic[Arguments, Result]):
+    """A function that keeps its results, those of each detail apart."""
+
+    def __init__(self, function: Callable[Arguments, Result]) -> None:
+        def of_detail(detail: Detail, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+            return function(*arguments, **named)
+
+        self._cached = cache(of_detail)
+        self.cache_clear = self._cached.cache_clear
+        update_wrapper(self, function)
+
+    def __call__(self, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        """The result, computed once."""
+        return self._cached(current(), *arguments, **named)
+
+
+def cached(function: Callable[Arguments, Result]) -> Cached[Arguments, Result]:
+    """`functools.cache` for what depends on the detail."""
+    return Cached(function)
