@@ -118,25 +118,20 @@ def computed(
 
     begun = 0.0
     for stage in plan.stages:
-
-        def share(message: str, fraction: float, begun: float = begun, of: float = stage.seconds) -> None:
-            progress(message, (begun + fraction * of) / plan.whole)
-
+        share = partial(_told, progress, begun / plan.whole, stage.seconds / plan.whole)
         if stage.recipe:
             stage.target.parent.mkdir(parents=True, exist_ok=True)
-            words = f"map {stage.recipe}"
             with compiled_ahead():
-                generate(
-                    stage.recipe,
-                    stage.target,
-                    progress=lambda message, fraction, share=share, words=words: share(
-                        f"{words}: {message}", fraction
-                    ),
-                )
+                generate(stage.recipe, stage.target, progress=share)
         else:
             with moving(share, stage.expected) as moved:
                 yield from attempt_parts(list(stage.expected), moved, attempt)
         begun += stage.seconds
+
+
+def _told(progress: "Progress", begun: float, of: float, message: str, fraction: float) -> None:
+    """Tell progress in a step that is the share `of` of all and began at the share `begun`."""
+    progress(message, begun + fraction * of)
 
 
 @contextmanager

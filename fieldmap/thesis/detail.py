@@ -83,7 +83,7 @@ class Cached(Generic[Arguments, Result]):
 
     def __call__(self, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
         """The result, computed once."""
-        return self._cached(current(), *arguments, **named)
+        return self._cached(current(), *arguments, **named)  # type: ignore[arg-type]
 
 
 def cached(function: Callable[Arguments, Result]) -> Cached[Arguments, Result]:

@@ -1,0 +1,97 @@
+"""What a figure shows, as data: titles, axes, and the curves and images in them, without their pixels.
+
+A picture in the documentation has such a record beside it, so that a test can tell whether the command that is named
+for it would still draw the same (docs/images/records.json, scripts/picture_records.py).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from fieldmap.typing import Array
+
+SAMPLES = 9
+"""Values that stand for a curve or an image: at evenly spread places, the ends among them."""
+
+
+def figure_record(figure: Figure) -> dict[str, Any]:
+    """Title of the figure, and of each of its axes the title, labels, scales, and what is drawn in them.
+
+    >>> from matplotlib.figure import Figure
+    >>> figure = Figure()
+    >>> axes = figure.add_subplot(xlabel="x (mm)", ylabel="B (mT)")
+    >>> [line] = axes.plot([0.0, 1.0, 2.0], [3.0, 4.0, 6.0], label="ours")
+    >>> figure_record(figure)["axes"][0]["lines"][0]["y"]
+    [3.0, 4.0, 6.0]
+    """
+    return {"title": figure.get_suptitle(), "axes": [_axes_record(axes) for axes in figure.axes]}
+
+
+def _axes_record(axes: Axes) -> dict[str, Any]:
+    legend = axes.get_legend()
+    return {
+        "title": axes.get_title(),
+        "x": axes.get_xlabel(),
+        "y": axes.get_ylabel(),
+        "scales": [axes.get_xscale(), axes.get_yscale()],
+        "legend": [] if legend is None else [text.get_text() for text in legend.get_texts()],
+        "lines": [
+            {
+                "label": "" if str(line.get_label()).startswith("_") else str(line.get_label()),
+                "points": len(line.get_xydata()),
+                "x": sampled(line.get_xdata()),
+                "y": sampled(line.get_ydata()),
+            }
+            for line in axes.lines
+        ],
+        "images": [sampled(image.get_array()) for image in [*axes.images, *_meshes(axes)]],
+    }
+
+
+def _meshes(axes: Axes) -> list[QuadMesh]:
+    return [one for one in axes.collections if isinstance(one, QuadMesh)]
+
+
+def sampled(values: ArrayLike | None) -> list[float]:
+    """Some values of an array, to seven digits; NaN as it is."""
+    flat: Array = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan).ravel()
+    places = np.unique(np.linspace(0, len(flat) - 1, SAMPLES).round().astype(int)) if len(flat) else []
+    return [float(f"{flat[place]:.7g}") for place in places]
+
+
+def differences(then: object, now: object, where: str = "", share: float = 1e-3) -> list[str]:
+    """Where two records differ: texts and counts at all, numbers by more than a share of the largest of their list."""
+    if isinstance(then, Mapping) and isinstance(now, Mapping):
+        keys = [*then, *(key for key in now if key not in then)]
+        return [
+            text
+            for key in keys
+            for text in differences(then.get(key), now.get(key), f"{where}.{key}".strip("."), share)
+        ]
+    if _are_numbers(then) and _are_numbers(now):
+        one, other = np.array(then, dtype=float), np.array(now, dtype=float)
+        if one.shape != other.shape:
+            return [f"{where}: {len(one)} numbers, {len(other)} now"]
+        size = np.nanmax(np.abs(one), initial=0.0)
+        if np.allclose(one, other, rtol=0.0, atol=share * size, equal_nan=True):
+            return []
+        return [f"{where}: {then}, now {now}"]
+    if isinstance(then, list) and isinstance(now, list):
+        found = [] if len(then) == len(now) else [f"{where}: {len(then)} entries, {len(now)} now"]
+        pairs = enumerate(zip(then, now, strict=False))
+        return found + [text for k, (a, b) in pairs for text in differences(a, b, f"{where}[{k}]", share)]
+    return [] if then == now else [f"{where}: {then!r}, now {now!r}"]
+
+
+def _are_numbers(value: object) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and not isinstance(value, str)
+        and bool(value)
+        and all(isinstance(one, int | float) and not isinstance(one, bool) for one in value)
+    )
