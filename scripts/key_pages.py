@@ -127,6 +127,7 @@ EXAMPLES: dict[str, Any] = {
     "frequency": 2.0,
     "path, relative to the scenario": "path.csv",
     "its value; that of the equilibrium at the start unless given": 4.4,
+    "name of a [material.NAME] table of this file; or give mu_r instead": "steel",
     "of what is seen of x, y, depth; from [sensors] unless given": [0.02, 0.02, 0.02],
 }  # fmt: skip
 

@@ -118,7 +118,8 @@ def computed(
 
     begun = 0.0
     for stage in plan.stages:
-        share = partial(_told, progress, begun / plan.whole, stage.seconds / plan.whole)
+        what = f"map {stage.recipe}: " if stage.recipe else ""
+        share = partial(_told, progress, what, begun / plan.whole, stage.seconds / plan.whole)
         if stage.recipe:
             stage.target.parent.mkdir(parents=True, exist_ok=True)
             with compiled_ahead():
@@ -129,9 +130,9 @@ def computed(
         begun += stage.seconds
 
 
-def _told(progress: "Progress", begun: float, of: float, message: str, fraction: float) -> None:
+def _told(progress: "Progress", what: str, begun: float, of: float, message: str, fraction: float) -> None:
     """Tell progress in a step that is the share `of` of all and began at the share `begun`."""
-    progress(message, begun + fraction * of)
+    progress(f"{what}{message}", begun + fraction * of)
 
 
 @contextmanager

@@ -43,7 +43,7 @@ def _axes_record(axes: Axes) -> dict[str, Any]:
         "lines": [
             {
                 "label": "" if str(line.get_label()).startswith("_") else str(line.get_label()),
-                "points": len(line.get_xydata()),
+                "points": int(np.size(line.get_xdata())),
                 "x": sampled(line.get_xdata()),
                 "y": sampled(line.get_ydata()),
             }
@@ -60,7 +60,9 @@ def _meshes(axes: Axes) -> list[QuadMesh]:
 def sampled(values: ArrayLike | None) -> list[float]:
     """Some values of an array, to seven digits; NaN as it is."""
     flat: Array = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan).ravel()
-    places = np.unique(np.linspace(0, len(flat) - 1, SAMPLES).round().astype(int)) if len(flat) else []
+    if not len(flat):
+        return []
+    places = np.unique(np.linspace(0, len(flat) - 1, SAMPLES).round().astype(int))
     return [float(f"{flat[place]:.7g}") for place in places]
 
 

@@ -15,8 +15,8 @@ from fieldmap.records import Record
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
-COARSE = 0.4
-"""Mesh sizes of the device file are divided by this at most where a row is computed quickly."""
+COARSE, COARSEST = 0.4, 0.25
+"""What a row divides mesh sizes by is multiplied by the first where it is computed quickly, down to the second."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,9 +65,9 @@ def refinement(usual: float) -> float:
 
     >>> with at(QUICK):
     ...     [refinement(usual) for usual in (1.0, 1.3, 0.5, 0.3)]
-    [0.4, 0.52, 0.4, 0.3]
+    [0.4, 0.52, 0.25, 0.25]
     """
-    return round(min(usual, COARSE * max(1.0, usual)), 6) if current().is_quick else usual
+    return round(min(usual, max(COARSE * usual, COARSEST)), 6) if current().is_quick else usual
 
 
 class Cached(Generic[Arguments, Result]):

@@ -50,9 +50,27 @@ def shows(expected: str, printed: str) -> None:
             assert line.rstrip() in lines, f"{line}\n\n{printed}"
 
 
+@pytest.fixture
+def figures(monkeypatch):
+    """What the figures show that are saved meanwhile, by the name of the file."""
+    from matplotlib.figure import Figure
+
+    from fieldmap.plot.record import figure_record
+
+    seen: dict[str, dict[str, object]] = {}
+    save = Figure.savefig
+
+    def saved(figure, path, **options):
+        save(figure, path, **options)
+        seen[Path(path).name] = figure_record(figure)
+
+    monkeypatch.setattr(Figure, "savefig", saved)
+    return seen
+
+
 @pytest.mark.parametrize("path", WITH_EXAMPLES, ids=named)
-def test_examples(path: Path, tmp_path, monkeypatch):
-    """A page from top to bottom, in a folder of its own."""
+def test_examples(path: Path, tmp_path, monkeypatch, figures, hold_picture):
+    """A page from top to bottom, in a folder of its own; the pictures that it shows are those that it draws."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     unseen = printed = ""
@@ -77,6 +95,9 @@ def test_examples(path: Path, tmp_path, monkeypatch):
                 assert printed == block["code"]
             unseen = ""
     assert unseen == ""
+    shown = set(re.findall(r"!\[[^\]]*\]\([\w/.]*images/(\w+\.png)\)", path.read_text()))
+    for name in sorted(shown & figures.keys()):
+        hold_picture(name, named(path), "shows", figures[name], tmp_path / name)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

@@ -1,0 +1,59 @@
+"""Pictures of the pages: their records, and `pytest tests/docs --rewrite-pictures`, which draws them anew."""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+IMAGES = ROOT / "docs" / "images"
+RECORDS = IMAGES / "records.json"
+
+
+def pytest_addoption(parser):
+    """Known where tests of this folder are named on the command line."""
+    parser.addoption("--rewrite-pictures", action="store_true", help="write docs/images and its records anew")
+
+
+def records() -> dict[str, dict[str, Any]]:
+    """By picture: made_by, sha256 of the file, and `shows` (what was drawn) or `inputs` (digests of what it shows)."""
+    found: dict[str, dict[str, Any]] = json.loads(RECORDS.read_text())
+    return found
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="session")
+def rewriting(request) -> bool:
+    """Whether pictures are to be written anew."""
+    return bool(request.config.getoption("--rewrite-pictures", default=False))
+
+
+@pytest.fixture
+def hold_picture(rewriting):
+    """hold_picture(name, made_by, key, content, drawn): the record of a picture must say this of it.
+
+    drawn: the file just drawn, which takes the place of the picture where pictures are written anew.
+    """
+    from fieldmap.plot.record import differences
+
+    def hold(name: str, made_by: str, key: str, content: dict[str, Any], drawn: Path | None = None) -> None:
+        known = records() if RECORDS.is_file() else {}
+        entry = known.get(name, {})
+        changed = differences(entry.get(key), content)
+        if rewriting and (changed or entry.get("made_by") != made_by):
+            if drawn is not None:
+                shutil.copy(drawn, IMAGES / name)
+            known[name] = {"made_by": made_by, "sha256": digest(IMAGES / name), key: content}
+            RECORDS.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n")
+            return
+        words = f"{name} is not what `{made_by}` draws: pytest tests/docs --rewrite-pictures draws it anew"
+        assert changed == [], words
+        assert entry["made_by"] == made_by
+
+    return hold

@@ -1,0 +1,130 @@
+"""No picture of the pages is stale: each has a record of what it shows, which is that of its command today.
+
+Pictures that pages draw themselves are held in test_examples.py, where the pages run. Figures of the thesis that need
+no map are drawn here. Of those that take minutes the inputs are held: a device, recipe or study that changes asks for
+a new picture. `pytest tests/docs --rewrite-pictures` draws what can be drawn, and takes the inputs of the others anew.
+"""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from fieldmap.inputs.kinds import every_kind
+from fieldmap.plot.figures import draw_curves, save_curves
+from fieldmap.plot.record import differences, figure_record
+from fieldmap.thesis.computation import compute_part
+from fieldmap.thesis.printed import figure_numbers, read_part
+
+ROOT = Path(__file__).parents[2]
+IMAGES = ROOT / "docs" / "images"
+KINDS = {kind.name: kind for kind in every_kind()}
+# Picture -> part and number of the figure; these need no map.
+FIGURES = {
+    "figure_2_9_current_ratio.png": ("S5_current_ratio", "2-9"),
+    "figure_4_7_formula.png": ("S9_constants", "4-7"),
+}
+# Picture -> command that draws it, and the files that decide what it shows, as KIND:NAME or part:NAME.
+LONG = {
+    "app.png": (
+        "fieldmap app maps/out/workspace.h5 --force-scale 2.1",
+        ("device:drive_unit", "recipe:workspace"),
+    ),
+    "drive_unit.png": (
+        "python scripts/view.py drive_unit maps/out/workspace.h5 --amperes 1.5",
+        ("device:drive_unit",),
+    ),
+    "figure_6_5.png": (
+        "fieldmap thesis S14_x_branches --report report",
+        ("part:S14_x_branches", "device:drive_unit", "recipe:division"),
+    ),
+    "pole_disk.png": ("fieldmap study pole_disk", ("study:pole_disk", "device:drive_unit")),
+    "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit",)),
+    "workspace.png": ("fieldmap map workspace --summary", ("device:drive_unit", "recipe:workspace")),
+}
+
+
+def records() -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = json.loads((IMAGES / "records.json").read_text())
+    return found
+
+
+def contents(name: str) -> str:
+    """Digest of a file's data: without comments and layout, its short forms written out."""
+    kind, _, file = name.partition(":")
+    if kind == "part":
+        part = read_part(file)
+        data: object = [part.inputs, {key: [one.text for one in row] for key, row in part.numbers.items()}]
+    else:
+        data = KINDS[kind].load(KINDS[kind].find(file)).data
+    return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture, tmp_path):
+    part, number = FIGURES[name]
+    curves = next(one for one in compute_part(part).curves if number in figure_numbers(one.title))
+    figure = Figure()
+    draw_curves(figure.add_subplot(), curves)
+    drawn = save_curves(curves, tmp_path / name)
+    row = part.partition("_")[0]
+    command = f"python scripts/gallery.py --only figures --rows {row}"
+    hold_picture(name, command, "shows", figure_record(figure), drawn)
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_what_the_others_show_has_not_changed_since(name, hold_picture):
+    command, files = LONG[name]
+    hold_picture(name, command, "inputs", {file: contents(file) for file in files})
+
+
+def test_every_picture_has_a_record_of_this_very_file():
+    assert sorted(records()) == sorted(path.name for path in IMAGES.glob("*.png"))
+    assert {name: entry["sha256"] for name, entry in records().items()} == {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in IMAGES.glob("*.png")
+    }
+
+
+def test_every_picture_stands_on_a_page_beside_what_makes_it():
+    """The words that name its command, or the page itself, which draws it."""
+    pages = {path: path.read_text() for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]}
+    for name, entry in records().items():
+        showing = [path for path, text in pages.items() if re.search(rf"\]\([\w/.]*images/{name}\)", text)]
+        assert showing, name
+        made_by = entry["made_by"]
+        if made_by.endswith(".md"):
+            assert ROOT / made_by in showing, name
+        elif made_by.startswith("fieldmap "):
+            words = " ".join(made_by.split()[:3])
+            assert any(words in text for text in pages.values()), name
+
+
+def test_a_changed_curve_is_seen():
+    figure = Figure()
+    axes = figure.add_subplot(xlabel="x (mm)", ylabel="B (mT)", title="Bz")
+    axes.plot([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], label="ours")
+    record = json.loads(json.dumps(figure_record(figure)))
+    assert differences(record, figure_record(figure)) == []
+    axes.lines[0].set_ydata([1.0, 2.0, 3.1])
+    assert [text.split(":")[0] for text in differences(record, figure_record(figure))] == [
+        "axes[0].lines[0].y"
+    ]
+    axes.lines[0].set_ydata([1.0, 2.0, 3.0])
+    axes.set_xlabel("x (m)")
+    assert [text.split(":")[0] for text in differences(record, figure_record(figure))] == ["axes[0].x"]
+    axes.plot([0.0], [1.0])
+    assert len(differences(record, figure_record(figure))) == 2
+
+
+def test_pictures_of_pages_are_in_the_records():
+    """What test_examples.py holds: every figure that a page saves under the name of one of its pictures."""
+    for path in sorted((ROOT / "docs").rglob("*.md")):
+        text = path.read_text()
+        saved = set(re.findall(r"(?:savefig\(\"|--save )([\w]+\.png)", text))
+        shown = {Path(place).name for place in re.findall(r"!\[[^\]]*\]\(([^)]+\.png)\)", text)}
+        for name in saved & shown:
+            assert records()[name]["made_by"] == str(path.relative_to(ROOT))
