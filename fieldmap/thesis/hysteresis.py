@@ -204,7 +204,7 @@ def _branch_rows(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
     ]
     widths = []
     for coercive in inputs["coercive_A_per_m"]:
-        pinning = Pinning(float(coercive), int(inputs["cells"]))
+        pinning = Pinning(float(coercive), detail.fewer(int(inputs["cells"])))
         shift = 1e3 * cached_shift(pinning, Protocol(axis, z_s=inputs["z_mm"], h=inputs["h_mm"]), signals)
         out, back = shift[:count], shift[count - 1 :][::-1]
         widths.append(back - out)

@@ -11,7 +11,7 @@ from fieldmap.thesis.computation import expected_seconds
 from fieldmap.thesis.finished_parts import is_finished
 from fieldmap.thesis.printed import read_part, row_of
 
-MAP_SECONDS = {"division": 200.0, "division_quick": 60.0}
+MAP_SECONDS = {"division": 200.0, "division_quick": 30.0}
 """Seconds for a map on two processors, about."""
 COMPILATION = 150.0
 """Seconds in which the kernels are compiled that maps and parts need, on two processors, about."""
