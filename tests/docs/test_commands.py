@@ -12,7 +12,7 @@ import typer
 from fieldmap.cli.application import application
 from fieldmap.cli.arguments import join_lists
 from fieldmap.shipped import shipped_names
-from fieldmap.thesis import row_names
+from fieldmap.thesis import part_names, row_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -77,7 +77,7 @@ def test_files_exist(page, line, whole):
         return
     if words[0] == "thesis":
         rows = itertools.takewhile(lambda word: not word.startswith("-"), words[1:])
-        assert set(rows) <= set(row_names()), f"{page}: {line}"
+        assert set(rows) <= {*row_names(), *part_names()}, f"{page}: {line}"
         return
     source = words[1]
     if source.endswith(".toml"):

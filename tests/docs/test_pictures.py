@@ -44,7 +44,7 @@ LONG = {
     ),
     "pole_disk.png": ("fieldmap study pole_disk", ("study:pole_disk", "device:drive_unit")),
     "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit",)),
-    "workspace.png": ("fieldmap map workspace --summary", ("device:drive_unit", "recipe:workspace")),
+    "workspace.png": ("make map", ("device:drive_unit", "recipe:workspace")),
 }
 
 
