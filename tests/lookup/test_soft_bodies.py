@@ -238,6 +238,25 @@ def test_slopes_by_the_currents_pass_a_taylor_test():
     assert np.polyfit(np.log(steps), np.log(off), 1)[0] == pytest.approx(2.0, abs=0.1)
 
 
+def test_rules_for_the_magnets_among_pieces(opened):
+    pieces = [
+        SoftSphere(3e-3, STEEL),
+        PayloadPiece(MagnetCylinder(4e-3, 5e-3, 1.2), fm.placed([0.0, 0.0, 2e-3])),
+    ]
+    payload, at, currents = (
+        Payload(2e-3, pieces=pieces),
+        np.array([0.001, 0.0, -0.002]),
+        np.linspace(-3.0, 4.0, 8),
+    )
+    exact = magnetic_body(payload, level=5).wrench(opened, at, currents)
+    chosen = magnetic_body(payload, field=opened.at(currents), tolerance=1e-3)
+    assert chosen.error < 1e-3
+    assert 1 < len(chosen.points) < len(magnetic_body(payload, level=5).points)
+    np.testing.assert_allclose(
+        chosen.wrench(opened, at, currents)[:3], exact[:3], atol=2e-3 * np.linalg.norm(exact[:3])
+    )
+
+
 def test_stiffness_is_the_slope_of_the_force():
     field, body = Loops(), magnetic_body(PAIR)
     at, currents = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
