@@ -7,6 +7,7 @@ import pyvista as pv
 from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
+from fieldmap.device.payload import Payload, PayloadPiece, SoftBody
 from fieldmap.field import AnyField, Currents, Field, as_field, coil_currents, require_bounds
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import INK, add_rulers, label_step
@@ -61,7 +62,7 @@ def device_scene(
         source = as_field(field)
         _add_slices(scene, source, coil_currents(1.0 if currents is None else currents, source.coil_names))
     if magnet_at is not None and device.payload is not None:
-        add_magnet(scene, device.payload.magnet, MM * np.asarray(magnet_at, dtype=float))
+        add_payload(scene, device.payload, MM * np.asarray(magnet_at, dtype=float))
     if axes:
         add_rulers(scene)
     scene.enable_anti_aliasing("ssaa")
@@ -154,9 +155,12 @@ def slice_planes(field: AnyField, currents: Array, points: int = 81) -> list[pv.
     return planes
 
 
-def add_magnet(scene: pv.Plotter, magnet: Any, at: Array) -> None:
-    """The payload's magnet with its centre at (3,), mm, and an arrow along its moment."""
-    shape = magnet_surface(magnet)
+def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
+    """The payload's magnet with its centre at (3,), mm, and an arrow along its moment; or its pieces, upright."""
+    for piece in payload.pieces:
+        surface = _placed_surface(piece).translate(at, inplace=False)
+        _add_solid(scene, surface, IRON if isinstance(piece.shape, SoftBody) else MAGNET)
+    shape = magnet_surface(payload.magnet)
     if shape is None:
         return
     half = 0.5 * (shape.bounds[5] - shape.bounds[4])
@@ -165,6 +169,25 @@ def add_magnet(scene: pv.Plotter, magnet: Any, at: Array) -> None:
         start=at + np.array([0.0, 0.0, half]), direction=(0, 0, 1), scale=2.0 * half, shaft_radius=0.06
     )
     scene.add_mesh(arrow, color=MAGNET)
+
+
+def payload_surface(payload: Payload) -> pv.PolyData | None:
+    """A payload's magnet, or all of its pieces, about its centre, upright, mm; None of a mere moment."""
+    if not payload.pieces:
+        return magnet_surface(payload.magnet)
+    return pv.merge([_placed_surface(piece) for piece in payload.pieces]).extract_surface(algorithm=None)
+
+
+def _placed_surface(piece: PayloadPiece) -> pv.PolyData:
+    shape, place = piece.shape, np.eye(4)
+    place[:3, :3], place[:3, 3] = piece.placement.rotation, MM * np.asarray(piece.placement.position)
+    if isinstance(shape, SoftBody):
+        x, y, z = (MM * axis / 2 for axis in shape.axes)
+        surface = pv.Sphere(radius=1.0).scale((x, y, z), inplace=False)
+    else:
+        surface = magnet_surface(shape)
+        assert surface is not None
+    return surface.transform(place, inplace=False)
 
 
 def magnet_surface(magnet: Any) -> pv.PolyData | None:

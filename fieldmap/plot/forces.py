@@ -6,7 +6,7 @@ import pyvista as pv
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import dipole_force, upright_force
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_magnet
+from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_payload
 from fieldmap.plot.shown import Shown
 from fieldmap.typing import Array
 
@@ -28,7 +28,7 @@ def add_equilibrium(scene: pv.Plotter, shown: Shown) -> None:
     assert shown.payload is not None
     places = places_in_box(shown)
     _add_arrows(scene, places, net_force(shown, places), NET, shown)
-    add_magnet(scene, shown.payload.magnet, MM * np.asarray(shown.equilibrium))
+    add_payload(scene, shown.payload, MM * np.asarray(shown.equilibrium))
 
 
 def places_in_box(shown: Shown) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, magnet_surface
+from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, payload_surface
 from fieldmap.plot.rulers import INK
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.typing import Index
@@ -20,7 +20,7 @@ def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
     """What the body looks like, about the origin, upright, mm, and how it is drawn."""
     parts: list[tuple[pv.PolyData, dict[str, Any]]] = []
     payload = run.device.payload
-    surface = None if payload is None else magnet_surface(payload.magnet)
+    surface = None if payload is None else payload_surface(payload)
     if surface is not None:
         parts.append(
             (surface, {"color": MAGNET, "ambient": 0.3, "smooth_shading": True, "split_sharp_edges": True})
