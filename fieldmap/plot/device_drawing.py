@@ -183,10 +183,9 @@ def _placed_surface(piece: PayloadPiece) -> pv.PolyData:
     place[:3, :3], place[:3, 3] = piece.placement.rotation, MM * np.asarray(piece.placement.position)
     if isinstance(shape, SoftBody):
         x, y, z = (MM * axis / 2 for axis in shape.axes)
-        surface = pv.Sphere(radius=1.0).scale((x, y, z), inplace=False)
-    else:
-        surface = magnet_surface(shape)
-        assert surface is not None
+        return pv.Sphere(radius=1.0).scale((x, y, z), inplace=False).transform(place, inplace=False)
+    surface = magnet_surface(shape)
+    assert surface is not None
     return surface.transform(place, inplace=False)
 
 
