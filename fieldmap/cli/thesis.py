@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -112,22 +112,31 @@ def computed(
     plan: "Plan", attempt: "Callable[[str], PartResult]", progress: "Progress"
 ) -> "Iterator[PartResult]":
     """The parts of a plan, one by one; the maps that it asks for are made before the first part that needs one."""
-    from fieldmap.kernels.compile_ahead import compiled_ahead
-    from fieldmap.maps import generate
     from fieldmap.thesis.computation import attempt_parts
 
     begun = 0.0
-    for stage in plan.stages:
-        what = f"map {stage.recipe}: " if stage.recipe else ""
-        share = partial(_told, progress, what, begun / plan.whole, stage.seconds / plan.whole)
-        if stage.recipe:
-            stage.target.parent.mkdir(parents=True, exist_ok=True)
-            with compiled_ahead():
+    with _compiling(plan.compiles and plan.whole > LONG):
+        for stage in plan.stages:
+            what = f"map {stage.recipe}: " if stage.recipe else ""
+            share = partial(_told, progress, what, begun / plan.whole, stage.seconds / plan.whole)
+            if stage.recipe:
+                from fieldmap.maps import generate
+
+                stage.target.parent.mkdir(parents=True, exist_ok=True)
                 generate(stage.recipe, stage.target, progress=share)
-        else:
-            with moving(share, stage.expected) as moved:
-                yield from attempt_parts(list(stage.expected), moved, attempt)
-        begun += stage.seconds
+            else:
+                with moving(share, stage.expected) as moved:
+                    yield from attempt_parts(list(stage.expected), moved, attempt)
+            begun += stage.seconds
+
+
+def _compiling(wanted: bool) -> AbstractContextManager[None]:
+    """Kernels of maps are compiled by another process meanwhile."""
+    if not wanted:
+        return nullcontext()
+    from fieldmap.kernels.compile_ahead import compiled_ahead
+
+    return compiled_ahead()
 
 
 def _told(progress: "Progress", what: str, begun: float, of: float, message: str, fraction: float) -> None:

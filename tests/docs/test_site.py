@@ -62,10 +62,14 @@ def index(site: Path) -> dict[str, object]:
     return found
 
 
-def test_no_two_pages_have_one_title(site):
-    titles = [re.search(r"<title>(.*?)</title>", text, re.DOTALL) for text in pages(site).values()]
-    names = [re.sub(r"\W+", " ", title[1]).strip().lower() for title in titles if title]
-    assert len(names) == len(titles) > 60
+@pytest.mark.parametrize("element", ["title", "h1"])
+def test_no_two_pages_have_one_title(site, element):
+    """In the window and the search, and on the page itself."""
+    found = [
+        re.findall(rf"<{element}[^>]*>(.*?)</{element}>", text, re.DOTALL) for text in pages(site).values()
+    ]
+    names = [re.sub(r"\W+", " ", plain(titles[0])).strip().lower() for titles in found]
+    assert len(names) > 60
     assert sorted({name for name in names if names.count(name) > 1}) == []
 
 

@@ -275,7 +275,8 @@ def test_a_page_for_a_browser(shown, tmp_path):
     text = path.read_text()
     assert "<title>loop &quot;and&quot; &lt;sphere&gt;</title>" in text
     assert "<script src=" not in text
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    names = ("chromium", "google-chrome", "chromium-headless-shell")
+    browser = next(filter(None, map(shutil.which, names)), None)
     if browser is None:
         pytest.skip("no Chromium on this machine")
     picture = tmp_path / "page.png"
