@@ -13,7 +13,7 @@ from fieldmap.thesis.printed import read_part, row_of
 
 MAP_SECONDS = {"division": 200.0, "division_quick": 30.0}
 """Seconds for a map on two processors, about."""
-COMPILATION = 150.0
+COMPILATION = 240.0
 """Seconds in which the kernels are compiled that maps and parts need, on two processors, about."""
 _FINISHED = 0.05
 """Seconds in which a finished part is read."""
