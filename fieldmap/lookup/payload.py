@@ -57,8 +57,9 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
 
     inside = function(data, currents, place, turn, wrench, slopes) with float64 arrays: currents (n_coils,), A; place
     (3,), m, of the body's centre; turn (3, 3), columns its axes; it fills wrench (6,), N and N m, and slopes (6,
-    n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box. Of a map of saturating iron
-    data remembers the last currents: ask for one in each thread. Raises InputError for a map with a table of currents,
+    n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box. data is an argument or a
+    global of your function. Of a map of saturating iron it remembers the last currents: keep it as long as the function
+    that uses it, and ask for one in each thread. Raises InputError for a map with a table of currents,
     which has no slopes.
 
     >>> function, data = compiled_wrench(m, magnetic_body(device.payload))                       # doctest: +SKIP
@@ -68,7 +69,9 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
         raise InputError(Problem("compiled_wrench, field_map", must_hold, "one with a table", remedy))
     _, data = field_map.compiled()
     parts = body.all_points.copy(), body.moments.copy(), body.soft_numbers.copy()
-    return (sum_wrench if field_map.affine else model_wrench), (data, parts)
+    if field_map.affine:
+        return sum_wrench, (data, parts)
+    return model_wrench, (data, parts, np.array([array.ctypes.data for array in data[2]]))
 
 
 def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> MagneticBody:

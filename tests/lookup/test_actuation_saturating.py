@@ -181,6 +181,17 @@ def test_soft_iron_beside_iron_that_saturates(m, amperes):
     np.testing.assert_allclose(wrench, here, rtol=1e-6)
     np.testing.assert_allclose(slopes, about.matrix[8:], rtol=1e-6)
 
+    # As a global of a compiled function, which numba takes for a constant; the state is written to all the same.
+    @numba.njit
+    def lift(amperes):
+        load, by_currents = np.empty(6), np.empty((6, 1))
+        function(data, np.array([amperes]), PLACE, np.eye(3), load, by_currents)
+        return load[2]
+
+    for other in (amperes, 0.9 * amperes, 0.3):
+        exact = m.wrench(PLACE, BODY, [other])[2]
+        assert lift(other) == pytest.approx(exact, rel=1e-6)
+
 
 def test_currents_for_soft_iron_beside_iron_that_saturates(m):
     wanted = m.wrench(PLACE, BODY, [0.9])[:3]

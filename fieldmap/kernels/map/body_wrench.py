@@ -1,9 +1,10 @@
 """Wrench of a magnetic body in a sum of fields, and its derivatives by their weights: docs/theory/wrench.md (10)."""
 
 import numpy as np
-from numba import njit
+from numba import carray, njit
 
-from fieldmap.kernels.map.current_solver import FOUND, current_slopes
+from fieldmap.kernels.addresses import reals, words
+from fieldmap.kernels.map.current_solver import FOUND, SolverState, current_slopes
 from fieldmap.kernels.map.induced_moment import induced_moment, moment_slope
 from fieldmap.kernels.map.lookup import evaluate_units
 from fieldmap.kernels.map.map_block import OUTER, SETS
@@ -115,11 +116,27 @@ def sum_wrench(data, currents, place, turn, wrench, slopes):
     return inside
 
 
+@njit(cache=True, error_model="numpy")
+def _live(state, addresses):
+    """A state by the addresses (7,) of its arrays. Of a state that numba has compiled into a function as a constant the
+    arrays are copies that may not be written to; their addresses stay right."""
+    return SolverState(
+        carray(reals(addresses[0]), state.currents.shape),
+        carray(reals(addresses[1]), state.amplitudes.shape),
+        carray(reals(addresses[2]), state.factor.shape),
+        carray(reals(addresses[3]), state.h.shape),
+        carray(words(addresses[4]), state.piece.shape),
+        carray(reals(addresses[5]), state.numbers.shape),
+        carray(reals(addresses[6]), state.weights.shape),
+    )
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def model_wrench(data, currents, place, turn, wrench, slopes):
     """`sum_wrench` of a map of saturating iron; False and NaN also where its model has no solution. data: (block,
-    CompiledModel, SolverState), and the body."""
-    (block, model, state), body = data
+    CompiledModel, SolverState), the body, and the addresses of the state's arrays."""
+    (block, model, constant_state), body, addresses = data
+    state = _live(constant_state, addresses)
     weights = np.empty(state.weights.size)
     by_currents, every = np.empty((weights.size, currents.size)), np.empty((6, weights.size))
     if current_slopes(model, state, currents, weights, by_currents) != FOUND:

@@ -12,6 +12,7 @@ from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from fieldmap.kernels.addresses import reals, words
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.map import induced_moment as iron
 from fieldmap.kernels.map.lookup import superposed_at
@@ -29,24 +30,6 @@ SOFT, SOFT_SIZE, SIZE = 18, 19, 20
 # Of BODIES (b, 5): number of the body in MuJoCo, its first dipole, the one after its last; its first degree of freedom
 # where a free joint is all that it hangs on, else -1; where its soft pieces begin, else -1.
 _WORD, _REAL = ir.IntType(64), ir.DoubleType()
-
-
-def _to_reals(_: Any, address: Any) -> Any:
-    """A pointer to float64 at an address."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.CPointer(types.float64)(types.intp), generate
-
-
-def _to_words(_: Any, address: Any) -> Any:
-    """A pointer to int64 at an address."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-    return types.CPointer(types.int64)(types.intp), generate
 
 
 def _applied(
@@ -72,8 +55,6 @@ def _applied(
     return types.void(types.intp, types.intp, types.intp, reals, types.intp, types.intp, types.intp), generate
 
 
-_reals: Any = intrinsic(_to_reals)
-_words: Any = intrinsic(_to_words)
 _apply: Any = intrinsic(_applied)
 
 
@@ -197,30 +178,30 @@ def add_forces(active, model, data):
 
     active: address of the address of a task.
     """
-    task = carray(_words(carray(_words(active), (1,))[0]), (SIZE,))
+    task = carray(words(carray(words(active), (1,))[0]), (SIZE,))
     if task[STATUS] != INSIDE or (task[MODEL] != 0 and task[MODEL] != model):
         return
     if task[MODEL] == 0:
         # The first call says where the model lies, and does nothing else.
         task[MODEL] = model
         return
-    xpos = carray(_words(data + task[XPOS]), (1,))[0]
-    xmat = carray(_words(data + task[XMAT]), (1,))[0]
-    passive = carray(_words(data + task[PASSIVE]), (1,))[0]
-    bodies = carray(_words(task[BODIES]), (task[BODY_COUNT], 5))
+    xpos = carray(words(data + task[XPOS]), (1,))[0]
+    xmat = carray(words(data + task[XMAT]), (1,))[0]
+    passive = carray(words(data + task[PASSIVE]), (1,))[0]
+    bodies = carray(words(task[BODIES]), (task[BODY_COUNT], 5))
     most = 0
     for n in range(task[BODY_COUNT]):
         most = max(most, bodies[n, 0] + 1)
-    places, turns = carray(_reals(xpos), (most, 3)), carray(_reals(xmat), (most, 9))
-    dipoles = carray(_reals(task[DIPOLES]), (task[DIPOLE_COUNT], 6))
-    soft = carray(_reals(task[SOFT]), (task[SOFT_SIZE],))
-    block = carray(_reals(task[BLOCK]), (task[BLOCK_SIZE],))
-    currents = carray(_reals(task[CURRENTS]), (task[COILS],))
-    origin = carray(_reals(task[ORIGIN]), (3,))
+    places, turns = carray(reals(xpos), (most, 3)), carray(reals(xmat), (most, 9))
+    dipoles = carray(reals(task[DIPOLES]), (task[DIPOLE_COUNT], 6))
+    soft = carray(reals(task[SOFT]), (task[SOFT_SIZE],))
+    block = carray(reals(task[BLOCK]), (task[BLOCK_SIZE],))
+    currents = carray(reals(task[CURRENTS]), (task[COILS],))
+    origin = carray(reals(task[ORIGIN]), (3,))
     for n in range(task[BODY_COUNT]):
         status, load = _load(task, bodies, dipoles, soft, places, turns, block, currents, origin, n)
         if status != INSIDE:
-            place = carray(_reals(task[PLACE]), (3,))
+            place = carray(reals(task[PLACE]), (3,))
             for k in range(3):
                 place[k] = load[k]
             task[AT_FAULT] = n
@@ -231,7 +212,7 @@ def add_forces(active, model, data):
             _apply(task[APPLY], model, data, load, xpos + 24 * body, body, passive)
             continue
         # What mj_applyFT would do: force in the world, torque in the body.
-        turn, out = turns[body], carray(_reals(passive + 8 * first), (6,))
+        turn, out = turns[body], carray(reals(passive + 8 * first), (6,))
         for k in range(3):
             out[k] += load[k]
             out[3 + k] += turn[k] * load[3] + turn[3 + k] * load[4] + turn[6 + k] * load[5]
