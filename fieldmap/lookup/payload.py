@@ -59,8 +59,8 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
     (3,), m, of the body's centre; turn (3, 3), columns its axes; it fills wrench (6,), N and N m, and slopes (6,
     n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box. data is an argument or a
     global of your function. Of a map of saturating iron it remembers the last currents: keep it as long as the function
-    that uses it, and ask for one in each thread. Raises InputError for a map with a table of currents,
-    which has no slopes.
+    that uses it, do not copy or pickle it, and ask for one in each thread. Raises InputError for a map with a table of
+    currents, which has no slopes.
 
     >>> function, data = compiled_wrench(m, magnetic_body(device.payload))                       # doctest: +SKIP
     """
