@@ -233,7 +233,7 @@ def test_the_search_finds_pages_on_disk(site, served, browse, word, page):
     probe.write_text(
         (site / "index.html").read_text().replace("</body>", f"<script>{script}</script></body>")
     )
-    found = browse(probe.as_uri(), 60.0)
+    found = browse(probe.as_uri(), 180.0)
     probe.unlink()
     assert page in {
         place.split("?")[0].split("#")[0].removeprefix(site.as_uri() + "/") for place in found.split("\n")
