@@ -130,7 +130,7 @@ def _part(content: dict[str, Any]) -> PrintedPart:
         content["ours"],
         content.get("map", ""),
         content.get("seconds", 1.0),
-        content.get("quick_seconds", content.get("seconds", 0.3)),
+        content.get("quick_seconds", content.get("seconds", 0.1)),
         tuple(content.get("figures", ())),
     )
 
