@@ -20,7 +20,13 @@ def begin_log(words: list[str]) -> None:
 
 
 def log_to_file(path: Path) -> None:
-    """Write what follows to the end of a file; InputError if it cannot be written."""
+    """Write what follows to the end of a file; InputError if it cannot be written, or is a table."""
+    if path.suffix.lower() == ".csv":
+        must, remedy = (
+            "must be a text file for lines about what is done",
+            "a log of a rig goes behind --measured",
+        )
+        raise InputError(Problem("--log", must, str(path), remedy))
     try:
         _add(logging.FileHandler(path, encoding="utf-8"))
     except OSError as error:

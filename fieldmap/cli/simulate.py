@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from fieldmap.cli.printing import Section
     from fieldmap.control import FunctionController
-    from fieldmap.dynamics.scenario import Batch, RunMetrics, Simulation
+    from fieldmap.dynamics.scenario import Batch, LaidLog, RunMetrics, Simulation
     from fieldmap.plot.runs import DrawnRun
     from fieldmap.typing import Array
 
@@ -60,6 +60,32 @@ def simulate(
             "state), or a FunctionController.",
         ),
     ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            "--measured",
+            metavar="LOG.csv",
+            help="A measured log to lay over the run: columns time, x, y, depth or z, and currents of coils.",
+        ),
+    ] = None,
+    log_columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column", metavar="ROLE=NAME", help="Name of its column time, x, y, depth, z or of a coil."
+        ),
+    ] = None,
+    log_units: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--unit", metavar="NAME=UNIT", help="Unit of a column of it whose heading does not say."
+        ),
+    ] = None,
+    log_begins: Annotated[
+        float | None,
+        typer.Option(
+            "--begins", metavar="S", help="Time of the run of its first sample. Default: its own time."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run a scenario: a levitated magnet with coils, sensors and controllers in closed loop on a map.
@@ -72,11 +98,11 @@ def simulate(
     from fieldmap.cli.progress import Progress
     from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 
-    _check_files(output, save, runs, vary)
+    _check_files(output, save, runs, vary, log)
     fixed = dict(parse_setting(text, "--set") for text in changes or [])
     varied = None if vary is None else parse_variation(vary, "--vary")
     own = None if controller is None else _function_in(controller)
-    kept = output is not None or save is not None
+    kept = output is not None or save is not None or log is not None
     with Progress("simulate", kernels="motion") as progress:
         simulation = simulate_batches(
             scenario,
@@ -91,17 +117,23 @@ def simulate(
             device_of_option(map_file),
             own,
         )
+    laid = None if log is None else _laid(simulation, log, log_columns, log_units, log_begins)
     written = [] if output is None else [write_simulation(output, simulation)]
     if save is not None:
         from fieldmap.plot.runs import save_run_figure
 
-        written.append(save_run_figure(save, simulation.first.scenario.contents.title, _drawn(simulation)))
-    print_result(simulation, partial(_page, scenario, written), json, written=written)
+        written.append(
+            save_run_figure(save, simulation.first.scenario.contents.title, _drawn(simulation, laid))
+        )
+    about = {} if laid is None else {"log": {"file": log, **laid.to_dict()}}
+    print_result(simulation, partial(_page, scenario, written, laid), json, written=written, **about)
     if simulation.all_ended_early:
         raise typer.Exit(1)
 
 
-def _check_files(output: Path | None, save: Path | None, runs: int, vary: str | None) -> None:
+def _check_files(
+    output: Path | None, save: Path | None, runs: int, vary: str | None, log: Path | None
+) -> None:
     from fieldmap.cli.arguments import output_problems
     from fieldmap.errors import InputError, Problem
 
@@ -112,6 +144,10 @@ def _check_files(output: Path | None, save: Path | None, runs: int, vary: str | 
     if output is not None and output.suffix == ".csv" and (runs > 1 or vary is not None):
         problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
     problems += output_problems("--save", save, _PICTURES)
+    if log is not None and (runs > 1 or vary is not None):
+        problems.append(
+            Problem("--measured", "is laid over one run", "several runs", "leave out --runs and --vary")
+        )
     if problems:
         raise InputError(*problems)
 
@@ -148,18 +184,54 @@ def _function_in(text: str) -> "FunctionController":
     return found if isinstance(found, FunctionController) else FunctionController(found)
 
 
-def _drawn(simulation: "Simulation") -> "list[DrawnRun]":
+def _laid(
+    simulation: "Simulation",
+    log: Path,
+    columns: list[str] | None,
+    units: list[str] | None,
+    begins: float | None,
+) -> "LaidLog":
+    """The log over the one run. Raises InputError with every problem of the options and of the log."""
+    from fieldmap.dynamics.scenario import lay_over, read_measured_log
+    from fieldmap.errors import InputError, Problem
+
+    pairs: list[dict[str, str]] = []
+    problems = []
+    for option, texts in (("--column", columns), ("--unit", units)):
+        pairs.append({})
+        for text in texts or []:
+            key, sign, value = (part.strip() for part in text.rpartition("="))
+            if not (sign and key and value):
+                problems.append(
+                    Problem(option, "must be two words around =", text, "write for example depth=ch 1")
+                )
+            pairs[-1][key] = value
+    if problems:
+        raise InputError(*problems)
+    told = {"units": "--unit", "names": "--column"}
+    experiment, run = simulation.first, simulation.batches[0].runs[0].run
+    assert run is not None
+    measured = read_measured_log(log, experiment.device.coil_names, pairs[0], pairs[1], told)
+    return lay_over(experiment, run, measured, begins)
+
+
+def _drawn(simulation: "Simulation", laid: "LaidLog | None") -> "list[DrawnRun]":
     from fieldmap.plot.runs import drawn_run
 
-    return [
+    drawn = [
         drawn_run(batch.experiment, one.run, one.metrics.event)
         for batch in simulation.batches
         for one in batch.runs
         if one.run is not None
     ]
+    if laid is not None:
+        drawn[0]["measured"] = laid
+    return drawn
 
 
-def _page(scenario: str, written: list[Path], simulation: "Simulation") -> "Iterator[Section]":
+def _page(
+    scenario: str, written: list[Path], laid: "LaidLog | None", simulation: "Simulation"
+) -> "Iterator[Section]":
     from fieldmap.cli.printing import assumption_lines, facts, heading
 
     yield heading(simulation.first.scenario.contents.title, scenario)
@@ -168,8 +240,19 @@ def _page(scenario: str, written: list[Path], simulation: "Simulation") -> "Iter
         yield _axes(batch)
     for batch in simulation.batches:
         yield _steps(batch)
+    yield None if laid is None else _apart(laid)
     yield facts(assumption_lines(simulation.first.machine.assumptions))
     yield facts([("written", str(path)) for path in written]) if written else None
+
+
+def _apart(laid: "LaidLog") -> "Table":
+    from fieldmap.cli.printing import table
+
+    lines = []
+    for name, signal in laid.signals.items():
+        rms, mean, largest = (f"{signal.to_dict()[key]:.5g}" for key in ("rms", "mean", "largest"))
+        lines.append((f"{name}, {signal.unit}", f"{len(laid.time)}", rms, mean, largest))
+    return table(("log less run", "samples", "RMS", "mean", "largest"), lines)
 
 
 def _facts(batch: "Batch") -> "Table":

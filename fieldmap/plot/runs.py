@@ -5,16 +5,19 @@ from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fieldmap.dynamics.loop_run import LevitationRun
-from fieldmap.dynamics.scenario import Experiment, reading_mm
+from fieldmap.dynamics.scenario import Experiment, LaidLog, reading_mm
+from fieldmap.dynamics.scenario.measured_log import AXES as MEASURED_AXES
 from fieldmap.plot.figures import COLOURS
 from fieldmap.typing import Array
 
 _LABELS = ("x, mm", "y, mm", "depth, mm")
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
+_MEASURED = "crimson"
 _ABOVE: dict[str, Any] = {
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
@@ -27,7 +30,7 @@ _ABOVE: dict[str, Any] = {
 
 class DrawnRun(TypedDict):
     """One run: `time` (r,), s; `wanted`, `true` and `seen` (r, 3), readings in mm; `currents` (r, n), A; `coil_names`;
-    `event`: what ended it, or ""."""
+    `measured`: a log over it; `event`: what ended it, or ""."""
 
     time: Array
     wanted: Array
@@ -35,6 +38,7 @@ class DrawnRun(TypedDict):
     seen: Array
     currents: Array
     coil_names: NotRequired[Sequence[str]]
+    measured: NotRequired[LaidLog]
     event: str
 
 
@@ -85,6 +89,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
                 alpha=0.3 if many else 1.0,
                 label=_label([str(names[coil]) for coil in coils]) if run is runs[0] else None,
             )
+        if "measured" in run:
+            _draw_measured(axes, run["measured"], [str(name) for name in names])
         if run["event"]:
             axes[2].annotate(run["event"], (time[-1], run["true"][-1, 2]), fontsize=8, ha="right")
     for k, axis in enumerate(axes[:3]):
@@ -108,6 +114,18 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     axes[3].grid(True, alpha=0.3)
     figure.suptitle(title, fontsize=10)
     return figure
+
+
+def _draw_measured(axes: Sequence[Axes], log: LaidLog, coil_names: Sequence[str]) -> None:
+    """The signals of a log, dots for currents, which have colours already."""
+    for name, signal in log.signals.items():
+        if name in MEASURED_AXES:
+            axes[MEASURED_AXES.index(name)].plot(
+                log.time, signal.measured, color=_MEASURED, linewidth=0.8, label="measured"
+            )
+        else:
+            colour = COLOURS[coil_names.index(name) % len(COLOURS)]
+            axes[3].plot(log.time, signal.measured, ".", color=colour, markersize=1.5)
 
 
 def _coils_alike(currents: Array) -> list[list[int]]:

@@ -116,3 +116,73 @@ def test_a_controller_that_fails_is_bad_input(command, written, tmp_path, name):
     assert code == 2
     # `steady` writes to a state that it has not asked for.
     assert {"own.py:late": "0.022 s", "own.py:steady": "IndexError"}.get(name, "--controller") in err
+
+
+def test_a_log_is_laid_over_the_run(command, written, tmp_path):
+    """A log that another run wrote, later by 0.1 s, shifted by 20 um and with noise of 5 um, in mm and in depth."""
+    path, quiet = written(), ("--set", "duration_s=0.6")
+    other = simulate(path, {"duration_s": 0.6}, seed=0)
+    noise = np.random.default_rng(2).normal(scale=0.005, size=len(other.time))
+    depth = -1e3 * other.sensed[:, 2] - 77.0 + 0.02 + noise
+    rows = np.column_stack([other.time + 7.0, depth, 1e3 * other.sensed[:, 0], other.currents[:, 2]])[::3]
+    lines = [
+        "t (s);depth [mm];x [mm];I_3 [A]",
+        *(";".join(f"{v:.7f}".replace(".", ",") for v in row) for row in rows),
+    ]
+    (tmp_path / "rig.csv").write_text("\n".join(lines))
+    words = ("--measured", tmp_path / "rig.csv", "--begins", 0.0, "--seed", 0)
+    code, out, err = command("simulate", path, *quiet, *words, "--json", "--save", tmp_path / "both.png")
+    assert code == 0, err
+    found = json.loads(out)["log"]
+    assert found["samples"] == len(rows)
+    apart = found["differences"]
+    assert set(apart) == {"x", "depth", "3"}
+    assert apart["depth"]["mean"] == pytest.approx(0.02, abs=0.0015)
+    assert apart["depth"]["rms"] == pytest.approx(np.hypot(0.02, 0.005), abs=0.001)
+    assert apart["x"]["rms"] < 1e-6
+    assert apart["3"]["rms"] < 1e-6
+    assert apart["3"]["unit"] == "A"
+    code, out, _ = command("simulate", path, *quiet, *words)
+    assert code == 0
+    assert "depth, mm" in out
+    code, _, err = command("simulate", path, *quiet, *words[:2])
+    assert code == 2
+    assert "begins" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "where"),
+    [
+        ("t (s),up (mm)\n0,1\n1,1\n", (), "rig.csv"),
+        ("t (s),depth (V)\n0,1\n1,1\n", (), "column depth"),
+        ("t (s),depth\n0,1\n1,1\n", (), "column depth"),
+        ("t (s),depth (mm)\n0,1\n1,1\n", ("--column", "depth"), "--column"),
+        ("t (s),depth (mm)\n0,1\n1,1\n", ("--column", "x=up"), "--column"),
+        ("t (s),depth (mm)\n0,1\n1,1\n", ("--runs", "2"), "--measured"),
+    ],
+)
+def test_a_log_that_does_not_fit_is_bad_input(command, written, tmp_path, text, words, where):
+    (tmp_path / "rig.csv").write_text(text)
+    code, _, err = command(
+        "simulate", written(), "--set", "duration_s=0.02", "--measured", tmp_path / "rig.csv", *words
+    )
+    assert code == 2
+    assert where in err
+
+
+def test_a_log_in_the_frame_of_the_map_is_what_simulate_writes(command, written, tmp_path):
+    path, short = written(), ("--set", "duration_s=0.1")
+    assert command("simulate", path, *short, "-o", tmp_path / "run.csv")[0] == 0
+    code, out, err = command("simulate", path, *short, "--measured", tmp_path / "run.csv", "--json")
+    assert code == 0, err
+    apart = json.loads(out)["log"]["differences"]
+    assert apart["depth"]["rms"] == pytest.approx(0.01, rel=0.4)
+    assert apart["1"]["rms"] < 1e-8
+
+
+def test_the_log_of_the_program_does_not_go_into_a_table(command, written, tmp_path):
+    (tmp_path / "rig.csv").write_text("t (s),depth (mm)\n0,1\n")
+    code, _, err = command("simulate", written(), "--log", tmp_path / "rig.csv")
+    assert code == 2
+    assert "--measured" in err
+    assert (tmp_path / "rig.csv").read_text() == "t (s),depth (mm)\n0,1\n"

@@ -61,6 +61,7 @@ def recognise_log(
     decimal: str | None = None,
     sampling_time: float | None = None,
     options: Mapping[str, str] | None = None,
+    whole_names: bool = False,
 ) -> RecognisedLog:
     """Read a text file of columns below a line of names.
 
@@ -68,7 +69,8 @@ def recognise_log(
     role -> name of its column, where that is not to be recognised; "time" is a role of its own. units: column -> unit,
     where its heading does not say, as `name (mm)`, `name [mm]`, `name_mm` or `name/mm` do. delimiter: a name of
     `DELIMITERS`, recognised unless given, and so is decimal, "." or ",". sampling_time: s, for a log without time.
-    options: what the caller calls these in messages.
+    options: what the caller calls these in messages. whole_names: whether a name must be all of a heading, not one of
+    its words.
 
     Only columns with roles are read. Raises InputError with every problem of the file.
     """
@@ -83,7 +85,9 @@ def recognise_log(
     rows = [(number, _cells(line, kind)) for number, line in lines]
     columns = [_column(k, text, units or {}) for k, text in enumerate(rows[0][1])]
     timed = {} if sampling_time is not None else {"time": TIME}
-    found, problems = _assigned(source, columns, {**timed, **roles}, (*timed, *required), said, told)
+    found, problems = _assigned(
+        source, columns, {**timed, **roles}, (*timed, *required), said, told, whole_names
+    )
     problems += _unit_problems(source, found, said, units or {}, columns, told)
     mark = decimal or _decimal_of(rows[1:], kind)
     numbers, wrong = _numbers(source, rows, found, len(columns), mark)
@@ -187,6 +191,7 @@ def _assigned(
     required: Sequence[str],
     names: Mapping[str, str],
     told: Mapping[str, str],
+    whole_names: bool,
 ) -> tuple[dict[str, Column], list[Problem]]:
     """Role -> column, and what is wrong with it."""
     found: dict[str, Column] = {}
@@ -194,7 +199,7 @@ def _assigned(
     for role, known in roles.items():
         said = names.get(role)
         wanted = [said.lower()] if said is not None else list(known)
-        fitting = _fitting(columns, wanted)
+        fitting = _fitting(columns, wanted, whole_names)
         where = told.get(role, f"{told['names']}[{role}]")
         have = ", ".join(column.name for column in columns)
         if len(fitting) == 1:
@@ -211,13 +216,13 @@ def _assigned(
     return found, problems
 
 
-def _fitting(columns: Sequence[Column], wanted: Sequence[str]) -> list[Column]:
+def _fitting(columns: Sequence[Column], wanted: Sequence[str], whole: bool) -> list[Column]:
     """The columns of the first of these names that any has; else those that have one of them as a word."""
     for name in wanted:
         exact = [column for column in columns if column.name.lower() == name]
         if exact:
             return exact
-    words = set(wanted)
+    words = set() if whole else set(wanted)
     return [column for column in columns if words & set(re.split(r"[\s_.\-]+", column.name.lower()))]
 
 

@@ -10,6 +10,7 @@ from fieldmap.dynamics.scenario.experiment import (
     simulate,
 )
 from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint, linear_points
+from fieldmap.dynamics.scenario.measured_log import LaidLog, LaidSignal, lay_over, read_measured_log
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.reading import Scenario, find_scenario, read_scenario
 
@@ -18,6 +19,8 @@ __all__ = [
     "Batch",
     "BatchRun",
     "Experiment",
+    "LaidLog",
+    "LaidSignal",
     "LinearPoint",
     "Linearisation",
     "RegulatorKeys",
@@ -26,9 +29,11 @@ __all__ = [
     "ScenarioRun",
     "Simulation",
     "find_scenario",
+    "lay_over",
     "linear_points",
     "open_machine",
     "prepare",
+    "read_measured_log",
     "read_scenario",
     "reading_mm",
     "run_metrics",
