@@ -1,4 +1,4 @@
-"""What a figure shows, as data: titles, axes, and the curves and images in them, without their pixels.
+"""What a figure or a scene shows, as data: titles, axes, curves, solids and where they are, without pixels.
 
 A picture in the documentation has such a record beside it, so that a test can tell whether the command that is named
 for it would still draw the same (docs/images/records.json, scripts/picture_records.py).
@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pyvista as pv
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -55,6 +56,25 @@ def _axes_record(axes: Axes) -> dict[str, Any]:
 
 def _meshes(axes: Axes) -> list[QuadMesh]:
     return [one for one in axes.collections if isinstance(one, QuadMesh)]
+
+
+def scene_record(scene: pv.Plotter) -> dict[str, Any]:
+    """What stands in a scene, in the order in which it was added: bounds, colour and opacity of every solid, mm.
+
+    Rulers, texts and colour bars are counted.
+    """
+    solids = [actor for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+    return {
+        "solids": [
+            {
+                "bounds": [round(float(bound), 2) for bound in actor.bounds],
+                "colour": [round(float(share), 3) for share in actor.prop.color.float_rgb],
+                "opacity": float(actor.prop.opacity),
+            }
+            for actor in solids
+        ],
+        "others": len(scene.actors) - len(solids),
+    }
 
 
 def sampled(values: ArrayLike | None) -> list[float]:

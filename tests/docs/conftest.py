@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,18 @@ def pytest_addoption(parser):
 
 
 def records() -> dict[str, dict[str, Any]]:
-    """By picture: made_by, sha256 of the file, and `shows` (what was drawn) or `inputs` (digests of what it shows)."""
+    """By picture: made_by, sha256 of the file, `shows` (what was drawn), `scene` (of the
+    device alone), `inputs` (digests)."""
     found: dict[str, dict[str, Any]] = json.loads(RECORDS.read_text())
     return found
 
 
 def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _one_line(found: re.Match[str]) -> str:
+    return "[" + re.sub(r",\s+", ", ", found[1]) + "]"
 
 
 @pytest.fixture(scope="session")
@@ -49,8 +55,10 @@ def hold_picture(rewriting):
         if rewriting and (changed or entry.get("made_by") != made_by):
             if drawn is not None:
                 shutil.copy(drawn, IMAGES / name)
-            known[name] = {"made_by": made_by, "sha256": digest(IMAGES / name), key: content}
-            RECORDS.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n")
+            known[name] = {**entry, "made_by": made_by, "sha256": digest(IMAGES / name), key: content}
+            text = json.dumps(dict(sorted(known.items())), indent=1)
+            # A list of numbers on one line.
+            RECORDS.write_text(re.sub(r"\[\s+([^\[\]{}]*?)\s+\]", _one_line, text) + "\n")
             return
         words = f"{name} is not what `{made_by}` draws: pytest tests/docs --rewrite-pictures draws it anew"
         assert changed == [], words

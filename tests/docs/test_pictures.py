@@ -14,14 +14,18 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
+from fieldmap.device import read_device
 from fieldmap.inputs.kinds import every_kind
+from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.figures import draw_curves, save_curves
-from fieldmap.plot.record import differences, figure_record
+from fieldmap.plot.record import differences, figure_record, scene_record
+from fieldmap.plot.rendering import can_render
 from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.printed import figure_numbers, read_part
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 KINDS = {kind.name: kind for kind in every_kind()}
 # Picture -> part and number of the figure; these need no map.
 FIGURES = {
@@ -80,6 +84,16 @@ def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture
 def test_what_the_others_show_has_not_changed_since(name, hold_picture):
     command, files = LONG[name]
     hold_picture(name, command, "inputs", {file: contents(file) for file in files})
+
+
+@needs_opengl
+@pytest.mark.parametrize("name", ["drive_unit.png", "show.png"])
+def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
+    """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
+    scene = device_scene(read_device("drive_unit"))
+    record = scene_record(scene)
+    scene.close()
+    hold_picture(name, LONG[name][0], "scene", record)
 
 
 def test_every_picture_has_a_record_of_this_very_file():
