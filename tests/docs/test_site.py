@@ -8,6 +8,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -183,11 +184,13 @@ def browse(served, tmp_path):
         options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
         # The port keeps the browser open; nobody talks to it.
         command = [browser, *options, "--remote-debugging-port=0", "--window-size=1500,1000", address]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        quiet = subprocess.DEVNULL
+        # A group of its own: the command may be a script, whose end would leave the browser behind.
+        with subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True) as process:
             try:
                 assert served.answered.wait(seconds), f"no answer from {address}"
             finally:
-                process.terminate()
+                os.killpg(process.pid, signal.SIGTERM)
         served.answered.clear()
         return str(served.answer)
 
