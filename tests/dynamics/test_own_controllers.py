@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from fieldmap.control import C_SIGNATURE, PID, ControlFunction, FunctionController
+from fieldmap.currents import divide_currents
 from fieldmap.dynamics import (
     AxisReading,
     CoilDrive,
@@ -21,7 +22,10 @@ from fieldmap.dynamics import (
     RunningMachine,
     Schedule,
     Sensors,
+    constant_block,
+    lift_and_directions,
     linear_points,
+    linearised,
     open_machine,
     pid_block,
     prepare,
@@ -29,8 +33,10 @@ from fieldmap.dynamics import (
     simulate,
     simulate_closed_loop,
     simulate_many,
+    stacked,
     state_of,
     superposed,
+    tabled,
 )
 from fieldmap.dynamics.loop_run import recorded
 from fieldmap.dynamics.scenario import simulate_batches
@@ -469,3 +475,31 @@ def test_currents_of_six_coils_at_a_period_of_its_own(written):
         simulate(path, {"control.feedforward": {}}, controller=steady)
     two = simulate_batches(path, None, quiet, controller=FunctionController(steady, gives="currents"), runs=2)
     assert len(two.batches[0].runs) == 2
+
+
+@pytest.mark.parametrize("iron", ["table", "linearised"])
+def test_saturating_iron_takes_functions_as_it_takes_blocks(saturating, axial, iron):
+    """By the table of a division and linearised about currents; compiled, called back and by hand."""
+    m, at = saturating("harmonic"), (1.6, 0.05, -0.1)
+    body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(0.02))
+    field = tabled(m, (4, 5, 5)) if iron == "table" else linearised(m, divide_currents(*at, 1.25))
+    drive = CoilDrive(Amplifier(1.0), 6, [2.0] * 6, [4e-3] * 6, (-20.0, 20.0))
+    machine = Machine(field, body, drive, Sensors(zero_depth=0.0), lift_and_directions(1.25))
+    plan = Schedule(np.zeros((8, 3)), PERIOD)
+    still, start = (
+        stacked(*(constant_block(value) for value in at)),
+        (state_of([0, 0, 0]), divide_currents(*at, 1.25)),
+    )
+
+    def constant(time, measured, reference, state):
+        return 1.6, 0.05, -0.1
+
+    wanted = simulate_closed_loop(machine, still, plan, *start, 1)
+    assert len(wanted.time) == 8
+    for function in (constant, numba.njit(constant)):
+        found = simulate_closed_loop(machine, FunctionController(function), plan, *start, 1)
+        np.testing.assert_array_equal(found.rows, wanted.rows)
+    by_hand = RunningMachine(machine, plan, *start, 1)
+    for _ in range(8):
+        by_hand.step(at)
+    np.testing.assert_array_equal(by_hand.run.rows, wanted.rows)
