@@ -44,7 +44,6 @@ map.lookup evaluate_with d1 d2 d2 d2 d3
 map.current_solver solve model state d1 d
 map.current_solver signals_of domain d1 d1
 map.current_solver products_of_terms i2 d1 domain
-map.current_solver current_weights model state d1 d1
 map.lookup second_gradient d1 d2 d2 d4
 """
 

@@ -27,6 +27,13 @@ _AT_ONCE = 256
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
+def _fill_weights(model: CompiledModel, state: SolverState, currents: Array, out: Array) -> int:
+    """As `kernels.current_weights`, which programs that never call it from compiled code need not compile."""
+    status: int = kernels.solve(model, state, currents, model.tolerance)
+    out[:] = state.weights if status == kernels.FOUND else np.nan
+    return status
+
+
 class CurrentSearch:
     """The model from point to point of a search: each solve begins from the last, wherever the currents lie, and is
     exact enough to meet a demand to 1e-9."""
@@ -42,7 +49,7 @@ class CurrentSearch:
     def weights(self, currents: Array) -> Array:
         """Weights (n_fields,) at currents (c,)."""
         weights = np.empty(len(self._state.weights))
-        self._check(kernels.current_weights(self._model, self._state, currents, weights), currents)
+        self._check(_fill_weights(self._model, self._state, currents, weights), currents)
         return weights
 
     def slopes(self, currents: Array) -> Array:
@@ -188,7 +195,7 @@ class CurrentModel:
         return slopes, factors
 
     def _fill(self, currents: Array, out: Array) -> None:
-        self._solved(kernels.current_weights, currents, out)
+        self._solved(_fill_weights, currents, out)
 
     def _solved(self, kernel: Callable[..., int], currents: Array, *results: Array) -> None:
         """Let the kernel fill the results at currents (c,); raise, or leave NaN, where they lie outside."""

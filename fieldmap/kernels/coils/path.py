@@ -243,6 +243,13 @@ def _close_gradient(
     G[2, 2] = -G[0, 0] - G[1, 1]
 
 
+# As `vector *= factor`, which takes two seconds to compile: numba makes its message about shapes by the way.
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _scale(vector: Array, factor: float) -> None:
+    for k in range(3):
+        vector[k] *= factor
+
+
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def path_flux_density(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
@@ -278,13 +285,13 @@ def path_flux_density(
                     azimuths,
                     digits,
                 )
-                field[i] *= factor
+                _scale(field[i], factor)
                 continue
             for k in range(len(arcs)):
                 add_arc(field[i], _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
             for k in range(len(bars)):
                 add_bar(field[i], _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
-            field[i] *= factor
+            _scale(field[i], factor)
     return field
 
 
@@ -315,6 +322,7 @@ def path_flux_density_and_gradient(
                 for k in range(len(bars)):
                     add_bar_gradient(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
             _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
-            field[i] *= factor
-            gradient[i] *= factor
+            _scale(B, factor)
+            for row in range(3):
+                _scale(G[row], factor)
     return field, gradient

@@ -19,6 +19,7 @@ from fieldmap.kernels.map.lookup import at_currents
 from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.kernels.map.reduced_iron import (
     PAIRS,
+    add_rest,
     direction,
     energy_of,
     fill_tangent_factor,
@@ -333,12 +334,6 @@ def _times(matrix, vector, out):
         out[i] = total
 
 
-@njit(**_PLAIN)
-def _add_rest(constant, air, residual):
-    for i in range(residual.size):
-        residual[i] += constant[i] - air[i]
-
-
 @njit(**_FAST)
 def _product(a, b):
     total = 0.0
@@ -347,19 +342,19 @@ def _product(a, b):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _tables(model):
     return model.weights, model.law, model.offset, model.knots, model.coefficients
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _tangent(model, h, piece, factor, isotropic, along):
     """Fill factor (r, r), lower, with that of Cholesky of the tangent at h (3 p,), and what `_magnetise` fills."""
     _magnetise(h, _tables(model), piece, isotropic, along)
     fill_tangent_factor(h, model.gradients, isotropic, along, model.air, factor)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _applied(model, currents):
     """Field (3 p,) of coils and background at the points, T."""
     out = np.empty(model.source.shape[0])
@@ -369,7 +364,7 @@ def _applied(model, currents):
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _begin(model, state, currents, values, a):
     """Fill a (r,) with amplitudes to begin with; whether they come from the states behind."""
     d, count = model.domain, int(state.numbers[COUNT])
@@ -415,11 +410,13 @@ def solve(model, state, currents, tolerance):
     isotropic, along = np.empty(model.weights.size), np.empty(model.weights.size)
     residual, response, air_change = np.empty(r), np.empty(r), np.empty(r)
     single, change_single = np.empty(r, np.float32), np.empty(r, np.float32)
-    changes, responses, count = np.empty((PAIRS, r)), np.empty((PAIRS, r)), 0
+    # Not a bare 0: what takes it would be compiled for that number, and again for others.
+    none = np.int64(0)
+    changes, responses, count = np.empty((PAIRS, r)), np.empty((PAIRS, r)), none
     g, piece, tables = model.gradients, state.piece, _tables(model)
     _times(model.air, a, air_change)
     _evaluate(applied, g, a, tables, h, piece, vector, residual)
-    _add_rest(model.constant, air_change, residual)
+    add_rest(model.constant, air_change, residual)
     decrement, before, farthest, largest, steps = np.inf, np.inf, 0.0, 1e-300, 0
     found, left = False, np.inf
     while steps < MOST_STEPS:
@@ -428,7 +425,7 @@ def solve(model, state, currents, tolerance):
             fresh = not known
             if fresh:
                 _tangent(model, h, piece, factor, isotropic, along)
-                count = 0
+                count = none
             direction(factor, residual, changes, responses, count, change)
             slope = _product(residual, change)
             energy = energy_of(factor, a)
@@ -449,7 +446,7 @@ def solve(model, state, currents, tolerance):
                 break
             _times(model.air, a, air_change)
             _evaluate(applied, g, a, tables, h, piece, vector, residual)
-            _add_rest(model.constant, air_change, residual)
+            add_rest(model.constant, air_change, residual)
             before, farthest = np.inf, 0.0
             continue
         before, farthest = decrement, max(farthest, decrement)
@@ -480,7 +477,7 @@ def solve(model, state, currents, tolerance):
     return FOUND
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _remember(model, state, currents, a, near):
     """Put the newest state behind the others, or in place of them where it did not begin from them."""
     if near:

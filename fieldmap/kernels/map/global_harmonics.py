@@ -33,7 +33,8 @@ def expand(c, degree, table):
     """table (10 degree^2,) from the coefficients c ((degree + 1)^2,) of the potential."""
     n = degree * degree
     rows = table.reshape((ROWS, n))
-    rows[:] = 0.0
+    for i in range(table.size):
+        table[i] = 0.0
     for l in range(1, degree):
         for t in range(2 * l - 1):
             m = (t + 1) // 2
@@ -41,11 +42,10 @@ def expand(c, degree, table):
             rows[1, l * l + t] = 1.0 / (l * l - m * m)
     for i in range(3):
         differentiate(c, degree, i, rows[2 + i])
-    differentiate(rows[2], degree - 1, 0, rows[5])
-    differentiate(rows[2], degree - 1, 1, rows[6])
-    differentiate(rows[2], degree - 1, 2, rows[7])
-    differentiate(rows[3], degree - 1, 1, rows[8])
-    differentiate(rows[3], degree - 1, 2, rows[9])
+    for i in range(3):
+        differentiate(rows[2], degree - 1, i, rows[5 + i])
+    for i in range(1, 3):
+        differentiate(rows[3], degree - 1, i, rows[7 + i])
 
 
 @njit(**INLINED)

@@ -15,6 +15,7 @@ from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite
 from fieldmap.kernels.map.map_block import (
     DEGREE,
     INLINED,
+    INLINED_EARLY,
     INSIDE,
     KIND,
     OUTER,
@@ -64,7 +65,7 @@ def _superposed_of_kind() -> Callable[..., Any]:
 def _if_kind_superposed(
     kind: int, kernel: Callable[..., Any], other: Callable[..., Any]
 ) -> Callable[..., Any]:
-    @njit(**{**INLINED, "cache": False})
+    @njit(**{**INLINED_EARLY, "cache": False})
     def chosen(block, weights, i, j, k, tx, ty, tz):
         if block[KIND] == kind:
             return kernel(block, weights, i, j, k, tx, ty, tz)
@@ -86,7 +87,7 @@ def contracted_at(block, x, y, z):
     return status, _contracted(block, i, j, k, tx, ty, tz)
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def superposed_at(block, currents, x, y, z):
     """As `contracted_at`, from a block with a set per coil and the currents (n_coils,)."""
     status, i, j, k, tx, ty, tz = locate(block, x, y, z)
@@ -177,7 +178,9 @@ def second_gradient(block, currents, points, second):
         status, i, j, k, tx, ty, tz = locate(block, points[p, 0], points[p, 1], points[p, 2])
         outside += status == OUTSIDE
         if status != INSIDE:
-            second[p] = NAN
+            for a in range(3):
+                for b in range(3):
+                    second[p, a, b, 0] = second[p, a, b, 1] = second[p, a, b, 2] = NAN
         else:
             _second_gradient(block, row, i, j, k, tx, ty, tz, work, second[p])
     return outside

@@ -33,17 +33,25 @@ def solve_factored(factor, right, out):
             out[k] -= factor[i, k] * out[i]
 
 
+# Spelled out: an expression of arrays takes seconds to compile, most of them for its message about shapes.
+@njit(cache=True, error_model="numpy", inline="always")
+def _add_times(factor, vector, total):
+    """total (n,) += factor times vector (n,)."""
+    for i in range(total.size):
+        total[i] += factor * vector[i]
+
+
 @njit(cache=True, error_model="numpy", fastmath=True)
 def direction(factor, residual, changes, responses, count, out):
     """out (r,): the step that the factor and the first `count` pairs of changes and responses (PAIRS, r) propose."""
     left, shares = residual.copy(), np.empty(count)
     for k in range(count - 1, -1, -1):
         shares[k] = np.dot(changes[k], left) / np.dot(changes[k], responses[k])
-        left -= shares[k] * responses[k]
+        _add_times(-shares[k], responses[k], left)
     solve_factored(factor, left, out)
     for k in range(count):
         excess = np.dot(responses[k], out) / np.dot(changes[k], responses[k])
-        out += (shares[k] - excess) * changes[k]
+        _add_times(shares[k] - excess, changes[k], out)
 
 
 @njit(cache=True)
@@ -210,6 +218,13 @@ def energy_of(factor, amplitude):
     return np.dot(product, product)
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def add_rest(constant, air, residual):
+    """residual (r,) += constant - air."""
+    for i in range(residual.size):
+        residual[i] += constant[i] - air[i]
+
+
 @njit(cache=True, nogil=True)
 def newton(
     source,
@@ -237,13 +252,15 @@ def newton(
     """
     a, change = start.copy(), np.empty_like(start)
     h, trial = np.empty_like(source), np.empty_like(source)
-    vector, moved = np.empty_like(h), np.empty_like(h)
+    vector, moved, moved_by = np.empty_like(h), np.empty_like(h), np.empty(h.size, np.float32)
     isotropic, along = np.empty(weights.size), np.empty(weights.size)
-    changes, responses, count = np.empty((PAIRS, a.size)), np.empty((PAIRS, a.size)), 0
+    # Not a bare 0: what takes it would be compiled for that number, and again for others.
+    none = np.int64(0)
+    changes, responses, count = np.empty((PAIRS, a.size)), np.empty((PAIRS, a.size)), none
     tables = (weights, law, offset, knots, coefficients)
-    material = np.empty_like(a)
-    _evaluate(source, gradients, a, tables, h, vector, isotropic, along, material)
-    residual = material + constant - times(air, a)
+    residual, response = np.empty_like(a), np.empty_like(a)
+    _evaluate(source, gradients, a, tables, h, vector, isotropic, along, residual)
+    add_rest(constant, times(air, a), residual)
     decrement, before, farthest, largest = np.inf, np.inf, 0.0, 1e-300
     known = factor[0, 0] > 0.0
     for step in range(limit):
@@ -251,7 +268,7 @@ def newton(
             fresh = not known
             if fresh:
                 fill_tangent_factor(h, single, isotropic, along, air, factor)
-                count = 0
+                count = none
             direction(factor, residual, changes, responses, count, change)
             slope = np.dot(residual, change)
             # A thousandth of what there was counts as well: where the solution is zero, nothing is small beside it.
@@ -264,9 +281,10 @@ def newton(
         # A tangent from elsewhere may be far too stiff: one small step with it proves nothing.
         if (fresh or before < np.inf) and decrement < tolerance:
             if _SINGLE * farthest < tolerance:
-                return a + change, step + 1, decrement
-            _evaluate(source, gradients, a, tables, h, vector, isotropic, along, material)
-            residual = material + constant - times(air, a)
+                _add_times(1.0, change, a)
+                return a, step + 1, decrement
+            _evaluate(source, gradients, a, tables, h, vector, isotropic, along, residual)
+            add_rest(constant, times(air, a), residual)
             before, farthest = np.inf, 0.0
             continue
         before, farthest = decrement, max(farthest, decrement)
@@ -276,11 +294,15 @@ def newton(
         rest = np.dot(vector, step_h) - slope, np.dot(air_change, change)
         t = _step_length(h, step_h, rest, slope, tables, trial, moved, isotropic, along)
         h, trial = trial, h
-        response = t * air_change - times_transposed((moved - vector).astype(np.float32), single)
+        for k in range(h.size):
+            moved_by[k] = moved[k] - vector[k]
+        material = times_transposed(moved_by, single)
         vector, moved = moved, vector
-        residual -= response
-        change *= t
-        a += change
+        for i in range(a.size):
+            response[i] = t * air_change[i] - material[i]
+            change[i] *= t
+        _add_times(-1.0, response, residual)
+        _add_times(1.0, change, a)
         count = keep_pair(change, response, changes, responses, count)
     return a, limit, decrement
 

@@ -15,7 +15,7 @@ A real harmonic polynomial of degree L is sum_l [a_l0 R_l^0 + sum_(m > 0) (a_lm 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map.map_block import DEGREE, INLINED, LENGTH, PER_LENGTH, cell_number, local, superpose
+from fieldmap.kernels.map.map_block import DEGREE, INLINED, LENGTH, OUTER, PER_LENGTH, cell_number, local, superpose
 
 
 @njit(**INLINED)
@@ -55,7 +55,8 @@ def _sine(c, l, m):
     return c[l * l + 2 * m] if m > 0 else 0.0
 
 
-@njit(**INLINED)
+# Not inlined: its callers take it up to six times, at a compiler's cost of seconds.
+@njit(**OUTER)
 def differentiate(c, degree, axis, out):
     """out (degree^2,): coefficients of the derivative along axis 0, 1, 2 of a polynomial c of this degree."""
     for l in range(degree):
@@ -151,7 +152,11 @@ def second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
     """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
     x, y, z = local(block, tx, ty, tz)
     third_derivatives(polynomial(block, i, j, k, weights), int(block[DEGREE]), x, y, z, work, out)
-    out *= block[PER_LENGTH] * block[PER_LENGTH]
+    scale = block[PER_LENGTH] * block[PER_LENGTH]
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                out[a, b, c] *= scale
 
 
 @njit(**INLINED)
