@@ -229,7 +229,17 @@ def _contracted(block, i, j, k, tx, ty, tz):
 
 @njit(**map_block.INLINED)
 def _superposed(block, weights, i, j, k, tx, ty, tz):
-    return of_nodes(block, _corners(block, i, j, k, NODE, weights), np.int64(0), np.int64(0), np.int64(0), np.int64(0), tx, ty, tz)
+    return of_nodes(
+        block,
+        _corners(block, i, j, k, NODE, weights),
+        np.int64(0),
+        np.int64(0),
+        np.int64(0),
+        np.int64(0),
+        tx,
+        ty,
+        tz,
+    )
 
 
 @njit(**map_block.INLINED)

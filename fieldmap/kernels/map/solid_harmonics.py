@@ -15,7 +15,16 @@ A real harmonic polynomial of degree L is sum_l [a_l0 R_l^0 + sum_(m > 0) (a_lm 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map.map_block import DEGREE, INLINED, LENGTH, OUTER, PER_LENGTH, cell_number, local, superpose
+from fieldmap.kernels.map.map_block import (
+    DEGREE,
+    INLINED,
+    LENGTH,
+    OUTER,
+    PER_LENGTH,
+    cell_number,
+    local,
+    superpose,
+)
 
 
 @njit(**INLINED)
