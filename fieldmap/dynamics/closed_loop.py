@@ -91,6 +91,9 @@ class Loop(NamedTuple):
     progress: NDArray[np.int64]
     rows: Array
 
+    def __repr__(self) -> str:
+        return f"Loop({len(self.signals.references)} samples)"
+
     def go_on(self) -> int:
         """Run to the end, an event or a pause; which of them."""
         return int(closed_loop(*self))

@@ -154,7 +154,7 @@ def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_
     (tmp_path / "device.toml").write_text(DEVICE)
     taken = []
 
-    def caught(scenario, field, device):
+    def caught(scenario, field, device, controller):
         taken.append((field, None if device is None else device.name))
         raise FieldmapError(Problem("here", "must end", "", ""))
 

@@ -108,7 +108,7 @@ def test_the_figure_beside_measurements(six_map, legible):
 def test_the_net_force_is_pull_and_weight_in_the_plane(six_map):
     opened = open_map(six_map)
     currents = np.arange(1.0, 7.0)
-    payload = SimpleNamespace(mass=MASS, moment=MOMENT)
+    payload = SimpleNamespace(mass=MASS, moment=MOMENT, pieces=())
     about = {"currents": currents, "lower": opened.lower, "upper": opened.upper, "payload": payload}
     shown = Shown("", field=opened, **about)
     places = grid_in_plane(shown, (4, 3))
