@@ -278,7 +278,21 @@ def _facts(batch: "Batch") -> "Table":
     lean = max(one.metrics.largest_lean_deg for one in batch.runs)
     current = max(one.metrics.largest_current_A for one in batch.runs)
     rows.append(("largest", f"lean {lean:.2f} degrees, current {current:.3f} A"))
-    return facts(rows)
+    return facts(rows + [("iron", text) for text in _iron(batch)])
+
+
+def _iron(batch: "Batch") -> list[str]:
+    """How the solves of saturating iron went; nothing where there are none."""
+    uses = [one.metrics.iron for one in batch.runs]
+    solves, steps, unsolved = (
+        sum(getattr(use, name) for use in uses) for name in ("solves", "newton_steps", "unsolved")
+    )
+    if not solves:
+        return []
+    lines = [f"solved at {solves} steps, {steps / solves:.2f} Newton steps each; {unsolved} did not converge"]
+    if unsolved:
+        lines.append(f"WARNING: at {unsolved} steps the iron stayed as it was at the step before")
+    return lines
 
 
 def _reading(batch: "Batch") -> "Array":
@@ -294,7 +308,7 @@ def _events(batch: "Batch") -> list[str]:
             names.setdefault(one.metrics.event, []).append(one.metrics)
     lines = [f"{name}: {len(ended)}, {_first(ended)}" for name, ended in names.items()] or ["none"]
     touched = sorted({name for one in batch.runs for name in one.metrics.touched})
-    words = {"currents": "currents beyond the table of the iron, which was extrapolated"}
+    words = {"currents": "currents beyond those of the map, where its iron is extrapolated"}
     return lines + [words.get(name, f"touched the {name}") for name in touched]
 
 

@@ -24,7 +24,14 @@ from fieldmap.dynamics.allocation import (
 )
 from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop, simulate_many
 from fieldmap.dynamics.drives import CoilDrive, drive_of_device
-from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, sampled_field, superposed, tabled
+from fieldmap.dynamics.field_of_currents import (
+    FieldOfCurrents,
+    linearised,
+    modelled,
+    sampled_field,
+    superposed,
+    tabled,
+)
 from fieldmap.dynamics.linearisation import (
     LinearMachine,
     close_loop,
@@ -101,6 +108,7 @@ __all__ = [
     "linearise",
     "linearised",
     "margins",
+    "modelled",
     "modes",
     "move",
     "move_adaptively",

@@ -18,14 +18,17 @@ from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import BoundFunction, FunctionController, failure
 from fieldmap.dynamics.allocation import MatrixAllocation
-from fieldmap.dynamics.loop_run import LevitationRun, event_of
+from fieldmap.dynamics.field_of_currents import EXACT
+from fieldmap.dynamics.loop_run import IronUse, LevitationRun, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
-from fieldmap.errors import ControllerError, InputError, Problem
+from fieldmap.errors import ControllerError, InputError, NotConverged, Problem
 from fieldmap.kernels.control.function import NO_FUNCTION
+from fieldmap.kernels.map.iron_block import NEWTON_STEPS, OUTSIDE, SOLVES, UNSOLVED
 from fieldmap.kernels.motion import closed_loop as kernel
 from fieldmap.kernels.motion.closed_loop import ControlLaw, Moving, Signals, Timing, closed_loop
+from fieldmap.kernels.motion.currents import MODELLED
 from fieldmap.kernels.motion.inverse import NO_INVERSE
-from fieldmap.kernels.motion.layout import STATE
+from fieldmap.kernels.motion.layout import STATE, Plant
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -115,7 +118,8 @@ def simulate_closed_loop(
     """One run from a state (13,) and currents (n,), A.
 
     controller: a shipped one, or a function: `FunctionController`. seed: of all noise: equal seeds give equal bits;
-    None for a run without noise. Raises InputError for arguments that do not fit, ControllerError for a function that
+    None for a run without noise. Raises InputError for arguments that do not fit, NotConverged where the model of
+    saturating iron has no solution at the currents to begin with, ControllerError for a function that
     fails on the way, whatever it raises itself where that is no Exception, such as KeyboardInterrupt.
     """
     bound = None
@@ -174,10 +178,14 @@ def start_loop(
     amperes = np.array(check_signal("simulate_closed_loop(currents)", currents))
     n, m = machine.drive.coils, len(machine.allocation.output_names)
     _check_coils(machine, amperes)
-    timing, plant, sensing = schedule.clock, machine.plant(schedule.step), machine.sensors.numbers
+    # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
+    plant = machine.plant(schedule.step, EXACT if law.inverse.rounds else None)
+    timing, sensing = schedule.clock, machine.sensors.numbers
     signals = draw_signals(machine, schedule, seed)
     moving = Moving(begin, amperes, np.array(memory, float), np.empty(6))
     room, event = kernel.begin(timing, plant, sensing, signals, moving, m)
+    if iron_use(machine, plant).unsolved:
+        raise _unsolved(amperes)
     rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))
     progress = np.zeros(kernel.PROGRESS, np.int64)
     ending = machine.end_numbers(schedule.period)
@@ -198,7 +206,21 @@ def run_of(machine: Machine, schedule: Schedule, loop: Loop, event: int) -> Levi
         assumptions=machine.assumptions,
         forces=loop.law.inverse.rounds > 0,
         output_names=machine.allocation.output_names,
+        iron=iron_use(machine, loop.plant),
     )
+
+
+def iron_use(machine: Machine, plant: Plant) -> IronUse:
+    """What a run takes for the iron, and how its solves went so far."""
+    if plant.superposition.kind != MODELLED:
+        return IronUse(machine.magnetic.iron)
+    done = plant.superposition.iron[[SOLVES, NEWTON_STEPS, UNSOLVED, OUTSIDE]]
+    return IronUse(machine.magnetic.iron, *(int(number) for number in done))
+
+
+def _unsolved(currents: Array) -> NotConverged:
+    must, remedy = "must be such that the model of the iron has a solution", "begin within the map's currents"
+    return NotConverged(Problem("simulate_closed_loop(currents)", must, f"{currents.tolist()} A", remedy))
 
 
 def controller_error(

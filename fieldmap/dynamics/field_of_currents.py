@@ -1,6 +1,7 @@
 """How the field of a map follows currents that change all the time: what a compiled loop superposes.
 
-Linear iron: the coils' fields. Saturating iron: linearised about currents, or a table over a current parametrisation.
+Linear iron: the coils' fields. Saturating iron: its model solved as the currents go, a table over a current
+parametrisation, or linearised about currents.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_positive
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field, require_affine, require_bounds
-from fieldmap.kernels.motion.currents import SUPERPOSED, TABLED, Superposition
+from fieldmap.kernels.motion.currents import MODELLED, SUPERPOSED, TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
+from fieldmap.lookup.current_solver import COMPILED_TOLERANCE, iron_block, with_address
 from fieldmap.lookup.current_table import no_table
+from fieldmap.lookup.iron_response import compiled_currents
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
 from fieldmap.typing import Array
@@ -23,17 +26,27 @@ from fieldmap.typing import Array
 SPACING = 5e-3
 """Distance of the nodes at which a field that is no map is sampled, m."""
 FEWEST_CELLS = 4
+EXACT = 1e-9
+"""Tolerance of `FieldOfCurrents.begin` for searches, and for slopes by differences."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldOfCurrents(Record):
     """block: coefficients of the fields; numbers: how their weights follow the currents; assumptions; constant: whether
-    something that no current drives makes a field, too."""
+    something that no current drives makes a field, too; iron: "linear", "linearised", "table" or "model"."""
 
     block: Array
     numbers: Superposition
     assumptions: tuple[str, ...]
     constant: bool = False
+    iron: str = "linear"
+
+    def begin(self, tolerance: float | None = None) -> Superposition:
+        """`numbers` for one run or search: a model of the iron that remembers nothing of others. tolerance: share of
+        the state that its solves may leave, in the norm of the energy; 2e-5 unless given."""
+        if self.numbers.kind != MODELLED:
+            return self.numbers
+        return self.numbers._replace(iron=with_address(self.numbers.iron, tolerance))
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
@@ -102,7 +115,26 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
     about = ", ".join(f"{value:.3g}" for value in amperes)
     note = f"saturating iron, linearised about the currents {about} A"
     constant = bool(field_map.fixed_sources)
-    return FieldOfCurrents(block, _superposed(scale), (note, *_calibration(scale)), constant)
+    return FieldOfCurrents(block, _superposed(scale), (note, *_calibration(scale)), constant, "linearised")
+
+
+def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
+    """The field of a map of saturating iron at any currents: its model, solved anew at every step at which currents
+    change, each solve from the last ones. A map of linear iron is taken as it is.
+
+    Currents beyond the map's domain are solved, too, and noted. Raises NotConverged where the model has no solution in
+    the domain.
+    """
+    check_positive("modelled", scale=scale)
+    if not saturates(field_map):
+        return superposed(field_map, scale)
+    block, constant = iron_block(compiled_currents(field_map)), bool(field_map.fixed_sources)
+    note = (
+        f"saturating iron by the map's model, solved at every step at which currents change, to {COMPILED_TOLERANCE:g} "
+        "of its state"
+    )
+    numbers = Superposition(MODELLED, float(scale), no_table(), block)
+    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant, "model")
 
 
 def tabled(
@@ -116,13 +148,13 @@ def tabled(
     states = " x ".join(map(str, table.nodes))
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
     note = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
-    numbers = Superposition(TABLED, float(scale), table.arrays)
+    numbers = Superposition(TABLED, float(scale), table.arrays, np.zeros(0))
     constant = bool(field_map.fixed_sources)
-    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant)
+    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant, "table")
 
 
 def _superposed(scale: float) -> Superposition:
-    return Superposition(SUPERPOSED, float(scale), no_table())
+    return Superposition(SUPERPOSED, float(scale), no_table(), np.zeros(0))
 
 
 def _calibration(scale: float) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,23 @@ EVENTS = {
 }
 
 
+@dataclass(frozen=True, repr=False)
+class IronUse(Record):
+    """What a run took for the iron. model: "linear", "linearised" (saturating iron, about currents), "table" (over a
+    current parametrisation) or "model" (the map's own, solved whenever currents changed).
+
+    Of "model" only: solves, their Newton steps in all; unsolved: solves that did not converge, at which the iron stayed
+    as it was before; outside: solves at currents beyond the map's domain, where the model goes on without a known
+    error.
+    """
+
+    model: str = "linear"
+    solves: int = 0
+    newton_steps: int = 0
+    unsolved: int = 0
+    outside: int = 0
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Event(Record):
     """Why a run ended early. name: short; about: a sentence; time, s; state (13,) and currents (n,) at that moment."""
@@ -46,9 +63,9 @@ class LevitationRun(LoopRun):
 
     time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
     outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
-    "currents" if they were ever beyond the table of saturating iron. seen_at (3,): the
+    "currents" if they were ever beyond the table of saturating iron, or the domain of its model. seen_at (3,): the
     sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes. output_names (m,):
-    of the outputs, where they are not.
+    of the outputs, where they are not. iron: what it took for the iron, and how its solves went.
     """
 
     rows: Array
@@ -59,6 +76,7 @@ class LevitationRun(LoopRun):
     assumptions: tuple[str, ...]
     forces: bool
     output_names: tuple[str, ...] = field(default=(), kw_only=True)
+    iron: IronUse = field(default=IronUse(), kw_only=True)
 
     @property
     def position(self) -> Array:
@@ -162,7 +180,7 @@ def recorded(
             "state": [value if np.isfinite(value) else None for value in event.state.tolist()],
             "currents": [value if np.isfinite(value) else None for value in event.currents.tolist()],
         }
-    notes = {"touched": list(run.touched), "assumptions": list(run.assumptions)}
+    notes = {"touched": list(run.touched), "iron": asdict(run.iron), "assumptions": list(run.assumptions)}
     return RunRecord(arrays, {**ended, **notes, **(about or {})})
 
 

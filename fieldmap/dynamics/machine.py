@@ -24,7 +24,8 @@ class Machine(Record):
     """Everything that moves, senses and drives, but the controller.
 
     magnetic: the field of the currents. allocation: from the controller's outputs to the voltages of the coils. ending:
-    what ends a run: the contacts "floor", "ceiling", "tube", and "currents" beyond the table of saturating iron.
+    what ends a run: the contacts "floor", "ceiling", "tube", and "currents" beyond the table of saturating iron or the
+    domain of its model.
     longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it; 0
     for never.
     """
@@ -54,13 +55,14 @@ class Machine(Record):
             sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
         )
 
-    def plant(self, step: float) -> Plant:
-        """Everything that moves, as compiled loops of this step, s, take it; new arrays at every call."""
+    def plant(self, step: float, tolerance: float | None = None) -> Plant:
+        """Everything that moves, as compiled loops of this step, s, take it; new arrays at every call. tolerance: of
+        `FieldOfCurrents.begin`."""
         return Plant(
             self.magnetic.block,
             self.body.numbers(self.drag, self.plate, self.walls),
             self.body.seen_at,
-            self.magnetic.numbers,
+            self.magnetic.begin(tolerance),
             self.drive.numbers(step),
             self.drive.drives,
         )

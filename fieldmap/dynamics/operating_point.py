@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
 from fieldmap.arguments import check_signal
+from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.errors import InputError, NoEquilibrium, Problem
@@ -123,6 +124,7 @@ class _Balance:
         block = machine.magnetic.block
         self.weights = np.empty(int(block[SETS]))
         self.field = keep_field(block, self.weights, machine.body.magnet.count)
+        self.superposition = machine.magnetic.begin(EXACT)
 
     def starts(self) -> Iterator[Array]:
         """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""
@@ -156,7 +158,7 @@ class _Balance:
         """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
         state, currents, _ = self._parts(unknown)
         load = np.empty(6)
-        inside = find_weights(*self.machine.magnetic.numbers, currents, self.weights)
+        inside = find_weights(*self.superposition, currents, self.weights)
         forget(self.field)
         if not inside or find_load(self.field, self.numbers, state, load)[0] != INSIDE:
             return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from fieldmap.currents import LiftAndDirections, divide_currents
+from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.dynamics import RigidBody
 from fieldmap.lookup import FiniteMagnet, interpolate
 from fieldmap.store import Grid, MapData, ReducedModel
@@ -86,19 +86,26 @@ def _law():
     return np.array([0, 400]), knots, coefficients
 
 
-def saturating_map(kind="harmonic"):
-    """Six coils and three fields of an iron that saturates, over the division with n = 1.25: a model made up."""
+def saturating_map(kind="harmonic", free=False):
+    """Six coils and three fields of an iron that saturates, over the division with n = 1.25, or of currents within 3 A,
+    each by itself: a model made up."""
     rng = np.random.default_rng(11)
     fields = rng.uniform([0.001, -0.05, -0.5], [0.01, 0.05, 0.5], (9, 3))
     grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
     points, n_points, modes = grid.points(), 12, 3
     lower, upper = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3])
+    domain = {"lower": lower, "upper": upper, "parametrisation": LiftAndDirections(1.25)}
+    if free:
+        limit = np.full(6, 3.0)
+        domain = {"lower": -limit, "upper": limit, "parametrisation": IndependentCurrents(6)}
+    # Of free currents the iron's part is a third of the field, and saturates.
+    reach, part = (0.05, 10.0) if free else (0.01, 1.0)
     square = rng.normal(size=(modes, modes))
     offset, knots, coefficients = _law()
     known = divide_currents(*np.array([(lower + upper) / 2]).T, 1.25)
     model = ReducedModel(
         gradients=0.3 * rng.normal(size=(3 * n_points, modes)),
-        source=0.01 * rng.uniform(0.5, 1.5, size=(3 * n_points, 6)),
+        source=reach * rng.uniform(0.5, 1.5, size=(3 * n_points, 6)),
         weights=0.1 + rng.random(n_points),
         law=np.zeros(n_points, np.int64),
         law_offset=offset,
@@ -106,13 +113,11 @@ def saturating_map(kind="harmonic"):
         law_coefficients=coefficients,
         air=square @ square.T + np.eye(modes),
         constant=np.zeros(modes),
-        output=rng.normal(size=(3, modes)),
+        output=part * rng.normal(size=(3, modes)),
         known_currents=known,
         known_amplitudes=np.zeros((1, modes)),
-        lower=lower,
-        upper=upper,
-        parametrisation=LiftAndDirections(1.25),
         reference_weights=np.ones(3),
+        **domain,
     )
     data = MapData(
         grid,

@@ -8,6 +8,7 @@ from fieldmap.control.blocks import Controller
 from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled.feedback_linearisation import ForceController
+from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import Infeasible, InputError, Problem
@@ -97,7 +98,7 @@ def outputs_for(
     )
     numbers = machine.allocation.numbers()
     places, wanted = np.ascontiguousarray(positions, float), np.ascontiguousarray(forces, float)
-    signals_along(machine.plant(1.0), numbers, inverse, places, wanted, found, left)
+    signals_along(machine.plant(1.0, EXACT), numbers, inverse, places, wanted, found, left)
     if np.isnan(left).any():
         where = positions[int(np.flatnonzero(np.isnan(left))[0])]
         problem = Problem(

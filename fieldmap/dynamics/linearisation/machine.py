@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_signal
 from fieldmap.control import StateSpace
 from fieldmap.deprecated import renamed_argument, warn_renamed
+from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -192,6 +193,7 @@ class _Slope:
         block = machine.magnetic.block
         self.weights = np.empty(int(block[SETS]))
         self.field = keep_field(block, self.weights, machine.body.magnet.count)
+        self.superposition = machine.magnetic.begin(EXACT)
 
     def by_state(self, number: int, step: float, free: bool) -> Array:
         """Derivative (12,) by one of twelve coordinates."""
@@ -220,7 +222,7 @@ class _Slope:
 
     def _rates(self, state: Array, currents: Array) -> Array:
         load, out = np.empty(6), np.empty(STATE)
-        find_weights(*self.machine.magnetic.numbers, currents, self.weights)
+        find_weights(*self.superposition, currents, self.weights)
         forget(self.field)
         if rates(self.field, self.numbers, state, load, out) != INSIDE:
             problem = Problem(

@@ -13,7 +13,7 @@ from fieldmap.deprecated import warn_renamed
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
-from fieldmap.dynamics.field_of_currents import linearised, superposed, tabled
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
@@ -177,15 +177,11 @@ def _with_function(scenario: Scenario, controller: FunctionController) -> Scenar
 def _machine_at_operating_point(
     scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody
 ) -> tuple[Machine, OperatingPoint]:
-    """The machine and its operating point, about whose currents saturating iron is linearised."""
+    """The machine and its operating point, about whose currents saturating iron is linearised if that is asked for."""
     keys = scenario.contents.field
     guess, allocation = starting_currents(scenario, device, opened, body, magnet_at(scenario, opened, body))
-    divided = division_domain(opened) is not None
-    if not saturates(opened) or keys.iron == "table" or (keys.iron == "auto" and divided):
-        nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
-        superposes = not saturates(opened)
-        field = superposed(opened, keys.scale) if superposes else tabled(opened, nodes, keys.scale)
-        machine = machine_of(scenario, device, body, field, allocation)
+    if not saturates(opened) or keys.iron != "linearised":
+        machine = machine_of(scenario, device, body, _field_of(scenario, opened), allocation)
         return machine, _first_point(scenario, machine, opened, guess)
     currents, operating_point = guess, None
     for _ in range(12):
@@ -201,9 +197,20 @@ def _machine_at_operating_point(
             "start",
             "currents of the operating point must settle",
             f"a change of {change:.1e} A",
-            'take field.iron = "table"',
+            'take field.iron = "model"',
         ).problems[0]
     )
+
+
+def _field_of(scenario: Scenario, opened: FieldMap) -> FieldOfCurrents:
+    """The field of the currents, at any of them that the map is for."""
+    keys = scenario.contents.field
+    if not saturates(opened):
+        return superposed(opened, keys.scale)
+    if keys.iron == "model" or (keys.iron == "auto" and division_domain(opened) is None):
+        return modelled(opened, keys.scale)
+    nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
+    return tabled(opened, nodes, keys.scale)
 
 
 def _first_point(scenario: Scenario, machine: Machine, opened: FieldMap, currents: Array) -> OperatingPoint:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.control import StepMetrics, step_metrics
-from fieldmap.dynamics.loop_run import LevitationRun
+from fieldmap.dynamics.loop_run import IronUse, LevitationRun
 from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import StepKeys
@@ -32,8 +32,9 @@ class AxisMetrics(Record):
 @dataclass(frozen=True, repr=False)
 class RunMetrics(Record):
     """Of a run: its axes; end of it, s; name of the event, "" without one; walls that
-    were met, and "currents" beyond the table of the iron; largest lean, deg and current, A. At the end or the event:
-    end_mm: sensed point as x, y, depth; end_mm_per_s: velocity along x, y and of the depth; end_A: currents."""
+    were met, and "currents" beyond the table or the model of the iron; largest lean, deg and current, A. At the end or
+    the event: end_mm: sensed point as x, y, depth; end_mm_per_s: velocity along x, y and of the depth; end_A: currents.
+    iron: what was taken for it."""
 
     axes: tuple[AxisMetrics, ...]
     end_s: float
@@ -44,6 +45,7 @@ class RunMetrics(Record):
     end_mm: tuple[float, float, float]
     end_mm_per_s: tuple[float, float, float]
     end_A: tuple[float, ...]
+    iron: IronUse
 
 
 def reading_mm(scenario: Scenario, points: Array) -> Array:
@@ -57,7 +59,7 @@ def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
     if not len(run.time):
         nothing = tuple(AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None) for axis in AXES)
         name = run.event.name if run.event else ""
-        return RunMetrics(nothing, 0.0, name, run.touched, 0.0, 0.0, *_end(scenario, run))
+        return RunMetrics(nothing, 0.0, name, run.touched, 0.0, 0.0, *_end(scenario, run), run.iron)
     axes = []
     for k, axis in enumerate(AXES):
         error = true[:, k] - wanted[:, k]
@@ -79,6 +81,7 @@ def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
         float(np.rad2deg(run.tilt.max())),
         float(np.abs(run.currents).max()),
         *_end(scenario, run),
+        run.iron,
     )
 
 

@@ -31,10 +31,11 @@ class FieldKeys(Table):
     """How the map's field follows the currents."""
 
     scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
-    iron: Literal["auto", "linearised", "table"] = Field(
+    iron: Literal["auto", "linearised", "model", "table"] = Field(
         default="auto",
-        description="of saturating iron: a table over its current parametrisation, or linearised about the currents "
-        "of the operating point; auto: the table where the map has one",
+        description="of saturating iron: a table over its current parametrisation, its model solved whenever currents "
+        "change, or linearised about the currents of the operating point; auto: the table where the map has one, else "
+        "the model",
     )
     table: Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)] | None = Field(
         default=None,
@@ -107,7 +108,7 @@ class CoilKeys(Table):
         default=USUAL_RANGE, description="of the output converter, to both sides; assumed unless given"
     )
     end_beyond_table: bool = Field(
-        default=False, description="currents beyond the table of the iron end the run"
+        default=False, description="currents beyond the table of the iron, or its model's domain, end the run"
     )
     longest_saturation_s: NotNegative = Field(
         default=0.0, description="a limit that holds longer ends the run; 0 for never"

@@ -176,34 +176,41 @@ def _command(drives, current_noise, voltages, commands):
     return held
 
 
-@njit(**WHOLE)
+# What runs once a sample counts no references, either: `Room`, `Signals` and the rest are thirty arrays, and a function
+# that counts them spends half of the sample on it. So no slices are assigned in these.
+@njit(**PLAIN)
 def _record(row, state, currents, commands, seen, outputs):
     n, m = currents.shape[0], outputs.shape[0]
-    row[:STATE] = state
-    row[STATE : STATE + n] = currents
-    row[STATE + n : STATE + 2 * n] = commands
-    row[STATE + 2 * n : STATE + 2 * n + 3] = seen
-    row[STATE + 2 * n + 3 : STATE + 2 * n + 3 + m] = outputs
+    for k in range(STATE):
+        row[k] = state[k]
+    for k in range(n):
+        row[STATE + k], row[STATE + n + k] = currents[k], commands[k]
+    for k in range(3):
+        row[STATE + 2 * n + k] = seen[k]
+    for k in range(m):
+        row[STATE + 2 * n + 3 + k] = outputs[k]
 
 
-@njit(**WHOLE)
+@njit(**PLAIN)
 def _sense(sample, time, plant, sensing, signals, state, room):
     """Fill what is seen, and the signals of the controller."""
     point, v = room.points[1], room.signals
     sensed_point(state, plant.seen_at, point)
     noise, voltage_noise = signals.noise[sample], signals.voltage_noise[sample]
     see(sensing, point, time, noise, voltage_noise, signals.scans, room.read, room.seen)
-    v[:3], v[3:6] = signals.references[sample], room.seen
+    for k in range(3):
+        v[k], v[3 + k] = signals.references[sample, k], room.seen[k]
 
 
-@njit(**WHOLE)
+@njit(**PLAIN)
 def _call(law, time, feedforward, memory, room):
     """Outputs of a function, or those that are given, with the feed-forward and within the limits: an event, what the
     function returned, and whether a limit held one back."""
     outputs, lower, upper, held = room.outputs, law.controller.lower, law.controller.upper, False
     if law.address != GIVEN:
         # What it was called with, should it fail.
-        room.scratch[: memory.shape[0]] = memory
+        for k in range(memory.shape[0]):
+            room.scratch[k] = memory[k]
         answer = call_function(law.address, time, room.signals[3:6], room.signals[:3], memory, outputs)
         if answer != DONE:
             return CONTROLLER_FAILED, answer, held
@@ -216,7 +223,7 @@ def _call(law, time, feedforward, memory, room):
     return NOTHING, 0, held
 
 
-@njit(**WHOLE)
+@njit(**PLAIN)
 def _sample(sample, time, plant, law, signals, memory, room, waiting, progress):
     """Compute, allocate, convert: fill waiting (n,), A; an event, and whether a limit held anything back."""
     v, outputs, feedforward = room.signals, room.outputs, signals.feedforward[sample]
@@ -237,8 +244,8 @@ def _move_currents(plant, field, commands, currents, watch):
     superposition = plant.superposition
     held, moved = advance_currents(plant.coils, commands, currents)
     if moved:
-        kind, scale, table = superposition.kind, superposition.scale, superposition.table
-        watch[WITHIN] = find_weights(kind, scale, table, currents, field[1])
+        kind, scale, table, iron = superposition
+        watch[WITHIN] = find_weights(kind, scale, table, iron, currents, field[1])
         forget(field)
     return held, moved
 
@@ -313,8 +320,8 @@ def begin(timing, plant, sensing, signals, moving, outputs):
         watch[SCAN] = add_scans(
             sensing.scan, points[1], points[1], 0.0, instant, 0, signals.scans, into, shift
         )
-    kind, scale, table = superposition.kind, superposition.scale, superposition.table
-    watch[WITHIN] = find_weights(kind, scale, table, currents, field[1])
+    kind, scale, table, iron = superposition
+    watch[WITHIN] = find_weights(kind, scale, table, iron, currents, field[1])
     status = find_load(field, body, moving.state, moving.load)[0]
     event = NOTHING if status == INSIDE else way_out(plant.block, status, moving.state[POSITION + 2])
     return room, event

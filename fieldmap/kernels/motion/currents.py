@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from numba import njit
 
 from fieldmap.kernels.map.current_table import BEYOND, table_weights
+from fieldmap.kernels.map.iron_block import ADDRESS, OUTSIDE, call_weights
 from fieldmap.kernels.map.lift_and_directions import divide
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
 from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
@@ -63,7 +64,7 @@ def advance_currents(coils, commands, currents):
     return held, moved
 
 
-SUPERPOSED, TABLED = 0, 1
+SUPERPOSED, TABLED, MODELLED = 0, 1, 2
 
 
 class Superposition(NamedTuple):
@@ -71,25 +72,33 @@ class Superposition(NamedTuple):
 
     kind SUPERPOSED: a field per coil, and one of weight 1 behind them if the block has one more: linear iron, or
     saturating iron linearised about currents. TABLED: saturating iron by a table over the current division, which is
-    what fieldmap.kernels.map.current_table takes.
+    what fieldmap.kernels.map.current_table takes. MODELLED: saturating iron by its model, solved at these currents:
+    iron, an array of fieldmap.kernels.map.iron_block, which every run has for itself.
     """
 
     kind: int
     scale: float
     table: Any
+    iron: Any
 
 
 @njit(**PLAIN)
-def find_weights(kind, scale, table, currents, weights):
-    """Fill weights (f,); False for currents beyond the table, which then goes on with its slopes."""
-    if kind == TABLED:
-        status = table_weights(table, currents, weights)
-        for f in range(weights.shape[0]):
-            weights[f] *= scale
-        return status != BEYOND
-    n = currents.shape[0]
-    for k in range(n):
-        weights[k] = scale * currents[k]
-    if weights.shape[0] > n:
-        weights[n] = scale
-    return True
+def find_weights(kind, scale, table, iron, currents, weights):
+    """Fill weights (f,); False for currents beyond the table, which then goes on with its slopes, and beyond the domain
+    of the model, which is solved there, too."""
+    if kind == SUPERPOSED:
+        n = currents.shape[0]
+        for k in range(n):
+            weights[k] = scale * currents[k]
+        if weights.shape[0] > n:
+            weights[n] = scale
+        return True
+    if kind == MODELLED:
+        outside = iron[OUTSIDE]
+        call_weights(int(iron[ADDRESS]), iron, currents, weights)
+        within = iron[OUTSIDE] == outside
+    else:
+        within = table_weights(table, currents, weights) != BEYOND
+    for f in range(weights.shape[0]):
+        weights[f] *= scale
+    return within

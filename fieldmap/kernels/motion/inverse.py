@@ -37,7 +37,8 @@ def _force(plant, field, allocation, signals, state, currents, load):
     allocate(allocation, signals, currents)
     for k in range(currents.shape[0]):
         currents[k] = drives[k, GAIN] * currents[k] + drives[k, OFFSET]
-    find_weights(superposition.kind, superposition.scale, superposition.table, currents, field[1])
+    kind, scale, table, iron = superposition
+    find_weights(kind, scale, table, iron, currents, field[1])
     forget(field)
     return magnet_wrench(field, plant.body, state, load) == INSIDE
 
