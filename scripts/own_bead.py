@@ -1,0 +1,96 @@
+"""The figures of the bead in docs/own_controller.md: its block run on the shipped recipe's map, in all forms.
+
+    fieldmap map eight_coils_bead
+    python scripts/own_bead.py [--map maps/out/eight_coils_bead.h5]        (half a minute)
+
+Processor seconds of 10 s, the least of some runs that take turns: the function in Python and in numba, on the model of
+the iron and on iron that is linear about the start; one call of each function; how far the bead is from its path.
+"""
+
+import argparse
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.control import FunctionController
+from fieldmap.dynamics import prepare, read_scenario
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "own_controller.md"
+MAP = "maps/out/eight_coils_bead.h5"
+REPEATS, CALLS = 3, 20_000
+
+
+def the_block(map_file: str) -> dict[str, Any]:
+    """What the page's block leaves behind, run on a map."""
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
+    (code,) = [block for block in blocks if MAP in block]
+    names: dict[str, Any] = {}
+    exec(compile(code.replace(MAP, map_file), str(PAGE), "exec"), names)
+    return names
+
+
+def off_path(run: Any, height: float) -> np.ndarray:
+    """RMS distance (3,) from the circle, um, from 1 s on."""
+    angle = 0.4 * np.pi * np.maximum(run.time - 1.0, 0.0)
+    path = [1e-3 * (np.cos(angle) - 1.0), 1e-3 * np.sin(angle), height + 5e-4 * np.sin(2.0 * angle)]
+    off = (run.sensed - np.stack(path, axis=1))[run.time >= 1.0]
+    return np.asarray(1e6 * np.sqrt(np.mean(off**2, axis=0)))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--map", default=MAP, help="map of eight_coils_bead")
+    names = the_block(parser.parse_args().map)
+    compiled: FunctionController = names["controller"]
+    forms = {"Python": replace(compiled, function=names["hold"]), "numba": compiled}
+    runs: dict[tuple[str, str], Any] = {}
+    best: dict[tuple[str, str], float] = {}
+    for iron in ("model", "linearised"):
+        scenario = read_scenario("bead", {**names["changes"], "field.iron": iron})
+        ready = {form: prepare(scenario, names["m"], controller=each) for form, each in forms.items()}
+        for experiment in ready.values():
+            experiment.warm()
+        for _ in range(REPEATS):
+            for form, experiment in ready.items():
+                begin = time.process_time()
+                runs[iron, form] = experiment.run()
+                spent = time.process_time() - begin
+                best[iron, form] = min(best.get((iron, form), np.inf), spent)
+    for (iron, form), run in runs.items():
+        off = ", ".join(f"{value:.1f}" for value in off_path(run, names["HEIGHT"]))
+        largest = np.abs(run.currents).max()
+        print(
+            f"{iron:10} {form:6} {best[iron, form]:.2f} s; off {off} um RMS; at most {largest:.2f} A; {run.event}"
+        )
+    use = runs["model", "numba"].iron
+    each = 1e6 * (best["model", "numba"] - best["linearised", "numba"]) / use.solves
+    print(
+        f"{use.solves} solves, {use.newton_steps / use.solves:.2f} Newton steps and {each:.0f} us each, "
+        f"{use.unsolved} did not converge, {use.outside} beyond the map's currents"
+    )
+    same = np.array_equal(runs["model", "Python"].rows, runs["model", "numba"].rows)
+    apart = np.abs(runs["model", "numba"].position - runs["linearised", "numba"].position).max()
+    print(
+        f"Python and numba: the same bits: {same}; model and linearised iron: up to {1e6 * apart:.2f} um apart"
+    )
+    state, where = np.zeros(7), np.zeros(3)
+    for form, function in (("Python", names["hold"]), ("numba", compiled.function)):
+        function(0.0, where, where, state)
+        begin = time.process_time()
+        for _ in range(CALLS):
+            function(0.0, where, where, state)
+        print(
+            f"a call from Python of the function in {form}: {1e6 * (time.process_time() - begin) / CALLS:.2f} us"
+        )
+
+
+if __name__ == "__main__":
+    main()
