@@ -42,7 +42,8 @@ class Curves(Record):
     """One figure.
 
     Labels carry the unit: "depth below the core (mm)". remark: a sentence below the figure; log_y: y by decades; equal:
-    one unit as long along x as along y.
+    one unit as long along x as along y. message: what its data say in one line, computed from them; without one a
+    figure says how far ours is from what is published or measured (`message_of`).
 
     >>> measured = Series("depth 10 mm", [0.0, 1.0], [0.1, 2.3], kind="measured", points=True)
     >>> Curves("Shift", "x control signal (1)", "x (mm)", (measured,)).series[0].kind
@@ -56,3 +57,77 @@ class Curves(Record):
     remark: str = ""
     log_y: bool = False
     equal: bool = False
+    message: str = ""
+
+
+_FEW = 3
+"""Values that a series must have to be compared."""
+
+
+@dataclass(frozen=True, repr=False)
+class Agreement(Record):
+    """How far a line of ours is from another series: their largest difference over the range of the other."""
+
+    name: str
+    kind: str
+    difference: float
+
+
+def agreements(curves: Curves) -> tuple[Agreement, ...]:
+    """Every published or measured series beside our line of its name, or beside our only line.
+
+    Ours is interpolated linearly at the other's x, as far as it reaches. The difference is relative to the range of the
+    other, from zero or the smallest to the largest.
+
+    >>> x = [0.0, 1.0, 2.0]
+    >>> ours, theirs = Series("B", x, [0.0, 1.0, 2.2]), Series("B", x, [0.0, 1.0, 2.0], "measured", points=True)
+    >>> round(agreements(Curves("t", "x (mm)", "B (T)", (ours, theirs)))[0].difference, 3)
+    0.1
+    """
+    ours = [one for one in curves.series if one.kind == "ours" and not one.points and len(one.x) > 1]
+    found = []
+    for other in curves.series:
+        if other.kind not in ("published", "measured"):
+            continue
+        partners = [one for one in ours if one.name == other.name] or (ours if len(ours) == 1 else [])
+        if len(partners) != 1:
+            continue
+        difference = _difference(partners[0], other)
+        if difference is not None:
+            found.append(Agreement(other.name, other.kind, difference))
+    return tuple(found)
+
+
+def _difference(ours: Series, other: Series) -> float | None:
+    known = np.isfinite(ours.x) & np.isfinite(ours.y)
+    x, y = ours.x[known], ours.y[known]
+    if len(x) < 2 or not (np.diff(x) > 0).all():
+        return None
+    within = np.isfinite(other.y) & (other.x >= x[0]) & (other.x <= x[-1])
+    if within.sum() < _FEW:
+        return None
+    theirs = other.y[within]
+    size = max(float(theirs.max()), 0.0) - min(float(theirs.min()), 0.0)
+    return float(np.abs(np.interp(other.x[within], x, y) - theirs).max() / size) if size else None
+
+
+def message_of(curves: Curves) -> str:
+    """What `agreements` say in one line; empty where there is nothing to compare."""
+    found = agreements(curves)
+    if not found:
+        return ""
+    worst = max(found, key=lambda one: one.difference)
+    kinds = " and ".join(dict.fromkeys(one.kind for one in found))
+    of = f" (worst: {worst.name})" if len(found) > 1 else ""
+    if worst.difference > 0.5:
+        return f"Ours and {kinds} are up to {percent(worst.difference)} of the range apart{of}"
+    return f"Ours follows what is {kinds} within {percent(worst.difference)} of the range{of}"
+
+
+def percent(share: float) -> str:
+    """A share in words, to two digits.
+
+    >>> percent(0.1234), percent(0.00321), percent(1.7)
+    ('12 %', '0.32 %', '170 %')
+    """
+    return f"{float(f'{100 * share:.2g}'):g} %"

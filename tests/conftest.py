@@ -97,27 +97,23 @@ def written(six_coils, tmp_path):
 def legible():
     """legible(curves): draws each figure off screen, as it is saved, and holds it to what a reader needs: a unit on
     both axes, every word inside the picture, nothing upon another, and room left for the lines."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from fieldmap.plot.figures import DOTS_PER_INCH, HEIGHT, WIDTH, draw_curves
+    from fieldmap.plot.figures import curves_figure
 
     seen = set()
 
     def draw(curves):
         for one in (one for one in curves if one.title not in seen):
             seen.add(one.title)
-            figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained", dpi=DOTS_PER_INCH)
-            FigureCanvasAgg(figure)
-            axes = figure.add_subplot()
-            draw_curves(axes, one)
+            figure = curves_figure(one)
+            (axes,) = figure.axes
             figure.draw_without_rendering()
             check(figure, axes, one.title)
 
     def check(figure, axes, title):
         assert axes.get_xlabel().endswith(")"), title
         assert axes.get_ylabel().endswith(")"), title
-        words = [axes.title, axes.xaxis.label, axes.yaxis.label, *shown(axes.xaxis), *shown(axes.yaxis)]
+        words = [axes.xaxis.label, axes.yaxis.label, *axes.texts, *shown(axes.xaxis), *shown(axes.yaxis)]
+        words += [word for word in title_texts(axes) if word.get_text()]
         boxes = [word.get_window_extent() for word in words]
         legend = axes.get_legend()
         inside = boxes if legend is None else [*boxes, legend.get_window_extent()]
@@ -128,6 +124,13 @@ def legible():
             assert not any(box.overlaps(other) for other in inside[k + 1 :]), title
         assert axes.bbox.width > 0.4 * figure.bbox.width, title
         assert np.prod(axes.bbox.size) > 0.3 * np.prod(figure.bbox.size), title
+
+    def title_texts(axes):
+        return [
+            child
+            for child in axes.get_children()
+            if getattr(child, "get_text", str)() == axes.get_title("left")
+        ]
 
     def shown(axis):
         low, high = sorted(axis.get_view_interval())

@@ -37,7 +37,7 @@ def show(
             "--what",
             metavar="NAME",
             help="What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference "
-            "or shift; path for a run.",
+            "shift or reachable; path for a run.",
         ),
     ] = "",
     currents: Annotated[
@@ -49,7 +49,8 @@ def show(
         typer.Option(
             "--quantity",
             metavar="NAME",
-            help="For slices, surfaces and difference: B, Bz or gradB. For shift: x or y.",
+            help="For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: "
+            "force or B.",
         ),
     ] = "",
     minus: Annotated[
@@ -64,6 +65,18 @@ def show(
             "--height-mm",
             metavar="MM",
             help="For shift: z of the magnet's centre. Default: where it floats at these currents.",
+        ),
+    ] = None,
+    at_mm: Annotated[
+        str | None,
+        typer.Option(
+            "--at-mm", metavar="X Y Z", help="For reachable: the point, mm. Default: middle of the workspace."
+        ),
+    ] = None,
+    limit: Annotated[
+        float | None,
+        typer.Option(
+            "--limit", metavar="A", help="For reachable: of every current. Default: the driver's, or 3 A."
         ),
     ] = None,
     save: Annotated[
@@ -101,7 +114,9 @@ def show(
         shown = shown_run(source)
     else:
         height = None if height_mm is None else 1e-3 * height_mm
-        shown = _gather(source, settings, chosen, currents or ["1"], options, minus, height)
+        shown = _gather(
+            source, settings, chosen, currents or ["1"], options, minus, height, at_mm, limit, quantity
+        )
     if save is not None and save.suffix in MOVIES:
         ranges = _animate(shown, save)
     else:
@@ -120,8 +135,11 @@ def _gather(
     options: "IronOptions",
     minus: str | None,
     height: float | None,
+    at_mm: str | None,
+    limit: float | None,
+    quantity: str,
 ) -> "Shown":
-    from fieldmap.cli.arguments import parse_currents
+    from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.progress import Progress
     from fieldmap.io import IronOptions, is_map_file, named_device
     from fieldmap.plot.gather import shown_device, shown_field, shown_mesh
@@ -134,7 +152,9 @@ def _gather(
         found, other = find_named(source, options, progress, settings), None
         if minus is not None and what == "difference":
             other = find_named(minus, IronOptions() if is_map_file(minus) else options, progress)
-        return shown_field(found, parse_currents(currents, found.coil_names), what, other, height)
+        place = parse_points([], [at_mm])[0] if at_mm else None
+        amperes = parse_currents(currents, found.coil_names)
+        return shown_field(found, amperes, what, other, height, place, limit, quantity)
 
 
 def _default_scene(of_map: bool, recorded: bool, minus: str | None) -> str:
@@ -167,7 +187,7 @@ def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> dict[s
         require_window(scene)
         scene.show()
     else:
-        save_scene(scene, save, shown.title, axes_of(what, quantity))
+        save_scene(scene, save, shown.title, axes_of(what, quantity, shown))
         scene.close()
     return ranges
 

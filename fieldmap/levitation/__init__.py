@@ -30,6 +30,7 @@ from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equi
 from fieldmap.levitation.former_names import DifferencedField, FixedCurrents, lift_current_nonlinear
 from fieldmap.levitation.least_power import force_per_ampere, lift_shares, push_shares
 from fieldmap.levitation.lift import LiftCurrent, lift_current
+from fieldmap.levitation.reachable_set import ReachableSet, reachable, zonotope
 from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
 from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface
 from fieldmap.levitation.stationary import StationaryPoint, StationarySet, stationary_points
@@ -51,6 +52,7 @@ __all__ = [
     "LiftReadings",
     "MagnetModel",
     "PositionReadings",
+    "ReachableSet",
     "Reading",
     "SearchReport",
     "Sensitivity",
@@ -75,8 +77,10 @@ __all__ = [
     "magnet_balance",
     "model_assumptions",
     "push_shares",
+    "reachable",
     "shifts_beside_measured",
     "stationary_points",
+    "zonotope",
 ]
 
 __getattr__ = renamed(

@@ -14,9 +14,10 @@ from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM, workspace_outline
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import INK, add_rulers
+from fieldmap.plot.rulers import add_rulers
 from fieldmap.plot.shown import ShownRun
 from fieldmap.plot.solids import body_surface, winding_surface
+from fieldmap.plot.style import INK
 from fieldmap.plot.trajectory import body_parts, outline, path_samples
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array

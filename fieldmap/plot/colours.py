@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.plot.rulers import INK, label_step
+from fieldmap.plot.rulers import label_step
+from fieldmap.plot.style import INK
 
 # A line break below the title keeps it off the highest label.
 _BAR: dict[str, Any] = {
@@ -18,6 +19,19 @@ _BAR: dict[str, Any] = {
     "title_font_size": 26,
     "label_font_size": 22,
 }
+
+
+def fitting_prefix(largest: float) -> tuple[str, float]:
+    """SI prefix for numbers up to `largest`, and the factor from the plain unit.
+
+    >>> fitting_prefix(0.11), fitting_prefix(3e-6), fitting_prefix(12.0), fitting_prefix(0.0)
+    (('m', 1000.0), ('u', 1000000.0), ('', 1.0), ('', 1.0))
+    """
+    size = abs(largest)
+    known = (("", 1.0), ("m", 1e3), ("u", 1e6), ("n", 1e9))
+    if not np.isfinite(size) or size < 1e-12:
+        return known[0]
+    return next((one for one in known if size * one[1] >= 0.5), known[-1])
 
 
 def colour_bar(title: str, values: ArrayLike) -> dict[str, Any]:

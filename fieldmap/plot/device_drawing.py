@@ -5,13 +5,15 @@ from typing import Any, Final
 import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
+from vtkmodules.vtkRenderingCore import vtkBillboardTextActor3D
 
 from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
 from fieldmap.device.payload import Payload, PayloadPiece, SoftBody
-from fieldmap.field import AnyField, Currents, Field, as_field, coil_currents, require_bounds
+from fieldmap.field import AnyField, Currents, Field, FieldAtCurrents, as_field, coil_currents, require_bounds
 from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import INK, add_rulers, label_step
-from fieldmap.plot.solids import MM, body_surface, current_arrow, winding_surface
+from fieldmap.plot.rulers import add_rulers, label_step
+from fieldmap.plot.solids import MM, body_surface, current_arrow, name_place, winding_surface
+from fieldmap.plot.style import INK
 from fieldmap.typing import Array
 
 IRON = "#c5ccd3"
@@ -19,6 +21,11 @@ COPPER = "#e08a4e"
 CURRENT = "#ffd34d"
 MAGNET = "#e0402f"
 COLOUR_MAP: Final = "viridis"
+NAME_SIZE = 30
+VIEW: Final = (0.42, -1.0, 0.27)
+"""Towards the viewer, who stands in front (-y), a little to the right and above."""
+# Arrows of B along a slice, their length over their distance, and how far before it they lie, mm.
+_ARROWS, _ARROW_LENGTH, _BEFORE = 7, 0.62, 0.3
 
 
 def device_scene(
@@ -31,12 +38,17 @@ def device_scene(
     plotter: pv.Plotter | None = None,
     window_size: tuple[int, int] = (1200, 1200),
     iron_opacity: float = 1.0,
+    coil_opacity: float = 1.0,
+    names: bool = True,
+    directions: bool = True,
 ) -> pv.Plotter:
-    """Draw coils with the sense of their current, iron, the workspace box and, if given, |B| on slices of a field.
+    """Draw coils with their names and the sense of their current, iron, the workspace box and, if given, B on slices of
+    a field, as colour and direction.
 
-    field: any field with a box, drawn at currents (n_coils,) in A, 1 A each by default. magnet_at (3,), m: where to
-    draw the payload's magnet. hide: names of bodies to leave out. axes: rulers in mm. plotter: draw into this
-    one; otherwise a new off-screen plotter. Lengths in the scene are millimetres.
+    field: any field with a box. currents (n_coils,), A, 1 A each by default: arrows point as they flow, coils without
+    current have none. magnet_at (3,), m: where to draw the payload's magnet. hide: names of bodies to leave out. axes:
+    rulers in mm. plotter: draw into this one; otherwise a new off-screen plotter. names: of the coils, those on the far
+    side are hidden behind the others. directions: arrows of B on the slices. Lengths in the scene are millimetres.
 
     Returns the plotter; save with `.screenshot("device.png")`, look at it with `.show()`. Raises FieldmapError on
     a machine without OpenGL.
@@ -52,15 +64,27 @@ def device_scene(
     for body in device.bodies:
         if body.name not in hide:
             _add_solid(scene, body_surface(device, body), IRON, iron_opacity)
+    of = device.coil_names if field is None else as_field(field).coil_names
+    flowing = coil_currents(1.0 if currents is None else currents, of)
+    by_name = dict(zip(of, flowing, strict=True))
     for coil in device.coils:
-        _add_solid(scene, winding_surface(coil), COPPER)
-        scene.add_mesh(current_arrow(coil), color=CURRENT, ambient=0.4, smooth_shading=True)
+        # A map may have been made of other coils than those of the device that is drawn with it.
+        ampere = by_name.get(coil.name, 1.0)
+        _add_solid(scene, winding_surface(coil), COPPER, coil_opacity)
+        if ampere:
+            arrow = current_arrow(coil, sense=float(ampere))
+            scene.add_mesh(arrow, color=CURRENT, ambient=0.4, smooth_shading=True)
     if device.workspace is not None:
         outline = workspace_outline(device.workspace)
         scene.add_mesh(outline, color=INK, line_width=2.5, lighting=False)
     if field is not None:
         source = as_field(field)
-        _add_slices(scene, source, coil_currents(1.0 if currents is None else currents, source.coil_names))
+        _add_slices(scene, source, flowing)
+        if directions:
+            lower, upper = require_bounds(source)
+            add_directions(scene, source.at(flowing), lower, upper)
+    if names and device.coils:
+        _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
         add_payload(scene, device.payload, MM * np.asarray(magnet_at, dtype=float))
     if axes:
@@ -87,6 +111,22 @@ def _add_solid(scene: pv.Plotter, surface: pv.PolyData, colour: str, opacity: fl
     )
     if edges.n_points:
         scene.add_mesh(edges, color=INK, line_width=1.5, opacity=0.55)
+
+
+def _add_names(scene: pv.Plotter, device: Device) -> None:
+    """Names of the coils on their windings; the windings in front hide those behind."""
+    for coil in device.coils:
+        # Labels at points are drawn over everything, or nowhere.
+        text = vtkBillboardTextActor3D()
+        text.SetInput(coil.name)
+        text.SetPosition(*name_place(coil, VIEW))
+        text.GetTextProperty().SetFontSize(NAME_SIZE)
+        text.GetTextProperty().SetBold(True)
+        text.GetTextProperty().SetJustificationToCentered()
+        text.GetTextProperty().SetVerticalJustificationToCentered()
+        # On copper in both schemes.
+        text.GetTextProperty().SetColor(0.0, 0.0, 0.0)
+        scene.add_actor(text, pickable=False, reset_camera=False)  # type: ignore[arg-type]
 
 
 def workspace_outline(space: Workspace) -> pv.PolyData:
@@ -119,6 +159,27 @@ def _add_slices(scene: pv.Plotter, field: Field, currents: Array) -> None:
             show_scalar_bar=plane is slices[0],
             scalar_bar_args=bar,
         )
+
+
+def add_directions(scene: pv.Plotter, field: FieldAtCurrents, lower: Array, upper: Array) -> None:
+    """Arrows along B, all of one length, before the slices x = middle and y = middle of a box with corners (3,), m."""
+    middle, size = 0.5 * (lower + upper), upper - lower
+    step = float(size.max()) / _ARROWS
+    places = []
+    for axis in (0, 1):
+        counts = np.maximum(2, np.rint(size / step)).astype(int)
+        ticks = [
+            low + (np.arange(n) + 0.5) / n * span for low, n, span in zip(lower, counts, size, strict=True)
+        ]
+        ticks[axis] = middle[axis : axis + 1]
+        places.append(np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3))
+    # One row stands where the slices cross: once is enough.
+    points = np.unique(np.vstack(places).round(12), axis=0)
+    cloud = pv.PolyData(MM * points + _BEFORE * np.sign(VIEW) * [1.0, 1.0, 0.0])
+    cloud["direction"] = field.field(points)
+    slender = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.14, shaft_radius=0.045)
+    arrows = cloud.glyph(orient="direction", scale=False, factor=_ARROW_LENGTH * MM * step, geom=slender)
+    scene.add_mesh(arrows, color="white", lighting=False, show_scalar_bar=False)
 
 
 _SCALAR_BAR: dict[str, Any] = {

@@ -8,8 +8,8 @@ import pyvista as pv
 from fieldmap.levitation import EquilibriumSurface
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, MM
-from fieldmap.plot.rulers import INK
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.style import INK
 
 LEVEL = "current, A"
 PERCENT = 100.0

@@ -10,6 +10,8 @@ from fieldmap.typing import Array
 
 TITLE = "B, mT"
 _GRID_POINTS, _SEEDS = 48, 5
+_RANGE = 1e4
+"""Of the colours, at most: the far ends of a few lines would take most of them."""
 
 
 def add_field_lines(scene: pv.Plotter, shown: Shown) -> None:
@@ -18,7 +20,8 @@ def add_field_lines(scene: pv.Plotter, shown: Shown) -> None:
     lines = field_lines(shown)
     # From air to iron the flux density grows a thousandfold.
     by_decades = colour_bar_by_decades if shown.everywhere else colour_bar
-    settings = by_decades(TITLE, np.percentile(lines[TITLE], [10.0, 98.0]))
+    low, high = np.percentile(lines[TITLE], [10.0, 98.0])
+    settings = by_decades(TITLE, [max(low, high / _RANGE), high])
     radius = 0.0015 * float(np.ptp(np.array(lines.bounds).reshape(3, 2), axis=1).max())
     scene.add_mesh(
         lines.tube(radius=radius, n_sides=8), scalars=TITLE, cmap=COLOUR_MAP, lighting=False, **settings

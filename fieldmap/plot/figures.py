@@ -1,6 +1,9 @@
 """Figures given as data (fieldmap.curves) drawn by matplotlib: no window, no global state."""
 
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -8,12 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 
-from fieldmap.curves import Curves, Series
+from fieldmap.curves import Curves, Series, message_of
+from fieldmap.plot.style import COLOURS, INK, QUIET, figure_style, save_figure
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
-# Okabe and Ito's colours, which the colour-blind tell apart; the pale yellow one is left out.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
 _LINES = {"ours": "-", "published": "--", "measured": "-.", "asked": "-"}
 _MARKS = {"ours": "o", "published": "s", "measured": "x", "asked": "."}
 # Hollow, so that ours shows through where both agree; heavy, so that a single cross is seen upon lines.
@@ -25,19 +28,34 @@ _ASKED = "#404040"
 _MANY = 5
 _APART, _MOSTLY = 0.01, 0.9
 """Lines that are closer than this share of the figure's height, over this share of their points, hide each other."""
+_SAME = 1e-3
+"""Lines that are nowhere further apart than this share of the figure's height are said to be the same."""
+# Of direct labels: size, height over it, how far one may be moved off the end of its line (in heights), how far from
+# the right edge a line may end (share of the width), and characters that leave room for the lines.
+_LABEL_SIZE, _SPACING, _MOVED, _SHORT, _LONGEST = 8, 1.35, 2.2, 0.12, 26
+_TITLE_LINES, _MESSAGE_WIDTH = 1.45, 68
 
 
 def save_curves(curves: Curves, path: str | Path) -> Path:
     """Draw one figure and save it as PNG; the folder must be there."""
-    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained", dpi=DOTS_PER_INCH)
-    FigureCanvasAgg(figure)
-    draw_curves(figure.add_subplot(), curves)
-    figure.savefig(path)
-    return Path(path)
+    return save_figure(curves_figure(curves), path)
+
+
+def curves_figure(curves: Curves) -> Figure:
+    """One figure, in the style of all."""
+    with figure_style():
+        figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure)
+        draw_curves(figure.add_subplot(), curves)
+    return figure
 
 
 def draw_curves(axes: Axes, curves: Curves) -> None:
-    """Draw into axes: colour by the name of a series, style by whose it is."""
+    """Draw into axes: colour by the name of a series, style by whose it is.
+
+    Above stands what the figure says, if its data say anything, and its title. Lines are named at their right ends
+    where the names fit there, otherwise in a legend; those that coincide are said to be the same.
+    """
     names = list(dict.fromkeys(series.name for series in curves.series if series.kind != "asked"))
     for k, series in enumerate(curves.series):
         style = _style(series)
@@ -51,20 +69,57 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
     if curves.equal:
         # By wider limits, not a smaller frame: a legend beside the frame keeps its place.
         axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(curves.title, fontsize=10)
-    axes.grid(color="0.9")
+    _add_title(axes, curves)
+    axes.grid(True)
     axes.set_axisbelow(True)
-    _add_legend(axes, curves)
+    if not _name_at_ends(axes, curves):
+        _add_legend(axes, _entries(axes, curves, curves.series))
+
+
+def _add_title(axes: Axes, curves: Curves) -> None:
+    """The message in bold, and below it the title."""
+    message = curves.message or message_of(curves)
+    axes.set_title(curves.title, loc="left", color=QUIET if message else INK)
+    if message:
+        above = 6.0 + _TITLE_LINES * float(axes.title.get_fontsize()) * (curves.title.count("\n") + 1)
+        axes.annotate(
+            _in_lines(message),
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0.0, above),
+            textcoords="offset points",
+            fontsize=10,
+            fontweight="bold",
+            color=INK,
+            annotation_clip=False,
+        )
+
+
+def _in_lines(message: str) -> str:
+    """One line if it fits, otherwise two that are about equally long."""
+    if len(message) <= _MESSAGE_WIDTH:
+        return message
+    return fill(message, min(_MESSAGE_WIDTH, len(message) // 2 + 8))
 
 
 def _covers(series: Series, below: Series, curves: Curves) -> bool:
     """Whether a line would hide one of another name that was drawn before it."""
     if below.points or below.name == series.name or series.x.shape != below.x.shape:
         return False
-    heights = np.concatenate([line.y[np.isfinite(line.y)] for line in curves.series])
-    near = np.abs(series.y - below.y) < _APART * float(np.ptp(heights))
+    near = np.abs(series.y - below.y) < _APART * _height(curves)
     # Where lines are steep, a little aside is far apart.
     return bool(np.allclose(series.x, below.x) and np.mean(near) > _MOSTLY)
+
+
+def _height(curves: Curves) -> float:
+    return float(np.ptp(np.concatenate([line.y[np.isfinite(line.y)] for line in curves.series])))
+
+
+def _same(one: Series, other: Series, curves: Curves) -> bool:
+    """Whether two lines are one to the eye."""
+    if one.points or other.points or one.x.shape != other.x.shape or not np.allclose(one.x, other.x):
+        return False
+    return bool(np.nanmax(np.abs(one.y - other.y), initial=0.0) <= _SAME * _height(curves))
 
 
 def _style(series: Series) -> dict[str, Any]:
@@ -83,29 +138,134 @@ def _style(series: Series) -> dict[str, Any]:
     return {"linestyle": _LINES[series.kind], "linewidth": 1.6 if ours else 2.2, "zorder": 2 if ours else 3}
 
 
-def _add_legend(axes: Axes, curves: Curves) -> None:
+def _name_at_ends(axes: Axes, curves: Curves) -> bool:
+    """Name the lines at their ends, and what is left in a legend; False, and nothing, where the names do not fit."""
+    groups = _groups(curves)
+    words = [_group_name(group) for group in groups]
+    if not 1 < len(groups) <= _MANY or max(len(text) for text in words) > _LONGEST or curves.equal:
+        return False
+    axes.autoscale_view()
+    ends = [_end(group[0]) for group in groups]
+    if any(end is None for end in ends):
+        return False
+    to_share = axes.transLimits.transform
+    scaled = [axes.transScale.transform(end) for end in ends if end is not None]
+    shares = np.array([to_share(end) for end in scaled])
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    height = _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
+    places = spread(shares[:, 1], height)
+    moved = np.abs(places - shares[:, 1]).max()
+    if (shares[:, 0] < 1.0 - _SHORT).any() or moved > _MOVED * height:
+        return False
+    for group, text, place in zip(groups, words, places, strict=True):
+        drawn = axes.lines[curves.series.index(group[0])]
+        axes.annotate(
+            text,
+            (1.0, place),
+            xycoords="axes fraction",
+            xytext=(4.0, 0.0),
+            textcoords="offset points",
+            fontsize=_LABEL_SIZE,
+            color=drawn.get_color(),
+            va="center",
+            annotation_clip=False,
+        )
+    _add_legend(axes, _rest(axes, curves, groups), least=1)
+    return True
+
+
+def _groups(curves: Curves) -> list[list[Series]]:
+    """Lines by what their ends are named: of one name whosever they are, or of several names but the same."""
+    groups: list[list[Series]] = []
+    for series in curves.series:
+        if series.points:
+            continue
+        mates = (g for g in groups if g[0].name == series.name or _same(g[0], series, curves))
+        group = next(mates, None)
+        if group is None:
+            groups.append([series])
+        else:
+            group.append(series)
+    return groups
+
+
+def _group_name(group: Sequence[Series]) -> str:
+    names = list(dict.fromkeys(series.name for series in group))
+    return names[0] if len(names) == 1 else f"{', '.join(names)}:\nthe same"
+
+
+def _end(series: Series) -> tuple[float, float] | None:
+    known = np.flatnonzero(np.isfinite(series.x) & np.isfinite(series.y))
+    if not known.size:
+        return None
+    last = known[int(np.argmax(series.x[known]))]
+    return float(series.x[last]), float(series.y[last])
+
+
+def spread(heights: Any, least: float) -> Any:
+    """Places near the heights (n,) that are `least` apart, as near as steps of a third of it bring them.
+
+    >>> spread(np.array([0.0, 0.0, 1.0]), 0.2).round(2).tolist()
+    [-0.1, 0.1, 1.0]
+    """
+    order = np.argsort(heights, kind="stable")
+    places = np.array(heights, dtype=float)
+    for _ in range(200):
+        close = False
+        for low, high in pairwise(order):
+            lack = least - (places[high] - places[low])
+            if lack > 1e-9:
+                places[low] -= 0.5 * lack
+                places[high] += 0.5 * lack
+                close = True
+        if not close:
+            break
+    return places
+
+
+def _rest(axes: Axes, curves: Curves, groups: Sequence[Sequence[Series]]) -> dict[str, Any]:
+    """For the legend beside direct labels: what the styles of lines mean, and marks."""
+    entries: dict[str, Any] = {}
+    kinds = list(dict.fromkeys(s.kind for group in groups for s in group if s.kind != "asked"))
+    for kind in kinds if len(kinds) > 1 else ():
+        entries[kind] = Line2D([], [], color=QUIET, linewidth=1.6 if kind == "ours" else 2.2)
+        entries[kind].set_linestyle(_LINES[kind])
+    named = {series.name for group in groups for series in group}
+    marks = [s for s in curves.series if s.points and not (s.kind == "ours" and s.name in named)]
+    return entries | _entries(axes, curves, marks)
+
+
+def _entries(axes: Axes, curves: Curves, shown: Sequence[Series]) -> dict[str, Any]:
     """Each name and kind once; whose a series is, is said only where there are several kinds."""
     several = len({series.kind for series in curves.series} - {"asked"}) > 1
     entries: dict[str, Any] = {}
-    for series, line in zip(curves.series, axes.lines, strict=True):
+    for k, (series, line) in enumerate(zip(curves.series, axes.lines, strict=True)):
+        if not any(series is one for one in shown):
+            continue
         words = (
             f"{series.name} ({series.kind})" if several and series.kind not in series.name else series.name
         )
+        same = [
+            one.name for one in curves.series[:k] if one.name != series.name and _same(one, series, curves)
+        ]
+        words += f", the same as {same[0]}" if same else ""
         entries.setdefault(words, line)
-    if len(entries) < 2:
+    return entries
+
+
+def _add_legend(axes: Axes, entries: dict[str, Any], least: int = 2) -> None:
+    if len(entries) < least:
         return
     if len(entries) <= _MANY:
         legend = axes.legend(entries.values(), entries.keys(), fontsize=8)
         if not _hides_a_line(axes, legend):
             return
-    axes.legend(
-        entries.values(),
-        entries.keys(),
-        fontsize=8,
-        loc="upper left",
-        bbox_to_anchor=(1.0, 1.0),
-        frameon=False,
-    )
+    beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    if any(text.get_text() and text.get_position()[0] == 4.0 for text in axes.texts):
+        # The names of lines stand there.
+        beside = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
+    axes.legend(entries.values(), entries.keys(), fontsize=8, frameon=False, **beside)
 
 
 def _hides_a_line(axes: Axes, legend: Legend) -> bool:

@@ -5,13 +5,12 @@ import pyvista as pv
 
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import dipole_force, upright_force
-from fieldmap.plot.colours import colour_bar
+from fieldmap.plot.colours import colour_bar, fitting_prefix
 from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_payload
 from fieldmap.plot.shown import Shown
 from fieldmap.typing import Array
 
-TITLE = "force, mN"
-NET = "net force, mN"
+TITLE, NET = "force", "net force"
 _PLACES = (7, 3, 7)
 
 
@@ -70,13 +69,15 @@ def grid_in_plane(shown: Shown, count: tuple[int, int]) -> Array:
 
 def _add_arrows(scene: pv.Plotter, places: Array, force: Array, title: str, shown: Shown) -> None:
     size = np.linalg.norm(force, axis=1)
+    prefix, factor = fitting_prefix(float(size.max()))
+    title = f"{title}, {prefix}N"
     cloud = pv.PolyData(MM * places)
     cloud["direction"] = force
-    cloud[title] = 1e3 * size
+    cloud[title] = factor * size
     # The longest arrow spans the distance of two places.
     size_of_box = np.asarray(shown.upper, dtype=float) - np.asarray(shown.lower, dtype=float)
     room = MM * float(np.min(size_of_box / np.array(_PLACES)))
     arrows = cloud.glyph(
-        orient="direction", scale=title, factor=1.3 * room / (1e3 * size.max()), geom=pv.Arrow()
+        orient="direction", scale=title, factor=1.3 * room / (factor * size.max()), geom=pv.Arrow()
     )
-    scene.add_mesh(arrows, scalars=title, cmap=COLOUR_MAP, ambient=0.4, **colour_bar(title, 1e3 * size))
+    scene.add_mesh(arrows, scalars=title, cmap=COLOUR_MAP, ambient=0.4, **colour_bar(title, factor * size))

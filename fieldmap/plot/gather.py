@@ -2,6 +2,7 @@
 
 import sys
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,9 @@ from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
 from fieldmap.iron import SolvedState, generate_mesh
-from fieldmap.levitation import equilibrium_surface, find_equilibrium
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation import ReachableSet, equilibrium_surface, find_equilibrium, reachable
+from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.store import read_runs
 from fieldmap.typing import Array, PathLike
@@ -22,6 +25,8 @@ SIGNALS = np.linspace(-0.3, 0.3, 13)
 """Direction signals over which an equilibrium is shown."""
 WITH_FIELD = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium", "difference", "shift")
 """Scenes that need a field."""
+DEFAULT_LIMIT = 3.0
+"""Of every current, A, for what is reachable with a device that has no driver."""
 
 
 def shown_device(device: Device) -> Shown:
@@ -45,11 +50,16 @@ def shown_field(
     what: str,
     minus: FieldSource | None = None,
     height: float | None = None,
+    place: Array | None = None,
+    limit: float | None = None,
+    kind: str = "",
 ) -> Shown:
     """A named field at currents (n_coils,), A, for the scene `what`.
 
-    minus: the field that is taken off, for "difference". height: of the magnet's centre, m, for "shift". Raises
-    InputError, before anything is solved, for what does not fit together.
+    minus: the field that is taken off, for "difference". height: of the magnet's centre, m, for "shift". For
+    "reachable" place (3,), m, the middle of the box unless given; limit of every current, A, the driver's unless given;
+    kind: "force" on the payload's upright moment, or "B". Raises InputError, before anything is solved, for what does
+    not fit together.
     """
     if what == "difference":
         return _difference(source, minus, currents)
@@ -62,6 +72,8 @@ def shown_field(
         upper=None if source.bounds is None else source.bounds[1],
         payload=source.payload,
     )
+    if what == "reachable":
+        return _reachable(source, about, currents, place, limit, kind)
     if what not in WITH_FIELD:
         return about
     if what == "shift":
@@ -87,6 +99,34 @@ def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -
         equilibrium=None if found is None else found.position,
         assumptions=_told(source, currents),
     )
+
+
+def _reachable(
+    source: FieldSource, about: Shown, currents: Array, place: Array | None, limit: float | None, kind: str
+) -> Shown:
+    lower, upper = require_box(source)
+    at = 0.5 * (lower + upper) if place is None else place
+    driver = None if source.device is None else source.device.driver
+    most = limit or (DEFAULT_LIMIT if driver is None else driver.current_limit)
+    moment = None
+    if kind != "B":
+        about.need("payload")
+        assert source.payload is not None
+        moment = np.array([0.0, 0.0, source.payload.moment])
+    found = reachable(source.field, at, most, moment)
+    title = f"{source.name}, at {_millimetres(at)} mm, each current within {most:g} A\n{_reach_in_words(found, source)}"
+    return replace(about, title=title, reachable=found, assumptions=_told(source, currents))
+
+
+def _reach_in_words(found: ReachableSet, source: FieldSource) -> str:
+    """How far the set reaches upwards and sideways."""
+    ways = {name: found.largest_along(axis) for name, axis in zip(("x", "y", "z"), np.eye(3), strict=True)}
+    prefix, factor = fitting_prefix(max(ways.values()))
+    reach = ", ".join(f"{factor * value:.3g} along {name}" for name, value in ways.items())
+    words = f"reaches, in {prefix}{found.unit}, {reach}"
+    if found.quantity == "force" and source.payload is not None:
+        words += f"; lift up to {ways['z'] / (source.payload.mass * GRAVITY):.2f} times the weight"
+    return words
 
 
 def _told(source: FieldSource, currents: Array) -> tuple[str, ...]:

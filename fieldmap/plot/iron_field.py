@@ -5,8 +5,8 @@ import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM
-from fieldmap.plot.rulers import INK
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.style import INK
 
 TITLE = "B in iron, T"
 

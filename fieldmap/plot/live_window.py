@@ -10,9 +10,11 @@ from fieldmap.lookup import FieldMap
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, magnet_surface
 from fieldmap.plot.live_answers import LiveAnswer, LiveMap
+from fieldmap.plot.live_state import answer_in_words
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.rendering import require_renderer, require_window
-from fieldmap.plot.rulers import INK, add_rulers
+from fieldmap.plot.rulers import add_rulers
+from fieldmap.plot.style import INK
 from fieldmap.plot.volumes import planes_of_box
 from fieldmap.typing import Array
 
@@ -26,9 +28,10 @@ class LiveWindow:
     """A window with one slider for each of `live.controls`: `.show()` opens it, `.move(values)` does what sliders do.
 
     field_map, payload, current_limit, force_scale: as for `LiveMap`. title: a line above. off_screen: draw without a
-    window, for pictures. Red: where the magnet floats. Orange: the force on it where the height slider puts it, as
-    long as a fifth of the box where it carries the weight. planes: grids with |B| in mT; magnet_at: where the magnet is
-    drawn, mm, or None; values: of the sliders. Raises FieldmapError on a machine without OpenGL.
+    window, for pictures. sliders: without them there are no words either, both stand elsewhere. Red: where the magnet
+    floats. Orange: the force on it where the height slider puts it, as long as a fifth of the box where it carries the
+    weight. planes: grids with |B| in mT; magnet_at: where the magnet is drawn, mm, or None; values: of the sliders.
+    Raises FieldmapError on a machine without OpenGL.
     """
 
     def __init__(
@@ -40,6 +43,7 @@ class LiveWindow:
         title: str = "",
         off_screen: bool = False,
         window: tuple[int, int] = WINDOW,
+        sliders: bool = True,
     ) -> None:
         require_renderer()
         self.planes = planes_of_box(field_map.lower, field_map.upper)
@@ -54,7 +58,8 @@ class LiveWindow:
         # Smoothed edges cost a processor that draws by itself seven times as long.
         self.scene.disable_anti_aliasing()
         self._build(title)
-        self.sliders = [self._add_slider(k) for k in range(len(self.values))]
+        self.sliders = [self._add_slider(k) for k in range(len(self.values) if sliders else 0)]
+        self._told = sliders
         self.move(self.values)
 
     def show(self) -> None:
@@ -64,13 +69,25 @@ class LiveWindow:
 
     def move(self, values: Any) -> LiveAnswer:
         """Answer at new values of all controls, and show it."""
-        self.values = np.array(values, dtype=float)
-        answer = self.live.answer(self.values)
+        values = np.array(values, dtype=float)
+        answer = self.live.answer(values)
+        self.show_answer(values, answer)
+        return answer
+
+    def show_answer(self, values: Array, answer: LiveAnswer) -> None:
+        """Show what `live` answered to values."""
+        self.values = values
         self._colour(1e3 * np.linalg.norm(answer.flux_density, axis=1))
         self._place_magnet(answer)
         self._place_force(answer)
+        words = answer_in_words(answer, self.live.field_map.coil_names)
+        lines = (
+            words.currents,
+            ", ".join(text for text in (words.force, words.lift) if text),
+            words.equilibrium,
+        )
         self.scene.add_text(
-            _words(answer, self.live.field_map.coil_names),
+            "\n".join(line for line in lines if line) if self._told else "",
             position=(0.02, 0.02),
             viewport=True,
             font_size=11,
@@ -79,7 +96,6 @@ class LiveWindow:
             render=False,
         )
         self.scene.render()
-        return answer
 
     def as_numbers(self) -> dict[str, Any]:
         """The sliders and the answer at their values, as they are now. SI units, sliders in theirs."""
@@ -156,7 +172,10 @@ class LiveWindow:
             slider_width=0.02,
             tube_width=0.004,
         )
-        slider.GetRepresentation().SetLabelHeight(0.016)
+        representation = slider.GetRepresentation()
+        representation.SetLabelHeight(0.016)
+        for words in (representation.GetTitleProperty(), representation.GetLabelProperty()):
+            words.SetShadow(False)
         return slider
 
     def _colour(self, strength: Array) -> None:
@@ -196,15 +215,3 @@ def _along(direction: Array, length: float, at: Array) -> Array:
     matrix[:3, :3] = length * np.column_stack([direction, side, np.cross(direction, side)])
     matrix[:3, 3] = at
     return matrix
-
-
-def _words(answer: LiveAnswer, names: tuple[str, ...]) -> str:
-    amperes = ", ".join(f"{name}: {value:.3f}" for name, value in zip(names, answer.currents, strict=True))
-    force = ""
-    if np.isfinite(answer.lift):
-        x, y, z = np.round(1e3 * answer.force, 2) + 0.0  # no -0.00
-        at = f"({1e3 * answer.place[0]:.0f}, {1e3 * answer.place[1]:.0f}, {1e3 * answer.place[2]:.1f}) mm"
-        force = (
-            f"force at {at}: ({x:.2f}, {y:.2f}, {z:.2f}) mN, lift {100 * answer.lift:.1f} % of the weight\n"
-        )
-    return f"currents, A   {amperes}\n{force}{answer.words}"

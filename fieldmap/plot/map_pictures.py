@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from fieldmap.curves import Curves, Series
+from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import recorded_device
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import FieldmapError, InputError, Problem
@@ -20,6 +20,7 @@ from fieldmap.io.map_summary import MapSummary
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
 from fieldmap.lookup import FieldMap, open_map
+from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM
 from fieldmap.plot.figures import DOTS_PER_INCH, draw_curves
 from fieldmap.plot.forces import grid_in_plane, net_force
@@ -27,6 +28,7 @@ from fieldmap.plot.gather import amperes_in_words
 from fieldmap.plot.picture import save_picture
 from fieldmap.plot.rulers import label_step
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.style import QUIET, figure_style, save_figure
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -124,9 +126,15 @@ def _save_scene(drawn: _Drawn, path: Path) -> Path:
 def _save_figure(drawn: _Drawn, path: Path) -> Path:
     """Two panels: forces, or the field of a map without a payload, in the plane y = middle; and beside it where the
     magnet comes to rest beside what was measured, or else the field on the axis."""
+    with figure_style():
+        figure = Figure(figsize=_SIZE, dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure)
+        _draw_panels(figure, drawn)
+    return save_figure(figure, path)
+
+
+def _draw_panels(figure: Figure, drawn: _Drawn) -> None:
     summary = drawn.summary
-    figure = Figure(figsize=_SIZE, layout="constrained", dpi=DOTS_PER_INCH)
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
     if summary.payload is None:
         _draw_strength(left, drawn)
@@ -136,9 +144,7 @@ def _save_figure(drawn: _Drawn, path: Path) -> Path:
         draw_curves(right, shift_curves(drawn.opened, summary.payload, summary.shifts[0]))
     else:
         draw_curves(right, _axis_curves(drawn))
-    figure.suptitle(summary.info.provenance.title, fontsize=11)
-    figure.savefig(path)
-    return path
+    figure.suptitle(summary.info.provenance.title, fontweight="normal", color=QUIET)
 
 
 def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured) -> Curves:
@@ -147,16 +153,39 @@ def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured)
     measured = np.append(0.0, shift.signals), MM * np.append(shift.zero, shift.measured)
     about = (opened, payload, signals, [0.0], shift.level, shift.height, shift.n)
     lines = []
-    for held, rule in ((True, "lift constant"), (False, f"level constant, {shift.level:.3f} A")):
+    for held, rule in ((True, "lift constant"), (False, f"level {shift.level:.3f} A")):
         x = equilibrium_surface(*about, hold_height=held).positions[:, 0, 0]
-        ends = " (to the end of the map)" if np.isnan(x).any() else ""
-        lines.append(Series(f"ours, {rule}{ends}", signals, MM * (shift.zero + x - x[0])))
+        ends = " (map ends)" if np.isnan(x).any() else ""
+        lines.append(Series(f"{rule}{ends}", signals, MM * (shift.zero + x - x[0])))
     points = Series(f"measured, {shift.source}", *measured, "measured", points=True)
     title = (
         f"Where the magnet comes to rest: n = {shift.n:g}, sensor {shift.sensor_mm:g} mm, "
         f"magnet at z = {MM * shift.height:.0f} mm\nNothing is fitted"
     )
-    return Curves(title, "x signal (1)", "x of the magnet (mm)", (points, *lines))
+    return Curves(
+        title,
+        "x signal (1)",
+        "x of the magnet (mm)",
+        (points, *lines),
+        message=shift_message(points, lines[0]),
+    )
+
+
+def shift_message(measured: Series, model: Series) -> str:
+    """How far the magnet moves, and how far the model is from that, from the data of both.
+
+    >>> measured = Series("measured", [0.0, 0.2, 0.4], [0.0, 4.0, 9.0], "measured", points=True)
+    >>> shift_message(measured, Series("ours", [0.0, 0.2, 0.4], [0.0, 4.5, 8.1]))
+    'Equilibrium moves 9 mm at signal 0.4; at constant lift the model follows within 10 %'
+    """
+    moved = measured.y - measured.y[0]
+    known = np.isfinite(model.y)
+    within = measured.x <= model.x[known].max(initial=0.0)
+    off = np.interp(measured.x, model.x[known], model.y[known]) - measured.y
+    share = float(np.abs(off[within]).max(initial=0.0) / np.abs(moved).max())
+    so_far = "" if within.all() else f" up to {measured.x[within].max():g}"
+    ends = f"{abs(moved[-1]):.0f} mm at signal {measured.x[-1]:g}"
+    return f"Equilibrium moves {ends}; at constant lift the model follows within {percent(share)}{so_far}"
 
 
 def _axis_curves(drawn: _Drawn) -> Curves:
@@ -190,16 +219,21 @@ def _draw_forces(axes: Axes, drawn: _Drawn, payload: Payload) -> None:
             size = MM * payload.magnet.diameter, MM * payload.magnet.height
             corner = -0.5 * size[0], MM * drawn.height - 0.5 * size[1]
             axes.add_patch(Rectangle(corner, *size, facecolor="none", edgecolor=MAGNET, linewidth=1.8))
-    longest = 1e3 * float(np.linalg.norm(net, axis=1).max())
-    lines = (drawn.amperes, red, f"arrows: net force on it, longest {longest:.2g} mN")
-    axes.set_title("\n".join(line for line in lines if line), fontsize=10)
+    longest = float(np.linalg.norm(net, axis=1).max())
+    prefix, factor = fitting_prefix(longest)
+    lines = (
+        drawn.amperes,
+        red,
+        f"arrows: net force on it, longest {factor * longest:.2g} {prefix.replace('u', 'µ')}N",
+    )
+    axes.set_title("\n".join(line for line in lines if line))
 
 
 def _draw_strength(axes: Axes, drawn: _Drawn) -> None:
     """The size of B as colour."""
     places = grid_in_plane(drawn.shown, _SHADED)
     _shade(axes, places, MM * np.linalg.norm(drawn.opened.field(places, drawn.currents), axis=1), "B (mT)")
-    axes.set_title(f"Size of B, y = middle\n{drawn.amperes}", fontsize=10)
+    axes.set_title(f"Size of B, y = middle\n{drawn.amperes}")
 
 
 def _shade(axes: Axes, places: Array, values: Array, label: str, line: float | None = None) -> None:
@@ -215,3 +249,4 @@ def _shade(axes: Axes, places: Array, values: Array, label: str, line: float | N
         axes.contour(x, z, shown, levels=[line], colors=[MAGNET], linewidths=1.6)
         bar.ax.axhline(line, color=MAGNET, linewidth=1.6)
     axes.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
+    axes.grid(False)

@@ -1,6 +1,7 @@
 """The picture of a device: all of it on the left, coils, workspace and field on the right."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -8,19 +9,18 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
 from fieldmap.field import AnyField, as_field, coil_currents, require_bounds
-from fieldmap.plot.device_drawing import MM, device_scene, workspace_outline
+from fieldmap.plot.device_drawing import MM, VIEW, device_scene, workspace_outline
 from fieldmap.plot.forces import grid_in_plane, net_force
 from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import INK
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import winding_surface
+from fieldmap.plot.style import INK, save_screenshot
 from fieldmap.typing import Array
 
 _PANELS = 2
 # Arrows along x and z, and how far in front of the plane of the field they lie, m.
 _ARROWS, _IN_FRONT = (7, 9), 3e-4
-# The viewer stands in front (-y), a little to the right and above.
-_VIEW = np.array([0.42, -1.0, 0.27])
+_VIEW = np.array(VIEW)
 FROM_ABOVE = np.array([0.42, -1.0, 0.75])
 
 
@@ -46,20 +46,32 @@ def save_picture(
     require_renderer()
     scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window_size), border=False)
     scene.subplot(0, 0)
-    device_scene(device, magnet_at=magnet_at, plotter=scene)
+    device_scene(
+        device, currents=_by_name(device, field, currents), magnet_at=magnet_at, plotter=scene, names=False
+    )
     look_at(scene, _bounds(scene), margin=0.14, panels=_PANELS)
     scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
     scene.subplot(0, 1)
-    device_scene(device, field, currents, magnet_at, axes=False, plotter=scene)
+    forces = forces and field is not None and device.payload is not None
+    device_scene(device, field, currents, magnet_at, axes=False, plotter=scene, directions=not forces)
     look_at(scene, core_bounds(device), panels=_PANELS)
-    if field is not None and forces and device.payload is not None:
+    if field is not None and forces:
         _add_net_force(scene, device, field, currents)
     if field is not None:
         words = _words(device, currents) + (f"\n{caption}" if caption else "")
         scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
-    scene.screenshot(str(path))
+    save_screenshot(scene, path)
     scene.close()
     return Path(path)
+
+
+def _by_name(device: Device, field: AnyField | None, currents: ArrayLike | None) -> Any:
+    """Currents of a field's coils, A, as those of a device; 1 A in coils that the field does not know."""
+    if field is None or currents is None:
+        return currents
+    names = as_field(field).coil_names
+    flowing = dict(zip(names, coil_currents(currents, names), strict=True))
+    return [flowing.get(name, 1.0) for name in device.coil_names]
 
 
 def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents: ArrayLike | None) -> None:

@@ -1,7 +1,7 @@
 """What a figure or a scene shows, as data: titles, axes, curves, solids and where they are, without pixels.
 
 A picture in the documentation has such a record beside it, so that a test can tell whether the command that is named
-for it would still draw the same (docs/images/records.json, scripts/picture_records.py).
+for it would still draw the same (docs/images/records.json).
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ import numpy as np
 import pyvista as pv
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
@@ -21,7 +22,7 @@ SAMPLES = 9
 
 
 def figure_record(figure: Figure) -> dict[str, Any]:
-    """Title of the figure, and of each of its axes the title, labels, scales, and what is drawn in them.
+    """Title and paper of the figure, and of each of its axes the title, texts, labels, scales, and what is drawn.
 
     >>> from matplotlib.figure import Figure
     >>> figure = Figure()
@@ -30,19 +31,25 @@ def figure_record(figure: Figure) -> dict[str, Any]:
     >>> figure_record(figure)["axes"][0]["lines"][0]["y"]
     [3.0, 4.0, 6.0]
     """
-    return {"title": figure.get_suptitle(), "axes": [_axes_record(axes) for axes in figure.axes]}
+    return {
+        "title": figure.get_suptitle(),
+        "paper": to_hex(figure.get_facecolor()),
+        "axes": [_axes_record(axes) for axes in figure.axes],
+    }
 
 
 def _axes_record(axes: Axes) -> dict[str, Any]:
     legend = axes.get_legend()
     return {
-        "title": axes.get_title(),
+        "title": axes.get_title("left") or axes.get_title(),
+        "texts": [text.get_text() for text in axes.texts if text.get_text()],
         "x": axes.get_xlabel(),
         "y": axes.get_ylabel(),
         "scales": [axes.get_xscale(), axes.get_yscale()],
         "legend": [] if legend is None else [text.get_text() for text in legend.get_texts()],
         "lines": [
             {
+                "colour": to_hex(line.get_color()),
                 "label": "" if str(line.get_label()).startswith("_") else str(line.get_label()),
                 "points": int(np.size(line.get_xdata())),
                 "x": sampled(line.get_xdata()),
@@ -61,10 +68,11 @@ def _meshes(axes: Axes) -> list[QuadMesh]:
 def scene_record(scene: pv.Plotter) -> dict[str, Any]:
     """What stands in a scene, in the order in which it was added: bounds, colour and opacity of every solid, mm.
 
-    Rulers, texts and colour bars are counted.
+    Rulers, texts and colour bars are counted; paper: the colour behind.
     """
     solids = [actor for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
     return {
+        "paper": to_hex(scene.background_color.float_rgb),
         "solids": [
             {
                 "bounds": [round(float(bound), 2) for bound in actor.bounds],

@@ -3,10 +3,8 @@
 import numpy as np
 import pyvista as pv
 
+from fieldmap.plot.style import INK
 from fieldmap.typing import Array
-
-INK = "#22282e"
-
 
 MILLIMETRES = ("x, mm", "y, mm", "z, mm")
 
@@ -77,9 +75,12 @@ def _add_ruler(
     scene.add_lines(np.array(lines), color=INK, width=2)
     decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
     words = [f"{value + 0.0:.{decimals}f}" for value in values] + [title]
-    # Along x the title would meet the labels of y.
+    # Along x the title would meet the labels of y, and along y those of y itself: beside the middle.
+    beside = {0: 0.085, 1: 0.125}
     name_at = (
-        at(0.5 * (corner[axis] + end), 0.085 * spread) if axis == 0 else at(end + 0.06 * spread * size, 0.0)
+        at(0.5 * (corner[axis] + end), beside[axis] * spread)
+        if axis in beside
+        else at(end + 0.06 * spread * size, 0.0)
     )
     places = [*(at(value, 0.035 * spread) for value in values), name_at]
     scene.add_point_labels(

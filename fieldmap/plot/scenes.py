@@ -13,9 +13,11 @@ from fieldmap.plot.field_lines import add_field_lines
 from fieldmap.plot.forces import add_equilibrium, add_forces
 from fieldmap.plot.iron_field import add_iron_field, add_mesh
 from fieldmap.plot.picture import FROM_ABOVE, look_at
+from fieldmap.plot.reachable_set import KINDS, add_reachable, reachable_titles
 from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import INK, MILLIMETRES, add_rulers
+from fieldmap.plot.rulers import MILLIMETRES, add_rulers
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.style import INK, save_screenshot
 from fieldmap.plot.trajectory import add_path
 from fieldmap.plot.volumes import QUANTITIES, add_difference, add_slices, add_surfaces
 from fieldmap.plot.web_page import save_web_page
@@ -37,7 +39,16 @@ def _without_quantity(draw: Callable[[pv.Plotter, Shown], None]) -> Callable[[pv
 
 def _lines(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     if shown.everywhere and shown.device is not None:
-        device_scene(shown.device, axes=False, plotter=scene, iron_opacity=0.35)
+        device_scene(
+            shown.device,
+            None,
+            shown.currents,
+            axes=False,
+            plotter=scene,
+            iron_opacity=0.3,
+            coil_opacity=0.3,
+            names=False,
+        )
     add_field_lines(scene, shown)
 
 
@@ -52,10 +63,11 @@ SCENES: dict[str, Callable[[pv.Plotter, Shown, str], None]] = {
     "equilibrium": _without_quantity(add_equilibrium),
     "difference": add_difference,
     "shift": add_shift,
+    "reachable": _without_quantity(add_reachable),
     "path": _without_quantity(add_path),
 }
 """Name -> what draws it."""
-_WITHOUT_BOX = ("device", "mesh", "iron", "shift")
+_WITHOUT_BOX = ("device", "mesh", "iron", "shift", "reachable")
 
 
 def make_scene(
@@ -78,12 +90,12 @@ def make_scene(
     if what not in _WITHOUT_BOX and shown.lower is not None and shown.upper is not None:
         box = pv.Box(tuple(MM * np.column_stack([shown.lower, shown.upper]).ravel())).extract_all_edges()
         scene.add_mesh(box, color=INK, line_width=2.5, lighting=False)
-    add_rulers(scene, titles=axes_of(what, chosen))
+    add_rulers(scene, titles=axes_of(what, chosen, shown))
     bounds = np.array(scene.bounds).reshape(3, 2)
     if what == "shift":
         look_at(scene, bounds, margin=0.6, view=FROM_ABOVE)
     else:
-        look_at(scene, bounds, margin=0.5 if what == "path" else 0.25)
+        look_at(scene, bounds, margin=0.5 if what in ("path", "reachable") else 0.25)
     scene.add_text(shown.title, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
     scene.enable_anti_aliasing("ssaa")
     return scene
@@ -113,12 +125,17 @@ def check_scene(what: str, quantity: str = "") -> str:
 
 
 def quantities_of(what: str) -> tuple[str, ...]:
-    """What a scene can show: x or y of "shift", otherwise B, Bz or gradB (which only some scenes take)."""
+    """What a scene can show: x or y of "shift", force or B of "reachable", otherwise B, Bz or gradB (which only some
+    scenes take)."""
+    if what == "reachable":
+        return KINDS
     return tuple(COORDINATES) if what == "shift" else tuple(QUANTITIES)
 
 
-def axes_of(what: str, quantity: str = "") -> tuple[str, str, str]:
-    """Titles of a scene's axes."""
+def axes_of(what: str, quantity: str = "", shown: Shown | None = None) -> tuple[str, str, str]:
+    """Titles of a scene's axes; those of "reachable" depend on what is shown."""
+    if what == "reachable" and shown is not None and shown.reachable is not None:
+        return reachable_titles(shown.reachable)
     return shift_titles(quantity or quantities_of(what)[0]) if what == "shift" else MILLIMETRES
 
 
@@ -135,7 +152,7 @@ def save_scene(
     check_format(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.suffix == ".png":
-        scene.screenshot(str(target))
+        save_screenshot(scene, target)
     elif target.suffix == ".html":
         save_web_page(scene, target, title, axes)
     else:

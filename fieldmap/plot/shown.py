@@ -9,7 +9,7 @@ from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, FieldAtCurrents, as_field
 from fieldmap.iron import IronMesh
-from fieldmap.levitation import EquilibriumSurface
+from fieldmap.levitation import EquilibriumSurface, ReachableSet
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -46,7 +46,8 @@ class Shown(Record):
     title: a line of text for the picture. field: at currents (n_coils,), A; one that takes currents is taken at these.
     lower, upper (3,): corners of the box, m. everywhere: the field also holds outside the box and inside iron (a
     solution, not a map). flux_density (e, 3): of every element of the iron, T, and mesh: these elements. equilibrium:
-    position of the magnet's centre (3,), m, or None. surface: its equilibria over the direction signals. run: recorded.
+    position of the magnet's centre (3,), m, or None. surface: its equilibria over the direction signals. reachable:
+    forces or flux densities at one point. run: recorded.
     assumptions: what the field rests on.
     """
 
@@ -62,6 +63,7 @@ class Shown(Record):
     payload: Payload | None = None
     equilibrium: Array | None = None
     surface: EquilibriumSurface | None = None
+    reachable: ReachableSet | None = None
     run: ShownRun | None = None
     assumptions: tuple[str, ...] = ()
 
@@ -92,14 +94,15 @@ class Shown(Record):
 
     def flux_density_at(self, points: Array) -> Array:
         """B (n, 3), T."""
-        return np.asarray(self._state.field(points))
+        return np.asarray(self.state.field(points))
 
     def gradient_at(self, points: Array) -> Array:
         """dB_i/dx_j (n, 3, 3), T/m."""
-        return np.asarray(self._state.gradient(points))
+        return np.asarray(self.state.gradient(points))
 
     @property
-    def _state(self) -> FieldAtCurrents:
+    def state(self) -> FieldAtCurrents:
+        """The field at the currents that are shown."""
         assert isinstance(self.field, FieldAtCurrents)
         return self.field
 
@@ -118,6 +121,8 @@ class Shown(Record):
             for name in ("x_signals", "y_signals", "positions", "levels", "stable", "field_scale"):
                 known[name] = getattr(self.surface, name)
             known["assumptions"] = (*self.assumptions, *self.surface.assumptions)
+        if self.reachable is not None:
+            known["reachable"] = self.reachable
         if self.run is not None:
             known["event"] = self.run.event
             known["duration"] = float(self.run.time[-1] - self.run.time[0])
@@ -133,6 +138,7 @@ _NEEDS = {
     "payload": "a payload",
     "equilibrium": "an equilibrium",
     "surface": "equilibria over the direction signals",
+    "reachable": "a set of reachable forces",
     "run": "a recorded run",
 }
 _REMEDIES = {

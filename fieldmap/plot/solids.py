@@ -122,18 +122,17 @@ def winding_surface(coil: Coil) -> pv.PolyData:
     return placed(_closed_tube(np.array(rings)), coil.placement)
 
 
-def current_arrow(coil: Coil, share: float = 0.3, away_from: tuple[float, float] = (0.0, 0.0)) -> pv.PolyData:
-    """An arrow along a positive coil current on the outside of the winding, global frame, mm.
+def current_arrow(
+    coil: Coil, share: float = 0.3, away_from: tuple[float, float] = (0.0, 0.0), sense: float = 1.0
+) -> pv.PolyData:
+    """An arrow along a coil current on the outside of the winding, global frame, mm.
 
     share: the part of the turn that it covers, centred on the side that faces away from the vertical line
-    through `away_from` (mm).
+    through `away_from` (mm). sense: negative for a negative current.
     """
-    line, normal = middle_line(coil)
-    gap = 0.5 * MM * coil.winding().thickness + 0.6
-    loop = np.column_stack([line + gap * normal, np.zeros(len(line))])
-    outward = placed(pv.PolyData(loop), coil.placement).points[:, :2] - np.array(away_from)
-    loop = _arc_about(loop, int(np.argmax(np.linalg.norm(outward, axis=1))), share)
-    if coil.polarity < 0:
+    loop, outermost = _outside(coil, away_from)
+    loop = _arc_about(loop, outermost, share)
+    if coil.polarity * sense < 0:
         loop = loop[::-1]
     size = 0.09 * MM * coil.height
     shaft = pv.Spline(loop, 200).tube(radius=0.25 * size, n_sides=16)
@@ -141,6 +140,24 @@ def current_arrow(coil: Coil, share: float = 0.3, away_from: tuple[float, float]
         center=loop[-1], direction=loop[-1] - loop[-3], height=2.4 * size, radius=0.8 * size, resolution=32
     )
     return placed(pv.merge([shaft, tip.extract_surface(algorithm=None)], merge_points=False), coil.placement)
+
+
+def name_place(coil: Coil, towards: tuple[float, float, float]) -> Array:
+    """Where the coil's name stands, (3,), global frame, mm: on the side of a viewer in the direction `towards`, above
+    the arrow, off the winding."""
+    loop, _ = _outside(coil, (0.0, 0.0), 2.0)
+    around = placed(pv.PolyData(loop + [0.0, 0.0, 0.28 * MM * coil.height]), coil.placement).points
+    return np.asarray(around[int(np.argmax(around @ np.array(towards)))])
+
+
+def _outside(coil: Coil, away_from: tuple[float, float], off: float = 0.6) -> tuple[Array, int]:
+    """The turn (n, 3) that runs `off` mm outside of the winding at half its height, in the coil's frame, mm; and which
+    of its points is farthest from the vertical line through `away_from`."""
+    line, normal = middle_line(coil)
+    gap = 0.5 * MM * coil.winding().thickness + off
+    loop = np.column_stack([line + gap * normal, np.zeros(len(line))])
+    outward = placed(pv.PolyData(loop), coil.placement).points[:, :2] - np.array(away_from)
+    return loop, int(np.argmax(np.linalg.norm(outward, axis=1)))
 
 
 def _arc_about(loop: Array, middle: int, share: float) -> Array:

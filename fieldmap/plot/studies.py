@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from fieldmap.plot.style import figure_style, save_figure
 from fieldmap.studies.quantities import QUANTITIES, Quantity
 
 _LABELS = {
@@ -43,8 +44,7 @@ def save_study_plot(data: Any, path: str | Path) -> Path | None:
     if not shown:
         return None
     figure = study_figure(data, shown)
-    figure.savefig(Path(path))
-    return Path(path)
+    return save_figure(figure, path)
 
 
 def _is_something(data: Any, quantity: Quantity) -> bool:
@@ -57,9 +57,26 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
     """The figure with one panel for each quantity."""
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    size = (_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9)
-    figure = Figure(figsize=size, layout="constrained", dpi=130)
-    FigureCanvasAgg(figure)
+    with figure_style():
+        figure = Figure(figsize=(_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9))
+        FigureCanvasAgg(figure)
+        _draw_study(figure, data, shown, columns, rows)
+    return figure
+
+
+def study_message(data: Any, quantity: Quantity) -> str:
+    """Where the first summary is least, from its data."""
+    values = quantity.printed[0] * data[quantity.name]
+    if not bool(np.isfinite(values.values).any()):
+        return ""
+    least = {axis: int(k) for axis, k in values.argmin(dim=...).items()}
+    at = ", ".join(_named(data, axis, k) for axis, k in least.items() if len(data[axis]) > 1)
+    unit = _UNITS.get(quantity.printed_unit, quantity.printed_unit)
+    words = _LABELS[quantity.name]
+    return f"Least {words}: {float(values.isel(least)):.3g} {unit}".rstrip() + (f" at {at}" if at else "")
+
+
+def _draw_study(figure: Figure, data: Any, shown: list[Quantity], columns: int, rows: int) -> None:
     abscissa = (
         data["common_current"].dims[0] if "common_current" in data else next(iter(data[shown[0].name].dims))
     )
@@ -71,8 +88,8 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
         figure.legend(
             handles, labels, loc="outside lower center", ncols=min(3, len(labels)), fontsize=8, frameon=False
         )
-    figure.suptitle(data.attrs.get("title", ""), fontsize=10)
-    return figure
+    words = [study_message(data, shown[0]), data.attrs.get("title", "")]
+    figure.suptitle("\n".join(text for text in words if text))
 
 
 def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
@@ -88,7 +105,6 @@ def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
     if not numbers:
         axes.set_xticks(x, [str(text) for text in along], rotation=30, ha="right")
     axes.tick_params(labelsize=8)
-    axes.grid(color="0.92")
     axes.margins(y=0.12)
     room = 0.06 * max(float(np.ptp(x)), 1e-9 if len(x) > 1 else 1.0)
     axes.set_xlim(float(np.min(x)) - room, float(np.max(x)) + room)

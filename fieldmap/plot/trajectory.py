@@ -7,8 +7,8 @@ import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, payload_surface
-from fieldmap.plot.rulers import INK
 from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.plot.style import INK
 from fieldmap.typing import Index
 
 TIME = "time, s"

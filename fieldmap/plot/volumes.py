@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista as pv
 
-from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MM
+from fieldmap.plot.colours import colour_bar, fitting_prefix
+from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_directions
 from fieldmap.plot.shown import Shown
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -44,10 +44,12 @@ QUANTITIES = {
 
 
 def add_slices(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
-    """Slices through the middle of the box and its floor, with a colour bar."""
+    """Slices through the middle of the box and its floor, with a colour bar; on those of B, arrows along it."""
     shown.need("field", "lower")
     chosen = QUANTITIES[quantity]
     _draw_planes(scene, _planes(shown, chosen), chosen.title)
+    if quantity == "B":
+        add_directions(scene, shown.state, *_inside(shown))
 
 
 def add_difference(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
@@ -56,8 +58,9 @@ def add_difference(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None
     chosen = QUANTITIES[quantity]
     planes = _planes(shown, chosen)
     largest = max(float(np.abs(plane[chosen.title]).max()) for plane in planes)
-    prefix, factor = ("m", 1.0) if largest >= 0.5 else ("u", 1e3)
-    title = f"d {chosen.title}".replace(", m", f", {prefix}", 1)
+    name, unit = chosen.title.split(", m", 1)
+    prefix, factor = fitting_prefix(1e-3 * largest)
+    title, factor = f"d {name}, {prefix}{unit}", 1e-3 * factor
     for plane in planes:
         plane[title] = factor * plane[chosen.title]
     _draw_planes(scene, planes, title)

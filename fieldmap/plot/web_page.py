@@ -14,7 +14,8 @@ from typing import Any
 import pyvista as pv
 
 from fieldmap.errors import FieldmapError, Problem
-from fieldmap.plot.rulers import INK, MILLIMETRES
+from fieldmap.plot.rulers import MILLIMETRES
+from fieldmap.plot.style import INK
 from fieldmap.store.whole_files import write_whole
 
 # The viewer empties the page's body, but not what a style sheet puts after it.

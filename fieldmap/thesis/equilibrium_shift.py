@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.currents import LiftAndDirections
-from fieldmap.curves import Curves, Series
+from fieldmap.curves import Curves, Series, percent
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import GRAVITY, MagnetModel, equilibrium_at
@@ -213,5 +213,25 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
         "A static field gives one curve; the measured positions lead on the way back: "
         "at the same signal the magnet lies nearer to the origin, and beyond it at signal 0."
     )
-    figure = Curves(title, f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn), remark=remark)
+    figure = Curves(
+        title, f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn), remark, message=_follows(drawn)
+    )
     return Answers(numbers, (figure,), {"drawn_h_mm": DRAWN_H})
+
+
+def _follows(drawn: list[Series]) -> str:
+    """How far the magnet moves outward, how far it is from there on the way back, and how far the held model is from
+    the outward branch; the largest of both directions."""
+    of = {
+        name: [one.y for one in drawn if one.name == name]
+        for name in ("ours, held level", "measured, outward", "measured, on the way back")
+    }
+    held, out, back = of.values()
+    moved = max(float(np.abs(one - one[0]).max()) for one in out)
+    off, lead = (
+        max(float(np.abs(a - b).max()) for a, b in zip(some, out, strict=True)) for some in (held, back)
+    )
+    return (
+        f"Equilibrium moves {moved:.0f} mm at full signal; the model follows within {percent(off / moved)}; "
+        f"the way back differs by {lead:.1f} mm"
+    )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from fieldmap.curves import Curves, Series
+from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import read_device
 from fieldmap.planar import (
     PlanarSolution,
@@ -144,7 +144,10 @@ def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: fl
             Series("(4-7), Table 4-2", 1e3 * x, added(printed, pair, x, z), "published"),
         )
         remark = f"{1e3 * depth:g} mm below the pole piece."
-        figures.append(Curves(title, "x (mm)", "$F_x$ (N)", lines, remark))
+        size = float(np.ptp(lines[0].y))
+        ours, theirs = (percent(float(np.abs(one.y - lines[0].y).max()) / size) for one in lines[1:])
+        message = f"(4-7) is within {ours} of the computed force's range, with Table 4-2 within {theirs}"
+        figures.append(Curves(title, "x (mm)", "$F_x$ (N)", lines, remark, message=message))
     return tuple(figures)
 
 

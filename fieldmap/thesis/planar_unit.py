@@ -238,9 +238,24 @@ def _flux_density_along_x(
         series = [piece for line in lines for piece in _line_and_equilibrium(solved, line, window)]
         at = np.array([1e-3 * line.theirs for line in theirs])
         heights = [line.flux_density(solved, x[None])[0] for line, x in zip(theirs, at, strict=True)]
+        message = _equilibria_in_words(series, lines, table)
         series.append(Series(table, 1e3 * at, np.array(heights), "published", points=True))
-        figures.append(Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", tuple(series), remark))
+        figures.append(
+            Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", tuple(series), remark, message=message)
+        )
     return tuple(figures)
+
+
+def _equilibria_in_words(series: list[Series], lines: tuple[_Line, ...], table: str) -> str:
+    """How far the equilibrium moves from the first line to the last, and how far the table's are from ours."""
+    ours = {one.name: float(one.x[0]) for one in series if one.points}
+    known = [line for line in lines if line.label in ours]
+    if len(known) < 2:
+        return ""
+    first, last = known[0], known[-1]
+    moved = ours[last.label] - ours[first.label]
+    off = np.nanmax([abs(line.theirs - ours[line.label]) for line in known])
+    return f"Equilibrium moves {abs(moved):.0f} mm from {first.label} to {last.label}; {table} is within {off:.1f} mm"
 
 
 def _line_and_equilibrium(

@@ -13,7 +13,7 @@ from fieldmap.cli import main
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.io import FieldSource
-from fieldmap.lookup import interpolate
+from fieldmap.lookup import interpolate, open_map
 from fieldmap.plot.gather import floating_height, shown_field
 from fieldmap.plot.rendering import can_render
 from fieldmap.store import Grid, MapData
@@ -52,6 +52,21 @@ def test_an_equilibrium_in_numbers(machine, tmp_path, capsys):
 
 
 @needs_opengl
+def test_reachable_flux_densities_in_numbers(six_coils, tmp_path, capsys):
+    """The ends of the set along z: every coil at its limit, with the sense that helps."""
+    words = ["--what", "reachable", "--quantity", "B", "--at-mm", "3 -2 -95", "--limit", "2.5"]
+    picture = tmp_path / "set.png"
+    assert main(["show", str(six_coils), *words, "--save", str(picture), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["reachable"]
+    opened = open_map(six_coils)
+    each = np.array([opened.field([0.003, -0.002, -0.095], row)[2] for row in np.eye(6)])
+    assert max(corner[2] for corner in told["vertices"]) == pytest.approx(2.5 * np.abs(each).sum(), rel=1e-9)
+    assert told["position"] == pytest.approx([0.003, -0.002, -0.095])
+    assert picture.is_file()
+    # Forces want a payload, which this map does not record.
+    assert main(["show", str(six_coils), "--what", "reachable", "--save", str(picture)]) == 2
+
+
 def test_the_app_in_numbers(machine, tmp_path, capsys):
     assert (
         main(["app", machine.map, "--save", str(tmp_path / "app.png"), "--json", "--current-limit", "5"]) == 0
@@ -93,7 +108,7 @@ def test_the_height_of_the_shift_is_passed_on_in_metres(machine, monkeypatch, wo
     """The shift itself takes a map of six coils: tests/plot/test_scenes.py."""
     asked = []
 
-    def gathered(source, currents, what, minus, z):
+    def gathered(source, currents, what, minus, z, *of_reachable):
         asked.append((source.name, what, z))
         raise InputError(Problem("shown_field", "asked", "enough", "stop"))
 

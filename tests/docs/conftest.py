@@ -52,7 +52,8 @@ def hold_picture(rewriting):
         known = records() if RECORDS.is_file() else {}
         entry = known.get(name, {})
         changed = differences(entry.get(key), content)
-        if rewriting and (changed or entry.get("made_by") != made_by):
+        redrawn = drawn is None and digest(IMAGES / name) != entry.get("sha256")
+        if rewriting and (changed or redrawn or entry.get("made_by") != made_by):
             if drawn is not None:
                 shutil.copy(drawn, IMAGES / name)
             known[name] = {**entry, "made_by": made_by, "sha256": digest(IMAGES / name), key: content}

@@ -52,10 +52,12 @@ def shows(expected: str, printed: str) -> None:
 
 @pytest.fixture
 def figures(monkeypatch):
-    """What the figures show that are saved meanwhile, by the name of the file."""
+    """What the figures show that are saved meanwhile, by the name of the file; each in the dark, too."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     from fieldmap.plot.record import figure_record
+    from fieldmap.plot.style import dark_path, in_the_dark
 
     seen: dict[str, dict[str, object]] = {}
     save = Figure.savefig
@@ -63,9 +65,13 @@ def figures(monkeypatch):
     def saved(figure, path, **options):
         save(figure, path, **options)
         seen[Path(path).name] = figure_record(figure)
+        with in_the_dark(figure):
+            save(figure, dark_path(path), **options)
+            seen[dark_path(path).name] = figure_record(figure)
 
     monkeypatch.setattr(Figure, "savefig", saved)
-    return seen
+    with rc_context():  # pages choose the style of their figures
+        yield seen
 
 
 @pytest.mark.parametrize("path", WITH_EXAMPLES, ids=named)
@@ -96,6 +102,7 @@ def test_examples(path: Path, tmp_path, monkeypatch, figures, hold_picture):
             unseen = ""
     assert unseen == ""
     shown = set(re.findall(r"!\[[^\]]*\]\([\w/.]*images/(\w+\.png)\)", path.read_text()))
+    shown |= {name.replace(".png", "_dark.png") for name in shown}
     for name in sorted(shown & figures.keys()):
         hold_picture(name, named(path), "shows", figures[name], tmp_path / name)
 

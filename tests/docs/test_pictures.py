@@ -11,15 +11,19 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from fieldmap.device import read_device
 from fieldmap.inputs.kinds import every_kind
 from fieldmap.plot.device_drawing import device_scene
-from fieldmap.plot.figures import draw_curves, save_curves
+from fieldmap.plot.figures import curves_figure, save_curves
 from fieldmap.plot.record import differences, figure_record, scene_record
 from fieldmap.plot.rendering import can_render
+from fieldmap.plot.style import DARK_PAPER, INK, dark_path, in_the_dark, scene_in_the_dark
 from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.printed import figure_numbers, read_part
 
@@ -47,9 +51,15 @@ LONG = {
         ("part:S14_x_branches", "device:drive_unit", "recipe:division"),
     ),
     "pole_disk.png": ("fieldmap study pole_disk", ("study:pole_disk", "device:drive_unit")),
+    "reachable.png": (
+        "fieldmap show eight_coils --what reachable --quantity B --limit 5",
+        ("device:eight_coils",),
+    ),
     "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit",)),
     "workspace.png": ("make map", ("device:drive_unit", "recipe:workspace")),
 }
+# Drawn before there were dark pictures; the study takes a quarter of an hour.
+LIGHT_ONLY = ("pole_disk.png",)
 
 
 def records() -> dict[str, dict[str, Any]]:
@@ -69,21 +79,26 @@ def contents(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture, tmp_path):
+def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture, tmp_path, monkeypatch):
     part, number = FIGURES[name]
     curves = next(one for one in compute_part(part).curves if number in figure_numbers(one.title))
-    figure = Figure()
-    draw_curves(figure.add_subplot(), curves)
+    figure = curves_figure(curves)
+    monkeypatch.setenv("FIELDMAP_PICTURES", "both")
     drawn = save_curves(curves, tmp_path / name)
     row = part.partition("_")[0]
-    command = f"python scripts/gallery.py --only figures --rows {row}"
+    command = f"FIELDMAP_PICTURES=both python scripts/gallery.py --only figures --rows {row}"
     hold_picture(name, command, "shows", figure_record(figure), drawn)
+    with in_the_dark(figure):
+        hold_picture(dark_path(name).name, command, "shows", figure_record(figure), dark_path(drawn))
 
 
 @pytest.mark.parametrize("name", LONG)
 def test_what_the_others_show_has_not_changed_since(name, hold_picture):
     command, files = LONG[name]
-    hold_picture(name, command, "inputs", {file: contents(file) for file in files})
+    for one in (name,) if name in LIGHT_ONLY else (name, dark_path(name).name):
+        hold_picture(
+            one, f"FIELDMAP_PICTURES=both {command}", "inputs", {file: contents(file) for file in files}
+        )
 
 
 @needs_opengl
@@ -91,9 +106,28 @@ def test_what_the_others_show_has_not_changed_since(name, hold_picture):
 def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
     """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
     scene = device_scene(read_device("drive_unit"))
-    record = scene_record(scene)
+    command = f"FIELDMAP_PICTURES=both {LONG[name][0]}"
+    hold_picture(name, command, "scene", scene_record(scene))
+    with scene_in_the_dark(scene):
+        hold_picture(dark_path(name).name, command, "scene", scene_record(scene))
     scene.close()
-    hold_picture(name, LONG[name][0], "scene", record)
+
+
+def test_every_picture_is_there_in_the_dark_as_well():
+    """Of the same size and on the dark paper, all four corners of it; the light one on white."""
+    light = [path for path in sorted(IMAGES.glob("*.png")) if not path.stem.endswith("_dark")]
+    light = [path for path in light if path.name not in LIGHT_ONLY]
+    assert len(light) > 12
+    for path in light:
+        one, other = (np.rint(255 * imread(file)[..., :3]) for file in (path, dark_path(path)))
+        assert one.shape == other.shape, path.name
+        for image, paper in ((one, "white"), (other, DARK_PAPER)):
+            corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
+            assert np.abs(corners - 255 * np.array(to_rgb(paper))).max() <= 1, path.name
+        # Nothing that is written or ruled in ink stays dark on dark.
+        dark = np.abs(other - 255 * np.array(to_rgb(INK))).max(axis=2) < 2
+        on_paper = np.abs(other - 255 * np.array(to_rgb(DARK_PAPER))).max(axis=2) < 2
+        assert np.mean(dark & ~on_paper) < 0.003, path.name
 
 
 def test_every_picture_has_a_record_of_this_very_file():
@@ -107,9 +141,10 @@ def test_every_picture_stands_on_a_page_beside_what_makes_it():
     """The words that name its command, or the page itself, which draws it."""
     pages = {path: path.read_text() for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]}
     for name, entry in records().items():
-        showing = [path for path, text in pages.items() if re.search(rf"\]\([\w/.]*images/{name}\)", text)]
+        light = name.replace("_dark.png", ".png")
+        showing = [path for path, text in pages.items() if re.search(rf"\]\([\w/.]*images/{light}\)", text)]
         assert showing, name
-        made_by = entry["made_by"]
+        made_by = entry["made_by"].removeprefix("FIELDMAP_PICTURES=both ")
         if made_by.endswith(".md"):
             assert ROOT / made_by in showing, name
         elif made_by.startswith("fieldmap "):

@@ -87,10 +87,27 @@ def test_nothing_is_fetched_from_elsewhere(site):
         loaded += re.findall(r'<link[^>]* rel="(?:stylesheet|preload|preconnect)"[^>]* href="([^"]+)"', text)
         assert [place for place in loaded if "//" in place] == [], name
         assert [
-            place for place in loaded if not ((site / name).parent / place.split("?")[0]).exists()
+            place for place in loaded if not ((site / name).parent / re.split("[?#]", place)[0]).exists()
         ] == [], name
     for style in site.rglob("*.css"):
         assert not re.search(r"url\(['\"]?https?:", style.read_text()), style
+
+
+def test_pictures_have_their_dark_variant_beside_them(site):
+    """Of each picture that has one: both on the page, one for either scheme; the stylesheet shows one of them."""
+    pairs = 0
+    for name, text in pages(site).items():
+        shown = re.findall(r'<img[^>]* src="([^"]*images/[^"]+)"', article(text))
+        light = [place for place in shown if not place.endswith("#only-dark")]
+        for place in light:
+            dark = place.split("#")[0].replace(".png", "_dark.png")
+            if ((site / name).parent / dark).exists():
+                assert place.endswith("#only-light"), place
+                assert shown[shown.index(place) + 1] == f"{dark}#only-dark"
+                pairs += 1
+    assert pairs >= 12
+    styles = "".join(style.read_text() for style in site.rglob("*.css"))
+    assert 'img[src$="#only-dark"]' in styles
 
 
 def test_every_formula_reaches_the_site(site):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from fieldmap.plot.figures import draw_curves, save_curves
+from fieldmap.curves import agreements, message_of
+from fieldmap.plot.figures import draw_curves, save_curves, spread
 from fieldmap.thesis import Curves, Series, part_names
 from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.printed import read_part
@@ -38,11 +39,57 @@ def test_colour_says_which_and_style_whose():
     np.testing.assert_array_equal(second.get_data(), (X, 2 * X))
 
 
-def test_labels_and_legend():
-    axes = drawn(PLAIN)
-    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) == ("x (mm)", "B (mT)", "title")
-    words = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert words == ["10 mm (ours)", "10 mm (published)", "20 mm (measured)"]
+def words_of(axes):
+    legend = axes.get_legend()
+    return [text.get_text() for text in (legend.get_texts() if legend else [])]
+
+
+def test_a_legend_where_names_do_not_fit_at_the_ends():
+    long = "a name that would take half of the width of the figure"
+    axes = drawn(replace(PLAIN, series=(*PLAIN.series, Series(long, X, 5 - X))))
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_title("left")) == ("x (mm)", "B (mT)", "title")
+    assert words_of(axes) == ["10 mm (ours)", "10 mm (published)", "20 mm (measured)", f"{long} (ours)"]
+    short = replace(PLAIN, series=(Series("a", X, X), Series("b", X / 2, X**2)))
+    assert words_of(drawn(short)) == ["a", "b"]
+
+
+def test_lines_are_named_at_their_ends():
+    curves = replace(PLAIN, series=(*PLAIN.series, Series("30 mm", X, 5 - X), Series("ten", X, X**2 + 1e-4)))
+    axes = drawn(curves)
+    at = {
+        text.get_text(): text for text in axes.texts if text.xycoords == "axes fraction" and text.xy[0] == 1
+    }
+    assert set(at) == {"10 mm, ten:\nthe same", "30 mm"}
+    low, high = axes.get_ylim()
+    assert at["30 mm"].xy[1] == pytest.approx((3.0 - low) / (high - low), abs=1e-9)
+    assert at["30 mm"].get_color() == axes.lines[3].get_color()
+    # What is left for a legend: the styles of lines, and marks that no line names.
+    assert words_of(axes) == ["ours", "published", "20 mm (measured)"]
+
+
+def test_names_keep_apart_as_near_as_they_can():
+    places = spread(np.array([0.5, 0.1, 0.5, 0.52]), 0.1)
+    assert np.diff(np.sort(places)).min() > 0.1 - 1e-6
+    assert places[1] == 0.1
+    assert np.mean(places[[0, 2, 3]]) == pytest.approx(np.mean([0.5, 0.5, 0.52]))
+
+
+def test_the_message_is_from_the_data():
+    x = np.linspace(0.0, 2.0, 50)
+    ours = Series("B", x, x**2)
+    theirs = Series("B", np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.2, 4.0]), "measured", points=True)
+    curves = Curves("t", "x (mm)", "B (T)", (ours, theirs))
+    (found,) = agreements(curves)
+    assert found.difference == pytest.approx(0.2 / 4.0, abs=2e-4)
+    assert "5 %" in drawn(curves).texts[0].get_text()
+    doubled = replace(curves, series=(replace(ours, y=2 * x**2), theirs))
+    assert agreements(doubled)[0].difference == pytest.approx(1.0)
+    assert "100 %" in message_of(doubled)
+    # Two lines of ours under other names: which is meant is not known.
+    both = replace(curves, series=(replace(ours, name="one"), replace(ours, name="other"), theirs))
+    assert agreements(both) == ()
+    given = replace(curves, message="said")
+    assert drawn(given).texts[0].get_text() == "said"
 
 
 def test_a_line_that_would_hide_another_has_gaps():
@@ -58,8 +105,8 @@ def test_a_line_that_would_hide_another_has_gaps():
 def test_what_is_asked_for_is_no_answer_and_takes_no_colour():
     asked = Series("asked for", X, np.ones(3), "asked")
     axes = drawn(Curves("t", "time (s)", "y (mm)", (Series("x", X, X), asked, Series("y", X, X**2))))
-    words = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert words == ["x", "asked for", "y"]
+    named = [text.get_text() for text in axes.texts]
+    assert sorted(named) == ["asked for", "x", "y"]
     x, grey, y = axes.lines
     assert x.get_color() != grey.get_color() != y.get_color() == drawn(PLAIN).lines[2].get_color()
     assert grey.get_linewidth() < x.get_linewidth()
@@ -67,11 +114,12 @@ def test_what_is_asked_for_is_no_answer_and_takes_no_colour():
 
 def test_a_legend_hides_no_line():
     time = np.linspace(0.0, 1.0, 2000)
-    everywhere = Series("noise", time, np.sin(1e3 * time))
+    everywhere = Series("noise, with a name that is too long for the end", time, np.sin(1e3 * time))
     axes = drawn(Curves("t", "time (s)", "y (mm)", (everywhere, Series("line", time, 0 * time))))
     axes.figure.draw_without_rendering()
     assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
-    inside = drawn(Curves("t", "x (mm)", "y (T)", (Series("low", X, X), Series("lower", X, 0.5 * X))))
+    half = np.linspace(0.0, 1.0, 5)
+    inside = drawn(Curves("t", "x (mm)", "y (T)", (Series("low", X, X), Series("lower", half, 0.5 * half))))
     inside.figure.draw_without_rendering()
     assert inside.get_legend().get_window_extent().x1 <= inside.get_window_extent().x1
 

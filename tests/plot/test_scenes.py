@@ -13,7 +13,7 @@ import fieldmap
 from fieldmap.cli import main
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.field import FixedCurrents
-from fieldmap.levitation import EquilibriumSurface
+from fieldmap.levitation import EquilibriumSurface, ReachableSet, zonotope
 from fieldmap.plot import web_page
 from fieldmap.plot.colours import colour_bar, colour_bar_by_decades
 from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
@@ -51,6 +51,7 @@ def shown():
         payload=payload,
         equilibrium=np.array([0.0, 0.0, -0.014]),
         surface=tilted_plane(),
+        reachable=three_ways(),
         run=falling(payload),
     )
 
@@ -62,6 +63,51 @@ def falling(payload):
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
     device = replace(fieldmap.read_device("loop_and_sphere"), payload=payload)
     return ShownRun("falling", device, time, position, upright, time[:, None], position, None, "")
+
+
+def three_ways():
+    """Forces of three coils, 4 mN along z and 0.2 mN along x and y at most, and 1 mN without currents."""
+    per_ampere = np.array([[1e-4, 0.0, 1e-3], [0.0, 1e-4, 1e-3], [0.0, 0.0, 0.0]])
+    per_ampere[2] = [-1e-4, -1e-4, 2e-3]
+    lower, upper = -np.ones(3), np.ones(3)
+    constant = np.array([0.0, 0.0, 1e-3])
+    corners, triangles, volume = zonotope(per_ampere, lower, upper)
+    return ReachableSet(
+        "force",
+        np.zeros(3),
+        np.array([0.0, 0.0, 1.0]),
+        ("a", "b", "c"),
+        lower,
+        upper,
+        constant,
+        per_ampere,
+        corners + constant,
+        triangles,
+        volume,
+    )
+
+
+@needs_opengl
+def test_a_thin_set_is_drawn_wider_and_says_so(shown):
+    scene = make_scene(shown, "reachable", window=(300, 240))
+    solid = scene.actors[next(iter(scene.actors))].mapper.dataset
+    scene.close()
+    found = shown.reachable
+    assert axes_of("reachable", "force", shown) == ("20 Fx, mN", "20 Fy, mN", "Fz, mN")
+    drawn = np.array(solid.bounds).reshape(3, 2)
+    expected = (
+        1e3 * np.array([20.0, 20.0, 1.0]) * np.array([found.vertices.min(axis=0), found.vertices.max(axis=0)])
+    )
+    np.testing.assert_allclose(drawn.T, expected, rtol=1e-5)
+    # Wider, but not wider than high.
+    assert (np.ptp(drawn, axis=1) / np.ptp(drawn[2]) > 0.4).all()
+    assert np.ptp(drawn, axis=1).max() == np.ptp(drawn[2])
+
+
+def test_a_flat_set_is_refused(shown):
+    flat = replace(shown.reachable, triangles=np.empty((0, 3), dtype=np.int64))
+    with pytest.raises(InputError):
+        make_scene(replace(shown, reachable=flat), "reachable", window=(300, 240))
 
 
 def tilted_plane():
@@ -117,14 +163,14 @@ def test_every_scene_has_content(shown, what, tmp_path):
     image = pixels(save_scene(scene, tmp_path / f"{what}.png"))
     scene.close()
     assert 0.005 < np.mean(image.sum(axis=2) < 740) < 0.9
-    assert len(bars) == (0 if what in ("device", "mesh") else 1)
+    assert len(bars) == (0 if what in ("device", "mesh", "reachable") else 1)
     if bars:
         assert coloured(image) > 0.005
         # The colour bar stands on the right, where the scene does not reach.
         right = image[:, int(0.86 * image.shape[1]) :]
         assert coloured(right) > 0.02
     if bars:
-        assert bars[0].strip().endswith(("T", "mN", "mT/m", " A", " s"))
+        assert bars[0].strip().endswith(("T", "mN", "uN", "mT/m", " A", " s"))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,161 @@
+"""The map with sliders in a browser: trame serves a page, this machine draws the scene, no graphics card is needed."""
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.errors import FieldmapError
+from fieldmap.extras import require
+from fieldmap.plot.live_state import LiveState
+from fieldmap.plot.live_window import LiveWindow
+
+WHERE = "fieldmap app --web"
+
+
+class LivePage:
+    """A page with one slider for each of `window.live.controls`, reset, and saved states.
+
+    window: off-screen and without sliders of its own; it draws what the page shows. states_file: where saved states are
+    kept. name: of the server. `server.state` holds what the page shows: `values`, the words of the answer, `saved`,
+    `problem`. Raises FieldmapError where trame is not installed, InputError for a file that holds no saved states.
+    """
+
+    def __init__(
+        self, window: LiveWindow, title: str, states_file: Path | None = None, name: str = "fieldmap"
+    ) -> None:
+        app = require("trame.app", "web", WHERE)
+        require("trame.widgets.vuetify3", "web", WHERE)
+        require("trame.widgets.vtk", "web", WHERE)
+        self.window, self.title = window, title
+        self.model = LiveState(window.live, states_file)
+        self.server = app.get_server(name, client_type="vue3")
+        self._view: Any = None
+        self._put()
+        self.server.state.update({"name": "", "chosen": None, "problem": ""})
+        self.server.state.change("values")(self._moved)
+        self._build()
+
+    def serve(self, port: int = 8080, host: str = "localhost", open_browser: bool = True) -> None:
+        """Serve the page until it is stopped (Ctrl+C); port 0: any free one. Prints its address."""
+        # The server reads the command line by itself, which is not meant for it.
+        given, sys.argv = sys.argv, sys.argv[:1]
+        ready = self.server.controller.on_server_ready
+
+        def tell(**_: Any) -> None:
+            print(f"http://{host}:{self.server.port}/", flush=True)
+
+        ready.add(tell)
+        try:
+            self.server.start(
+                port=port, host=host, open_browser=open_browser, show_connection_info=False, timeout=0
+            )
+        finally:
+            sys.argv = given
+
+    def reset(self) -> None:
+        """Back to where it began."""
+        self._follow(self.model.reset)
+
+    def save(self) -> None:
+        """Keep the values under the name that was typed."""
+        self._follow(lambda: self.model.save(self.server.state.name))
+
+    def restore(self) -> None:
+        """Go to the saved state that was chosen."""
+        self._follow(lambda: self.model.restore(self.server.state.chosen or ""))
+
+    def _moved(self, values: list[float], **_: Any) -> None:
+        wanted = np.array(values, dtype=float)
+        if not np.array_equal(wanted, self.model.values):
+            self._follow(lambda: self.model.move(wanted))
+
+    def _follow(self, change: Any) -> None:
+        """Do what was asked, and show it; a mistake is a line on the page."""
+        problem = ""
+        try:
+            change()
+        except FieldmapError as error:
+            problem = error.problems[0].must_hold
+        self._put()
+        self.server.state.problem = problem
+        self.window.show_answer(self.model.values, self.model.answer)
+        if self._view is not None:
+            self._view.update()
+
+    def _put(self) -> None:
+        """What the page shows of the model."""
+        words = self.model.words
+        self.server.state.update(
+            {
+                "values": self.model.values.tolist(),
+                "currents": words.currents,
+                "force": words.force,
+                "lift": words.lift,
+                "equilibrium": words.equilibrium,
+                "saved": list(self.model.saved),
+            }
+        )
+
+    def _build(self) -> None:
+        layouts = require("trame.ui.vuetify3", "web", WHERE)
+        v3 = require("trame.widgets.vuetify3", "web", WHERE)
+        vtk = require("trame.widgets.vtk", "web", WHERE)
+        html = require("trame.widgets.html", "web", WHERE)
+        with layouts.VAppLayout(self.server) as layout:
+            layout.root.theme = "light"
+            with v3.VContainer(fluid=True, classes="pa-2"), v3.VRow(no_gutters=True):
+                with v3.VCol(cols=12, md=8, style="height: 75vh; min-height: 320px"):
+                    html.Div(self.title, classes="text-subtitle-1", id="title")
+                    self._view = vtk.VtkRemoteView(
+                        self.window.scene.render_window, interactive_ratio=1, style="height: 92%"
+                    )
+                    for name in ("force", "lift", "equilibrium", "currents"):
+                        html.Div(f"{{{{ {name} }}}}", id=name, classes="text-body-2")
+                with v3.VCol(cols=12, md=4, classes="pa-2"):
+                    self._add_sliders(v3, html)
+                    self._add_states(v3, html)
+
+    def _add_sliders(self, v3: Any, html: Any) -> None:
+        for k, control in enumerate(self.model.live.controls):
+            unit = "" if control.unit == "1" else f" {control.unit}"
+            text = f"{control.name}: {{{{ values[{k}].toFixed({1 if control.unit == 'mm' else 3}) }}}}{unit}"
+            html.Div(text, classes="text-caption")
+            v3.VSlider(
+                model_value=(f"values[{k}]",),
+                update_modelValue=f"values = values.map((v, k) => k == {k} ? $event : v)",
+                min=control.lower,
+                max=control.upper,
+                step=(control.upper - control.lower) / 200,
+                density="compact",
+                hide_details=True,
+                id=f"slider{k}",
+            )
+
+    def _add_states(self, v3: Any, html: Any) -> None:
+        v3.VBtn("Reset", click=self.reset, id="reset", size="small", classes="my-2")
+        with v3.VRow(dense=True):
+            v3.VTextField(
+                v_model=("name",), label="name of a state", density="compact", hide_details=True, id="name"
+            )
+            v3.VBtn("Save", click=self.save, id="save", size="small", classes="ma-2")
+        with v3.VRow(dense=True):
+            v3.VSelect(
+                v_model=("chosen",),
+                items=("saved",),
+                label="saved states",
+                density="compact",
+                hide_details=True,
+                id="states",
+            )
+            v3.VBtn("Restore", click=self.restore, id="restore", size="small", classes="ma-2")
+        html.Div("{{ problem }}", id="problem", classes="text-error")
+
+
+def close(page: LivePage) -> None:
+    """Stop its server, if it runs, and its scene."""
+    if page.server.running:
+        asyncio.run(page.server.stop())
+    page.window.scene.close()

@@ -1,0 +1,99 @@
+"""What the coils can make at a point, as a solid: along the axes stand the components of force or flux density."""
+
+import numpy as np
+import pyvista as pv
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.constants import GRAVITY
+from fieldmap.levitation import ReachableSet
+from fieldmap.plot.colours import fitting_prefix
+from fieldmap.plot.device_drawing import MAGNET
+from fieldmap.plot.shown import Shown
+from fieldmap.plot.style import COLOURS, INK
+from fieldmap.typing import Array
+
+KINDS = ("force", "B")
+_STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+
+
+def reachable_titles(found: ReachableSet) -> tuple[str, str, str]:
+    """Of the three axes of the scene."""
+    prefix, factor = _unit(found)
+    times = ["" if one < 1.5 else f"{one:.0f} " for one in factor / factor.min()]
+    name, unit = "F" if found.quantity == "force" else "B", f"{prefix}{found.unit}"
+    return f"{times[0]}{name}x, {unit}", f"{times[1]}{name}y, {unit}", f"{times[2]}{name}z, {unit}"
+
+
+def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
+    """The set as a translucent solid, an arrow for each coil at its limit, and the force that carries the payload."""
+    shown.need("reachable")
+    found = shown.reachable
+    assert found is not None
+    if not len(found.triangles):
+        remedy = "add a coil, or choose a point off the plane of symmetry"
+        raise InputError(Problem(shown.title, "the set must have a volume", "a flat one", remedy))
+    solid = reachable_solid(found)
+    scene.add_mesh(solid, color=COLOURS[4], opacity=0.35, lighting=False)
+    edges = solid.extract_feature_edges(
+        feature_angle=0.5, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+    )
+    scene.add_mesh(edges, color=INK, line_width=1.5, lighting=False)
+    size = float(np.ptp(solid.points, axis=0).max())
+    _add_coils(scene, found, size)
+    if found.quantity == "force" and shown.payload is not None:
+        _, factor = _unit(found)
+        weight = factor * [0.0, 0.0, shown.payload.mass * GRAVITY]
+        scene.add_mesh(pv.Sphere(radius=0.014 * size, center=weight), color=MAGNET, ambient=0.4)
+        _name(scene, weight + [0.0, 0.0, 0.05 * size], "carries it")
+
+
+def reachable_solid(found: ReachableSet) -> pv.PolyData:
+    """The surface, in the unit of the scene."""
+    _, factor = _unit(found)
+    faces = np.column_stack([np.full(len(found.triangles), 3), found.triangles])
+    return pv.PolyData(factor * found.vertices, faces=faces.ravel())
+
+
+def _unit(found: ReachableSet) -> tuple[str, Array]:
+    """Prefix, and the factors (3,) from the plain unit: thin sets are drawn wider, by round numbers, which the titles
+    of the axes tell."""
+    prefix, factor = fitting_prefix(float(np.abs(found.vertices).max()))
+    extents = np.ptp(found.vertices, axis=0)
+    room = extents.max() / np.maximum(extents, 1e-3 * extents.max())
+    return prefix, factor * np.array([max(one for one in _STRETCHES if one <= share) for share in room])
+
+
+def _add_coils(scene: pv.Plotter, found: ReachableSet, size: float) -> None:
+    """From what no current makes to what each coil makes at its upper limit, alone."""
+    _, factor = _unit(found)
+    start = factor * found.constant
+    for k, (name, vector) in enumerate(zip(found.coil_names, found.per_ampere, strict=True)):
+        along = factor * (found.upper[k] or found.lower[k]) * vector
+        length = float(np.linalg.norm(along))
+        if length < 1e-6 * size:
+            continue
+        # One thickness for all, whatever their length.
+        arrow = pv.Arrow(
+            start=start,
+            direction=along,
+            scale=length,
+            tip_length=min(0.04 * size / length, 0.5),
+            tip_radius=0.014 * size / length,
+            shaft_radius=0.005 * size / length,
+        )
+        scene.add_mesh(arrow, color=COLOURS[k % len(COLOURS)], ambient=0.5)
+        _name(scene, start + 1.12 * along, name)
+
+
+def _name(scene: pv.Plotter, at: Array, text: str) -> None:
+    scene.add_point_labels(
+        np.array([at]),
+        [text],
+        font_size=20,
+        text_color=INK,
+        shape=None,
+        show_points=False,
+        always_visible=True,
+        justification_horizontal="center",
+        justification_vertical="center",
+    )

@@ -1,0 +1,222 @@
+"""One look for all pictures, in a light and a dark scheme.
+
+Figures are drawn in the light one (`figure.mplstyle` beside this file); the dark one puts other colours in the place of
+these, in the finished figure or scene, so that both show the same data. The variable FIELDMAP_PICTURES of the
+environment says what is saved: "light" (unless set), "dark", or "both", where the dark one gets a name that ends in
+`_dark`.
+"""
+
+import colorsys
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyvista as pv
+from matplotlib import style
+from matplotlib.artist import Artist
+from matplotlib.collections import Collection
+from matplotlib.colors import to_hex, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.quiver import Quiver
+from matplotlib.text import Text
+
+from fieldmap.errors import InputError, Problem
+
+STYLE: Final = "fieldmap.plot.figure"
+"""For `matplotlib.style.use`."""
+VARIABLE: Final = "FIELDMAP_PICTURES"
+SCHEMES: Final = ("light", "dark", "both")
+DARK: Final = "_dark"
+"""What the name of a dark picture beside a light one ends in."""
+INK, QUIET = "#22282e", "#6b737b"
+# Of the documentation's pages in the dark.
+DARK_PAPER, DARK_INK = "#1e2129", "#dfe3ea"
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
+"""Of series; the same as in figure.mplstyle."""
+# The same hues, lighter, so that thin lines are seen on the dark page and are still told apart.
+_IN_THE_DARK: Final = dict(
+    zip(
+        (colour.lower() for colour in COLOURS),
+        ("#4fa3e3", "#ef7d3b", "#2fc79c", "#e59fc8", "#a6daf8", "#f4b93c", "#ffffff", "#a5a5a5"),
+        strict=True,
+    )
+)
+_SATURATED = 0.12
+_LIGHTEST, _DARKEST = 0.92, 0.55
+
+
+def figure_style() -> AbstractContextManager[None]:
+    """Within it figures are made in the style of all."""
+    return style.context(STYLE)
+
+
+def schemes() -> tuple[str, ...]:
+    """What is saved: "light", "dark" or both. Raises InputError for another value of FIELDMAP_PICTURES."""
+    chosen = os.environ.get(VARIABLE, "") or "light"
+    if chosen not in SCHEMES:
+        remedy = "set it to one of these, or not at all"
+        raise InputError(Problem(VARIABLE, f"must be one of {', '.join(SCHEMES)}", chosen, remedy))
+    return ("light", "dark") if chosen == "both" else (chosen,)
+
+
+def dark_path(path: str | Path) -> Path:
+    """Where the dark picture lies beside a light one.
+
+    >>> dark_path("hold.png").name
+    'hold_dark.png'
+    """
+    return Path(path).with_stem(Path(path).stem + DARK)
+
+
+def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
+    """Save a figure in the schemes that are asked for; options of `Figure.savefig`. Returns `path`."""
+    _save(path, lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
+    return Path(path)
+
+
+def save_screenshot(scene: pv.Plotter, path: str | Path) -> Path:
+    """Save what a scene shows in the schemes that are asked for. Returns `path`."""
+
+    def save(target: Path) -> None:
+        scene.render()
+        scene.screenshot(str(target))
+
+    _save(path, save, lambda: scene_in_the_dark(scene))
+    return Path(path)
+
+
+def _save(
+    path: str | Path, save: Callable[[Path], object], dark: Callable[[], AbstractContextManager[None]]
+) -> None:
+    wanted = schemes()
+    if "light" in wanted:
+        save(Path(path))
+    if "dark" in wanted:
+        with dark():
+            save(dark_path(path) if "light" in wanted else Path(path))
+
+
+def dark_colour(colour: Any) -> tuple[float, float, float, float]:
+    """What stands for a colour on the dark page: of a series its partner, of grey the same distance from the paper, of
+    others the same hue, light enough to be seen.
+
+    >>> to_hex(dark_colour("white")) == DARK_PAPER, to_hex(dark_colour(INK)) == DARK_INK
+    (True, True)
+    """
+    red, green, blue, alpha = to_rgba(colour)
+    known = _IN_THE_DARK.get(to_hex((red, green, blue)))
+    if known is not None:
+        return to_rgba(known, alpha)
+    hue, lightness, saturation = colorsys.rgb_to_hls(red, green, blue)
+    if max(red, green, blue) - min(red, green, blue) < _SATURATED:
+        ink, paper, darkest = to_rgba(DARK_INK), to_rgba(DARK_PAPER), np.mean(to_rgba(INK)[:3])
+        share = float(np.clip((lightness - darkest) / (1.0 - darkest), 0.0, 1.0))
+        mixed = [one + share * (other - one) for one, other in zip(ink[:3], paper[:3], strict=True)]
+        return (*mixed, alpha)  # type: ignore[return-value]
+    # Pale fills become deep ones, lines light ones.
+    seen = 1.0 - 0.75 * lightness if lightness > _LIGHTEST else max(lightness, _DARKEST)
+    return (*colorsys.hls_to_rgb(hue, seen, saturation), alpha)
+
+
+@contextmanager
+def in_the_dark(figure: Figure) -> Iterator[None]:
+    """Within it a figure has the colours of the dark scheme. What is coloured by values keeps its colours, and so do
+    arrows, which lie on such."""
+    figure.draw_without_rendering()  # ticks are made when they are drawn
+    undo = [one for artist in figure.findobj() for one in _recolour(artist)]
+    try:
+        yield
+    finally:
+        for put, old in undo:
+            put(old)
+
+
+_Undo = list[tuple[Callable[[Any], object], Any]]
+
+
+def _recolour(artist: Artist) -> _Undo:
+    match artist:
+        case Line2D():
+            return _put(
+                (artist.get_color, artist.set_color),
+                (artist.get_markeredgecolor, artist.set_markeredgecolor),
+                (artist.get_markerfacecolor, artist.set_markerfacecolor),
+            )
+        case Text():
+            return _put((artist.get_color, artist.set_color))
+        case Patch():
+            return _put(
+                (artist.get_edgecolor, artist.set_edgecolor), (artist.get_facecolor, artist.set_facecolor)
+            )
+        case Collection() if artist.get_array() is None and not isinstance(artist, Quiver):
+            return _put(
+                (artist.get_edgecolor, artist.set_edgecolor), (artist.get_facecolor, artist.set_facecolor)
+            )
+    return []
+
+
+def _put(*pairs: tuple[Callable[[], Any], Callable[[Any], object]]) -> _Undo:
+    """Set each colour's partner, having read all of them; what sets them back."""
+    olds = [get() for get, _ in pairs]
+    for old, (_, put) in zip(olds, pairs, strict=True):
+        many = np.ndim(old) == 2
+        if len(old) and not (isinstance(old, str) and old in ("none", "auto")):
+            put([dark_colour(one) for one in old] if many else dark_colour(old))
+    return [(put, old) for old, (_, put) in zip(olds, pairs, strict=True)]
+
+
+@contextmanager
+def scene_in_the_dark(scene: pv.Plotter) -> Iterator[None]:
+    """Within it a scene lies on the dark paper with light words, rulers and edges; solids keep their colours."""
+    undo: _Undo = []
+
+    def swap(holder: Any, get: str, put: str) -> None:
+        old = tuple(getattr(holder, get)())
+        if np.allclose(old[:3], to_rgba(INK)[:3], atol=0.01):
+            getattr(holder, put)(*to_rgba(DARK_INK)[:3])
+            undo.append((lambda rgb: getattr(holder, put)(*rgb), old))
+
+    def paper(renderer: Any) -> Callable[[Any], object]:
+        return lambda rgb: renderer.SetBackground(*rgb)
+
+    for renderer in scene.renderers:
+        undo.append((paper(renderer), tuple(renderer.GetBackground())))
+        paper(renderer)(to_rgba(DARK_PAPER)[:3])
+        for actor in [*renderer.actors.values(), *scene.scalar_bars.values()]:
+            for words in _text_properties(actor):
+                swap(words, "GetColor", "SetColor")
+            if isinstance(actor, pv.Actor):
+                swap(actor.GetProperty(), "GetColor", "SetColor")
+    # Where pyvista keeps them changed with a release.
+    for slider in getattr(getattr(scene, "widgets", scene), "slider_widgets", ()):
+        representation = slider.GetRepresentation()
+        for words in (representation.GetTitleProperty(), representation.GetLabelProperty()):
+            swap(words, "GetColor", "SetColor")
+    try:
+        yield
+    finally:
+        for put, old in undo:
+            put(old)
+
+
+def _text_properties(actor: Any) -> list[Any]:
+    """Of a text, a colour bar, or labels at points."""
+    found = [
+        getattr(actor, name)()
+        for name in ("GetTextProperty", "GetTitleTextProperty", "GetLabelTextProperty")
+        if hasattr(actor, name)
+    ]
+    if not isinstance(actor, pv.Actor) and hasattr(actor, "GetMapper"):
+        mapper = actor.GetMapper()
+        if hasattr(mapper, "GetLabelTextProperty"):
+            found.append(mapper.GetLabelTextProperty())
+        if hasattr(mapper, "GetInputAlgorithm"):
+            hierarchy = mapper.GetInputAlgorithm()
+            if hasattr(hierarchy, "GetTextProperty"):
+                found.append(hierarchy.GetTextProperty())
+    return found

@@ -1,0 +1,136 @@
+"""Reachable sets: against random currents, all corners of the box, closed forms of volumes, a magnet's own force."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from fieldmap.errors import InputError
+from fieldmap.levitation import reachable, zonotope
+from fieldmap.lookup import open_map
+
+RANDOM = np.random.default_rng(5)
+
+
+def corners_by_brute_force(directions, lower, upper):
+    """The hull of the images of all 2^n corners."""
+    images = np.array(list(product(*zip(lower, upper, strict=True)))) @ directions
+    return images[ConvexHull(images).vertices], ConvexHull(images).volume
+
+
+def same_points(one, other, tolerance):
+    assert len(one) == len(other)
+    distance = np.linalg.norm(one[:, None] - other[None], axis=2)
+    assert distance.min(axis=1).max() < tolerance
+    assert distance.min(axis=0).max() < tolerance
+
+
+@pytest.mark.parametrize("count", [3, 4, 6, 9])
+def test_corners_are_those_of_all_corners_of_the_box(count):
+    directions = RANDOM.normal(size=(count, 3))
+    lower, upper = -RANDOM.random(count), RANDOM.random(count)
+    corners, triangles, volume = zonotope(directions, lower, upper)
+    expected, hull = corners_by_brute_force(directions, lower, upper)
+    same_points(corners, expected, 1e-9)
+    assert volume == pytest.approx(hull, rel=1e-9)
+    # n (n - 1) parallelograms, two triangles each, and Euler's formula.
+    assert len(triangles) == 2 * count * (count - 1)
+    assert len(corners) == count * (count - 1) + 2
+    # Shephard: the sum of the determinants of all threes.
+    by_threes = sum(
+        abs(np.linalg.det((directions * (upper - lower)[:, None])[list(three)]))
+        for three in combinations(range(count), 3)
+    )
+    assert volume == pytest.approx(by_threes, rel=1e-9)
+
+
+def test_triangles_face_outward():
+    corners, triangles, volume = zonotope(RANDOM.normal(size=(5, 3)), -np.ones(5), np.ones(5))
+    a, b, c = (corners[triangles[:, k]] for k in range(3))
+    assert np.einsum("ti,ti->t", a, np.cross(b, c)).sum() / 6.0 == pytest.approx(volume, rel=1e-9)
+    assert (np.einsum("ti,ti->t", a, np.cross(b - a, c - a)) > 0).all()
+
+
+def test_many_directions_in_one_plane():
+    """Hexagonal prisms: six coils on a circle pull within a plane, one along its axis."""
+    angle = np.arange(3) * np.pi / 3
+    plane = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    corners, _, volume = zonotope(np.vstack([plane, [0, 0, 2.0]]), -np.ones(4), np.ones(4))
+    expected, hull = corners_by_brute_force(np.vstack([plane, [0, 0, 2.0]]), -np.ones(4), np.ones(4))
+    # Regular hexagon of side 2, height 4.
+    assert volume == pytest.approx(6 * np.sqrt(3) * 4.0) == hull
+    same_points(corners, expected, 1e-9)
+
+
+def test_flat_sets_have_no_volume():
+    line = zonotope([[1.0, 2.0, 0.0], [2.0, 4.0, 0.0]], [-1, -1], [1, 1])
+    assert line[2] == 0.0
+    assert np.abs(np.linalg.norm(line[0], axis=1) - 3 * np.sqrt(5)).max() < 1e-12
+    flat = zonotope([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], -np.ones(3), np.ones(3))
+    assert flat[2] == 0.0
+    assert flat[0].max() == 2.0
+    assert not len(flat[1])
+
+
+@pytest.fixture(scope="module")
+def coils(six_coils):
+    return open_map(six_coils)
+
+
+@pytest.mark.parametrize("moment", [None, (0.1, 0.2, 0.8)])
+def test_random_currents_are_inside_and_ends_are_reached(coils, moment):
+    place = np.array([0.004, -0.003, -0.09])
+    limits = np.linspace(1.0, 2.0, len(coils.coil_names))
+    found = reachable(coils, place, limits, moment)
+    currents = RANDOM.uniform(-1.0, 1.0, size=(200, len(limits))) * limits
+
+    def by_hand(amperes):
+        if moment is None:
+            return coils.field(place[None], amperes)[0]
+        step, grown = 1e-6, []
+        for axis in np.eye(3):
+            ahead, behind = (coils.field((place + s * step * axis)[None], amperes)[0] for s in (1, -1))
+            grown.append(np.dot(moment, ahead - behind) / (2 * step))
+        return np.array(grown)
+
+    values = np.array([by_hand(row) for row in currents])
+    assert found.unit == ("T" if moment is None else "N")
+    np.testing.assert_allclose(found.at(currents), values, atol=1e-6 * np.abs(values).max())
+    assert found.holds(found.at(currents)).all()
+    assert not found.holds(1.001 * found.vertices).any()
+    assert found.holds(0.999 * found.vertices).all()
+    for direction in RANDOM.normal(size=(20, 3)):
+        unit = direction / np.linalg.norm(direction)
+        furthest = (found.vertices @ unit).max()
+        assert found.largest_along(direction) == pytest.approx(furthest, rel=1e-9)
+        assert found.at(found.currents_along(unit)) @ unit == pytest.approx(furthest, rel=1e-9)
+
+
+def test_limits_of_one_sign(coils):
+    count = len(coils.coil_names)
+    found = reachable(coils, (0.0, 0.0, -0.09), [np.zeros(count), np.full(count, 2.0)], (0.0, 0.0, 0.8))
+    assert (found.currents_along((0, 0, 1)) >= 0).all()
+    both = reachable(coils, (0.0, 0.0, -0.09), 2.0, (0.0, 0.0, 0.8))
+    assert both.volume == pytest.approx(8 * found.volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("limits", [-1.0, 0.0, [1.0, 2.0], np.nan])
+def test_wrong_limits(coils, limits):
+    with pytest.raises(InputError, match="limits"):
+        reachable(coils, (0.0, 0.0, -0.09), limits)
+
+
+def test_a_saturating_field_is_refused(coils):
+    class Saturating:
+        coil_names = ("a",)
+        proportional = affine = False
+
+        def field(self, points, currents):
+            return np.tanh(currents[0]) * np.ones_like(points)
+
+        def gradient(self, points, currents):
+            return np.zeros((len(points), 3, 3))
+
+    with pytest.raises(InputError):
+        reachable(Saturating(), (0.0, 0.0, 0.0), 1.0)

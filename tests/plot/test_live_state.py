@@ -1,0 +1,300 @@
+"""The state of a window with sliders, without a window; and the page in a browser, where there is one."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.lookup import open_map
+from fieldmap.plot.live_answers import LiveMap
+from fieldmap.plot.live_state import LiveState, force_in_words
+from fieldmap.plot.live_window import LiveWindow
+from fieldmap.plot.rendering import can_render
+
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
+
+
+@pytest.fixture(scope="module")
+def payload():
+    from fieldmap.device import read_device
+
+    return read_device("drive_unit").payload
+
+
+@pytest.fixture
+def state(six_coils, payload, tmp_path):
+    live = LiveMap(open_map(six_coils), payload, np.zeros((1, 3)) - [0, 0, 0.1], current_limit=5.0)
+    return LiveState(live, tmp_path / "six.states.json")
+
+
+def test_moved_reset_and_clipped(state):
+    begin = state.answer
+    values = state.initial.copy()
+    values[0] += 0.3
+    moved = state.move(values)
+    np.testing.assert_array_equal(state.live.answer(values).force, moved.force)
+    assert not np.allclose(moved.force, begin.force)
+    assert "force at" in state.words.force
+    assert state.words.currents.count(":") == 1 + len(state.live.field_map.coil_names)
+    np.testing.assert_allclose(state.reset().force, begin.force, rtol=1e-12)
+    state.move(state.initial + 1e3)
+    assert state.values.tolist() == [control.upper for control in state.live.controls]
+
+
+def test_saved_states_outlive_the_window(state):
+    values = state.initial.copy()
+    values[1] -= 0.2
+    state.move(values)
+    assert state.save(" lower left ") == ("lower left",)
+    state.reset()
+    again = LiveState(state.live, state.states_file)
+    np.testing.assert_array_equal(again.restore("lower left").currents, state.live.currents(values))
+    np.testing.assert_array_equal(again.values, values)
+    # A map with other controls takes what it knows.
+    content = json.loads(state.states_file.read_text())
+    name = state.live.controls[0].name
+    content["states"]["lower left"] = {name: 1.25, "coil elsewhere": 4.0}
+    state.states_file.write_text(json.dumps(content))
+    other = LiveState(state.live, state.states_file)
+    other.restore("lower left")
+    np.testing.assert_array_equal(other.values, [1.25, *state.initial[1:]])
+
+
+def test_wrong_names_and_files(state, tmp_path):
+    with pytest.raises(InputError):
+        state.save("  ")
+    with pytest.raises(InputError):
+        state.restore("never saved")
+    for content in (
+        "no json",
+        "[]",
+        '{"format": 2, "states": {}}',
+        '{"format": 1, "states": {"a": {"b": "c"}}}',
+    ):
+        wrong = tmp_path / "wrong.json"
+        wrong.write_text(content)
+        with pytest.raises(InputError) as error:
+            LiveState(state.live, wrong)
+        assert error.value.problems[0].where == str(wrong)
+        assert wrong.read_text() == content
+
+
+@pytest.mark.parametrize(
+    ("force", "unit", "largest"),
+    [([0, 0, 2.5], "N", 2.5), ([0.11, 0, 0], "mN", 110), ([0, -3e-6, 0], "uN", 3)],
+)
+def test_units_fit(force, unit, largest):
+    text = force_in_words(np.array(force, dtype=float))
+    assert text.endswith(f") {unit}")
+    numbers = [float(one) for one in re.findall(r"-?[\d.]+", text)]
+    assert max(np.abs(numbers)) == pytest.approx(largest, rel=1e-3)
+    assert "-0.0," not in text
+
+
+@needs_opengl
+def test_the_page_follows_its_state(six_coils, payload, tmp_path):
+    """The object that the page is made of, driven without a browser."""
+    pytest.importorskip("trame.app", reason="trame (extra `web`) is not installed")
+    pytest.importorskip("trame.widgets.vuetify3", reason="trame-vuetify (extra `web`) is not installed")
+    from fieldmap.plot.live_web import LivePage
+
+    window = LiveWindow(open_map(six_coils), payload, 5.0, off_screen=True, window=(300, 240), sliders=False)
+    page = LivePage(window, "six", tmp_path / "states.json", name="test of a page")
+    shown = page.server.state
+    assert window.sliders == []
+    begin = list(shown.values)
+    values = [begin[0] + 0.5, *begin[1:]]
+    page._moved(values)
+    expected = window.live.answer(values)
+    assert force_in_words(expected.force) in shown.force
+    np.testing.assert_array_equal(window.values, values)
+    drawn = np.concatenate([plane["B, mT"] for plane in window.planes])
+    np.testing.assert_allclose(drawn, 1e3 * np.linalg.norm(expected.flux_density, axis=1))
+    page.save()
+    assert shown.problem
+    shown.name = "half an ampere more"
+    page.save()
+    assert (shown.saved, shown.problem) == (["half an ampere more"], "")
+    page.reset()
+    assert shown.values == begin
+    shown.chosen = "half an ampere more"
+    page.restore()
+    assert shown.values == values
+    window.scene.close()
+
+
+def test_what_is_missing_is_named(monkeypatch):
+    from fieldmap.plot.live_web import LivePage
+
+    monkeypatch.setitem(sys.modules, "trame.app", None)
+    with pytest.raises(FieldmapError) as error:
+        LivePage(None, "")
+    assert "[web]" in str(error.value)
+
+
+class Browser:
+    """A headless browser, spoken to over its own protocol."""
+
+    def __init__(self, program, folder):
+        flags = "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
+        flags += " --disable-component-update --disable-sync --window-size=1400,900 --remote-debugging-port=0"
+        self.process = subprocess.Popen(
+            [program, "--headless", *flags.split(), f"--user-data-dir={folder}", "about:blank"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        self.port = int(waited(lambda: port_of(folder / "DevToolsActivePort")))
+
+    def close(self):
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
+def port_of(path):
+    return path.read_text().splitlines()[0] if path.is_file() and path.read_text() else None
+
+
+def waited(ask, seconds=60.0):
+    """What `ask` answers once it answers something."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        answer = ask()
+        if answer:
+            return answer
+        time.sleep(0.1)
+    raise TimeoutError(ask)
+
+
+async def visit(port, address, steps):
+    """Open the page, and do `steps(evaluate)`."""
+    import asyncio
+
+    import aiohttp
+
+    async with aiohttp.ClientSession() as session:
+        async with session.get(f"http://127.0.0.1:{port}/json/list") as response:
+            target = next(one for one in await response.json() if one["type"] == "page")
+        async with session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0) as socket_:
+            count = 0
+
+            async def ask(method, **params):
+                nonlocal count
+                count += 1
+                await socket_.send_json({"id": count, "method": method, "params": params})
+                while True:
+                    message = await socket_.receive_json()
+                    if message.get("id") == count:
+                        return message["result"]
+
+            async def evaluate(text):
+                result = await ask("Runtime.evaluate", expression=text, returnByValue=True)
+                return result["result"].get("value")
+
+            async def until(text, wanted):
+                for _ in range(300):
+                    found = await evaluate(text)
+                    if wanted(found):
+                        return found
+                    await asyncio.sleep(0.1)
+                raise TimeoutError(f"{text}: {found}")
+
+            await ask("Page.navigate", url=address)
+            await steps(ask, evaluate, until)
+
+
+@pytest.mark.slow
+@needs_opengl
+def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
+    """Sliders, reset and saved states by their elements; the picture is not empty."""
+    import asyncio
+
+    pytest.importorskip("trame.app", reason="trame (extra `web`) is not installed")
+    pytest.importorskip("trame.widgets.vuetify3", reason="trame-vuetify (extra `web`) is not installed")
+    pytest.importorskip("aiohttp", reason="aiohttp (comes with the extra `web`) is not installed")
+    program = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if program is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)}")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = ["app", str(six_map_with_payload), "--web", "--port", str(port), "--current-limit", "5"]
+    environment = {**os.environ, "DISPLAY": ""}
+    server = subprocess.Popen(
+        [sys.executable, "-m", "fieldmap", *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    )
+    browser = Browser(program, tmp_path / "browser")
+    seen = {}
+
+    async def steps(ask, evaluate, until):
+        text = "document.getElementById('{}')?.innerText"
+        seen["begin"] = await until(text.format("force"), lambda found: found and "N" in found)
+        seen["sliders"] = await evaluate("document.querySelectorAll('[role=slider]').length")
+        drawn = "document.querySelector('img')?.naturalWidth || 0"
+        assert await until(drawn, lambda width: width and width > 100) > 100
+        await evaluate("document.querySelector('[role=slider]').focus()")
+        for _ in range(5):
+            await ask("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", code="ArrowRight")
+        seen["moved"] = await until(text.format("force"), lambda found: found != seen["begin"])
+        await evaluate("document.querySelector('#name').focus()")
+        await ask("Input.insertText", text="five steps")
+        seen["currents"] = await evaluate(text.format("currents"))
+        await evaluate("document.getElementById('save').click()")
+        states = Path(six_map_with_payload).with_suffix(".states.json")
+        await until("1", lambda _: states.is_file())
+        seen["saved"] = json.loads(states.read_text())["states"]
+        await evaluate("document.getElementById('reset').click()")
+        seen["reset"] = await until(text.format("force"), lambda found: found == seen["begin"])
+        image = await ask("Page.captureScreenshot", format="png")
+        if os.environ.get("FIELDMAP_SCREENSHOT"):
+            import base64
+
+            Path(os.environ["FIELDMAP_SCREENSHOT"]).write_bytes(base64.b64decode(image["data"]))
+
+    try:
+        assert server.stdout is not None
+        address = server.stdout.readline().strip()
+        assert address == f"http://localhost:{port}/"
+        asyncio.run(visit(browser.port, address, steps))
+    finally:
+        browser.close()
+        os.killpg(server.pid, signal.SIGKILL)
+        server.wait()
+        server.stdout.close()
+    opened = open_map(six_map_with_payload)
+    assert seen["sliders"] == len(opened.coil_names) + 1
+    (values,) = seen["saved"].values()
+    assert list(seen["saved"]) == ["five steps"]
+    amperes = [values[f"coil {name}"] for name in opened.coil_names]
+    assert f"{opened.coil_names[0]}: {amperes[0]:.3f}" in seen["currents"]
+    start = 1e-3 * values["magnet z"]
+    moment = np.array([0.0, 0.0, payload.moment])
+    place = np.array([*(0.5 * (opened.lower + opened.upper))[:2], start])
+    force = np.abs(opened.gradient(place, amperes).T @ moment)
+    shown = np.abs([float(one) for one in re.findall(r"-?[\d.]+", seen["moved"].split(":")[-1])])
+    assert np.argmax(shown) == np.argmax(force)
+
+
+@pytest.fixture
+def six_map_with_payload(circle_of_six, dipole_map, tmp_path, valid_text, payload):
+    """The map of six dipoles, which records a device with a payload."""
+    coil = valid_text[valid_text.index("[[coil]]") :]
+    coil = coil[: coil.index("[[coil]]", 1)]
+    carried = f"[payload]\nmass_g = {1e3 * payload.mass}\nmoment_A_m2 = {payload.moment}\n"
+    text = f'format = 1\nname = "rig"\ntitle = "Six dipoles"\n{coil}{carried}'
+    return dipole_map(circle_of_six, tmp_path / "six.h5", text, title="Six dipoles")
