@@ -5,9 +5,11 @@ import pyvista as pv
 import fieldmap
 from fieldmap.errors import FieldmapError
 from fieldmap.plot import device_scene, save_picture
-from fieldmap.plot.device_drawing import slice_planes
+from fieldmap.plot.device_drawing import CURRENT, slice_planes
 from fieldmap.plot.rendering import can_render, require_renderer
 from fieldmap.plot.rulers import label_step, round_numbers
+from fieldmap.plot.solids import winding_surface
+from fieldmap.sources import unit_flux_density
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
@@ -86,3 +88,39 @@ def test_without_opengl_there_is_a_message_and_no_crash(monkeypatch):
     monkeypatch.setattr("fieldmap.plot.rendering.can_render", lambda: False)
     with pytest.raises(FieldmapError, match="libegl1"):
         require_renderer()
+
+
+def arrows(scene):
+    """Solids in the colour of currents."""
+    wanted = np.array(pv.Color(CURRENT).float_rgb)
+    return [
+        actor.mapper.dataset
+        for actor in scene.actors.values()
+        if isinstance(actor, pv.Actor) and np.allclose(actor.prop.color.float_rgb, wanted, atol=0.01)
+    ]
+
+
+def turn_of(arrow, centre):
+    """1 for an arrow that runs counter-clockwise about a centre (3,), mm, seen from above, else -1."""
+    points = np.asarray(arrow.points, dtype=float) - centre
+    # The tip's base is the widest place of an arrow, the tail is farthest from it.
+    tip = points[np.argmax(np.abs(points[:, 2] - np.median(points[:, 2])))]
+    tail = points[np.argmax(np.linalg.norm(points - tip, axis=1))]
+    return int(np.sign(tail[0] * tip[1] - tail[1] * tip[0]))
+
+
+@needs_opengl
+def test_arrows_point_as_the_currents_flow():
+    device = fieldmap.read_device("drive_unit")
+    currents = [1.0, -2.0, 0.0, 1.0, 1.0, -1.0]
+    scene = device_scene(device, currents=currents, axes=False)
+    drawn, names = arrows(scene), [a.GetInput() for a in scene.actors.values() if hasattr(a, "GetInput")]
+    scene.close()
+    assert [text for text in names if text in device.coil_names] == list(device.coil_names)
+    assert len(drawn) == 5
+    flowing = [(coil, ampere) for coil, ampere in zip(device.coils, currents, strict=True) if ampere]
+    for arrow, (coil, ampere) in zip(drawn, flowing, strict=True):
+        middle = np.array(pv.merge([winding_surface(coil)]).center)
+        # Counter-clockwise where the coil's own field points up in its middle.
+        up = unit_flux_density(coil, 1e-3 * middle[None])[0, 2] * ampere
+        assert turn_of(arrow, middle) == np.sign(up)
