@@ -6,10 +6,11 @@ Sections: kernels (nanoseconds per point, beside magpylib), iron (error against 
 beside magpylib-material-response: the extra `bench`), peers (that program's own validation cases, and a cube),
 controllers (steps per second), lookup (a field from a map, beside five interpolation libraries of the same extra),
 generation (points times coils per second, beside magpylib), dynamics (a levitated magnet in closed loop, times real
-time), own (controllers of one's own in Python, numba and C: samples per second), app (what follows a slider of
-`fieldmap app`) and magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT).
-Prints figures, not verdicts:
-the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine that does nothing else.
+time), own (controllers of one's own in Python, numba and C: samples per second), saturating (new currents of maps of
+saturating iron, wrenches, currents for a force, beside the older way), app (what follows a slider of `fieldmap app`)
+and magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT).
+Prints figures, not verdicts: the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine
+that does nothing else.
 
 A section is a module with `measure(quick) -> dict` (JSON-ready) and `show(result, console)`.
 """
@@ -37,6 +38,7 @@ SECTIONS = {
     "generation": "benchmarks.generation",
     "dynamics": "benchmarks.dynamics",
     "own": "benchmarks.own_controllers",
+    "saturating": "benchmarks.saturating_maps",
     "app": "benchmarks.app",
     "magpylib": "benchmarks.magpylib_sources",
 }

@@ -142,8 +142,10 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
         self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
-        # Currents that need a model of the iron take the general path.
-        self._one: Callable[..., int] = _never
+        # New currents that need a model of the iron take the general path.
+        self._one: Callable[..., int] = _never if self._model is None else self._one_of_model
+        self._of_weights: Callable[..., int] | None = None
+        self._of_block: Any = None
         self._unit: Any = None
         self._load = one_wrench()
         if self._model is None and not self._constant:
@@ -580,6 +582,16 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
             weights = model.weights(currents)
             self._last_weights = (key, weights)
         return weights
+
+    def _one_of_model(self, _: None, currents: Array, point: Array, flux: Array, slope: Array) -> int:
+        """As of `Evaluator.one_point`, of saturating iron at the currents of the last call; 1 for any others."""
+        known, weights = self._last_weights
+        if currents.ndim != 1 or currents.dtype != np.float64 or currents.tobytes() != known:
+            return 1
+        if self._of_weights is None:
+            # Not when the map is opened: it may have to be compiled.
+            self._of_weights, self._of_block = self._evaluator.one_point()
+        return self._of_weights(self._of_block, weights, point, flux, slope)
 
     def __getstate__(self) -> dict[str, object]:
         return {

@@ -199,3 +199,35 @@ def test_currents_for_soft_iron_beside_iron_that_saturates(m):
     assert m.wrench(PLACE, BODY, found)[2] == pytest.approx(wanted[2], rel=1e-7)
     near = m.currents_for(PLACE, [np.nan, np.nan, wanted[2]], BODY, start=[0.85])
     assert near == pytest.approx([0.9], rel=1e-5)
+
+
+@pytest.mark.parametrize("outside", ["raise", "nan", "clamp"])
+def test_one_point_at_the_currents_of_before_is_that_of_many(data, outside):
+    """The short way of one point gives the bits of the long one, follows the currents, and leaves to the long one what
+    is no array of numbers or outside."""
+    m, fresh = interpolate(data, outside=outside), interpolate(data, outside=outside)
+    rng = np.random.default_rng(2)
+    for currents in (CURRENTS, CURRENTS, np.array([0.4]), CURRENTS, np.array([-1.9])):
+        for point in rng.uniform(m.lower, m.upper, (3, 3)):
+            wanted = fresh.field_and_gradient(point[None], currents)
+            load = fresh.wrench(point[None], MOMENT, currents)[0]
+            for given in (currents, currents.tolist(), currents.astype(np.float32).astype(float)):
+                np.testing.assert_allclose(m.wrench(point, MOMENT, given), load, rtol=1e-6, atol=1e-18)
+            for found, one in zip(m.field_and_gradient(point, currents), wanted, strict=True):
+                np.testing.assert_array_equal(found, one[0])
+            np.testing.assert_array_equal(m.wrench(point, MOMENT, currents), load)
+    away = m.upper + 1.0
+    if outside == "raise":
+        with pytest.raises(OutsideMapError):
+            m.wrench(away, MOMENT, currents)
+    else:
+        np.testing.assert_array_equal(
+            m.wrench(away, MOMENT, currents), fresh.wrench(away[None], MOMENT, currents)[0]
+        )
+    m.field(PLACE, CURRENTS)
+    calls = []
+    kernel = m._of_weights
+    m._of_weights = lambda *given: calls.append(1) or kernel(*given)
+    m.wrench(PLACE, MOMENT, CURRENTS)
+    m.field_and_gradient(PLACE, CURRENTS)
+    assert len(calls) == 2
