@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import ExtrudedPolygon as ExtrudedPolygon
     from fieldmap.device.model import FluxBarrier as FluxBarrier
     from fieldmap.device.model import Froehlich as Froehlich
+    from fieldmap.device.model import Joint as Joint
     from fieldmap.device.model import LinearMaterial as LinearMaterial
     from fieldmap.device.model import MagnetBlock as MagnetBlock
     from fieldmap.device.model import MagnetCylinder as MagnetCylinder
@@ -81,6 +82,7 @@ _PARTS = (
     "ExtrudedPolygon",
     "FluxBarrier",
     "Froehlich",
+    "Joint",
     "LinearMaterial",
     "MagnetBlock",
     "MagnetCylinder",

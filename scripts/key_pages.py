@@ -84,6 +84,11 @@ EXAMPLES: dict[str, Any] = {
     "[[x, y, z], ...] nodes": CORNERS,
     "[[i, j, k, l], ...] numbers of nodes from 0": [[0, 1, 2, 3]],
     "what the coil carries in the model that it comes from": 2.5,
+    "thickness, cut out of the body whose end the joint is; 0: no joint": 0.1,
+    "for key paths, such as joint.NAME.gap_mm": "core ends",
+    "names of the two bodies; * and ? stand for any text. A pair takes the last joint that names it. Without"
+    " this key: all contacts that no other joint names": ["core *", "disk"],
+    "relative permeability of what is in the gap": 1.0,
     "diameter of the round wire of loops and polylines, for their self-inductance": 0.5,
     "current, in a coil that for 1 A in the coil": 1.0,
     "of a Circle or Sphere": 30.0,

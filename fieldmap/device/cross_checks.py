@@ -4,6 +4,7 @@ They look at the raw data, so that they speak even where the schema has already 
 """
 
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
     """
     found = [finding for key in ("body", "coil", "section") for finding in _duplicate_names(data, key)]
     found += [*_unknown_materials(data), *_pieces_of_no_iron(data), *_sections_of_no_body(data)]
+    found += _joints_of_no_body(data)
     found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
     return [*found, *_missing_files(data, folder), *_nothing_to_compute(data)]
 
@@ -80,6 +82,18 @@ def _sections_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:
                 remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
                 allowed = f"bodies must be bodies of the file: {one_of(known) or 'there are none'}"
                 yield Finding((*location, "bodies", k), allowed, shown(name), remedy)
+
+
+def _joints_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:
+    known = [name for _, table in tables(data, "body") if isinstance(name := table.get("name"), str)]
+    for location, table in tables(data, "joint"):
+        names = table.get("between")
+        for k, name in enumerate(names if isinstance(names, list) else []):
+            if isinstance(name, str) and not any(fnmatchcase(one, name) for one in known):
+                guess = closest(name, known)
+                remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
+                allowed = f"between must name bodies of the file: {one_of(known) or 'there are none'}"
+                yield Finding((*location, "between", k), allowed, shown(name), remedy)
 
 
 def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:

@@ -23,7 +23,7 @@ from fieldmap.shipped import shipped_file
 
 TABLES = ("body", "coil")
 """Arrays of tables that are repeated, mirrored and have defaults."""
-_NAMED = (*TABLES, "section")
+_NAMED = (*TABLES, "section", "joint")
 _OWN = ("include", "without", "parameters", "defaults")
 _REPEAT = ("count", "about", "step_deg", "centre_mm", "step_mm")
 _MIRROR = ("plane", "at_mm", "name")

@@ -24,6 +24,7 @@ from fieldmap.device.placement import Placement, in_unit, rotation_angles
 from fieldmap.device.schema import DeviceFile
 from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import SHAPE_KEYS, BodyKeys
+from fieldmap.device.schema.joints import JointKeys
 from fieldmap.device.schema.payload import (
     MAGNET_KEYS,
     PIECE_KEYS,
@@ -142,13 +143,20 @@ def attribute_of(keys: type[BaseModel], key: str) -> tuple[str, float]:
 def device_data(device: Any, whole: bool = True) -> DeviceData:
     """The data of a device, whatever its values are. whole: with what a file says about the machine, too: sections,
     known values and where numbers come from."""
-    made = DeviceData(paths={(key,): f"{key}s" for key in ("coil", "section", "reference", "material")})
+    made = DeviceData(
+        paths={(key,): f"{key}s" for key in ("coil", "joint", "section", "reference", "material")}
+    )
     made.paths |= {("body",): "bodies", ("title",): "title", ("name",): "name"}
     title = device.name if device.title == "" and isinstance(device.name, str) else device.title
     made.data = {"format": 1, "name": device.name, "title": title}
     _materials(made, device.materials)
     tables = [_body(made, body, k) for k, body in enumerate(device.bodies)]
     made.data |= {"body": tables} if tables else {}
+    joints = [
+        _of_kind(made, joint, {model.Joint: JointKeys}, ("joint", k), f"joints[{k}]")
+        for k, joint in enumerate(device.joints)
+    ]
+    made.data |= {"joint": joints} if joints else {}
     _coils(made, device.coils)
     if device.payload is not None:
         made.data["payload"] = _payload(made, device.payload, device.materials)

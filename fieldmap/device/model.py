@@ -35,6 +35,7 @@ from fieldmap.device.parts import Box as Box
 from fieldmap.device.parts import Cylinder as Cylinder
 from fieldmap.device.parts import Driver as Driver
 from fieldmap.device.parts import ExtrudedPolygon as ExtrudedPolygon
+from fieldmap.device.parts import Joint as Joint
 from fieldmap.device.parts import MeshFile as MeshFile
 from fieldmap.device.parts import Part as Part
 from fieldmap.device.parts import Reference as Reference
@@ -65,7 +66,7 @@ from fieldmap.inputs.key_paths import matches
 from fieldmap.records import FrozenDict, card
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
-_SEQUENCES = ("coils", "bodies", "references", "sections")
+_SEQUENCES = ("coils", "bodies", "references", "sections", "joints")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,7 +74,8 @@ class Device(Made):
     """A whole machine, checked when it is made: InputError with one Problem for everything that is wrong.
 
     title: one line about it; the name if it is "". materials: by the names that bodies use; those that are called
-    otherwise are renamed. background: a field that nothing in the device drives. provenance: key paths of the file ->
+    otherwise are renamed. background: a field that nothing in the device drives. joints: thin gaps between bodies that
+    touch. provenance: key paths of the file ->
     where the number comes from. For the map file's record:
     `text` is the file as read, or that of `to_toml`; `included` maps each file that it names to its text (material
     files) or to "sha256:..." of its bytes (STEP and mesh files).
@@ -101,6 +103,7 @@ class Device(Made):
     text: str = field(default="", repr=False)
     included: Mapping[str, str] = field(default_factory=lambda: _EMPTY, repr=False)
     background: Background | None = None
+    joints: tuple[Joint, ...] = ()
 
     def __post_init__(self) -> None:
         problems = []
@@ -162,6 +165,7 @@ class Device(Made):
             "text": "",
             "included": _EMPTY,
             "background": None,
+            "joints": (),
         }
         for name, value in (defaults | values).items():
             object.__setattr__(device, name, value)
@@ -189,6 +193,8 @@ class Device(Made):
             "bodies": f"{len(self.bodies)}: {', '.join(body.name for body in self.bodies)}",
             "materials": ", ".join(f"{name}: {one.description}" for name, one in self.materials.items()),
         }
+        if self.joints:
+            rows["joints"] = ", ".join(joint.description for joint in self.joints)
         if self.background is not None:
             rows["background"] = self.background.description
         if self.payload is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, get_args
@@ -230,6 +231,64 @@ def _reflected(shape: Shape, axis: int | None) -> Shape:
     if isinstance(shape, ExtrudedPolygon):
         return replace(shape, points=read_only(reflected_polygon(shape.points.tolist(), axis)))
     return shape
+
+
+@dataclass(frozen=True, repr=False)
+class Joint(Made):
+    """A thin sheet where bodies touch: a gap of air, glue or paper that the drawing does not show.
+
+    gap: thickness in m, 0 for none; between: names of the two bodies, or patterns with * and ? for several; None for
+    all contacts that no other joint names. mu_r: relative permeability of what is in the gap. name: for key paths. A
+    pair of bodies takes the last joint that names it. The gap is cut out of the body whose end the joint is (of a core
+    on a plate: the core), of the smaller one where both are alike; nothing else of it changes.
+
+    >>> ends = Joint(0.1e-3, between=("core *", "disk"))
+    >>> ends.holds("disk", "core 1"), ends.holds("plate", "core 1")
+    (True, False)
+    """
+
+    gap: float
+    between: tuple[str, str] | None = None
+    mu_r: float = 1.0
+    name: str | None = None
+
+    @property
+    def description(self) -> str:
+        """In words.
+
+        >>> Joint(0.1e-3, ("core *", "disk")).description
+        'joint of 0.1 mm between core * and disk'
+        """
+        where = "all other contacts" if self.between is None else " and ".join(self.between)
+        filled = "" if self.mu_r == 1 else f", mu_r = {self.mu_r:g}"
+        return (
+            f"joint of {1e3 * self.gap:g} mm between {where}{filled}"
+            if self.gap
+            else f"no joint between {where}"
+        )
+
+    def holds(self, first: str, second: str) -> bool:
+        """Whether it names these two bodies, in either order."""
+        if self.between is None:
+            return True
+        return _are_like((first, second), self.between) or _are_like((second, first), self.between)
+
+
+def _are_like(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
+    return all(fnmatchcase(name, pattern) for name, pattern in zip(names, patterns, strict=True))
+
+
+def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:
+    """The joint between two bodies that touch: the last that names them, else the last of all contacts; None without
+    one, and for a gap of zero.
+
+    >>> joints = (Joint(0.0, ("yoke", "plate")), Joint(0.2e-3))
+    >>> joint_of(joints, "plate", "yoke") is None, joint_of(joints, "core", "plate").gap
+    (True, 0.0002)
+    """
+    named = [one for one in joints if one.between is not None and one.holds(first, second)]
+    found = [*(one for one in joints if one.between is None), *named]
+    return found[-1] if found and found[-1].gap > 0 else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -238,6 +238,7 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         text=complete_text(document),
         included=FrozenDict(included),
         background=contents.background.to_model() if contents.background else None,
+        joints=tuple(joint.to_model() for joint in contents.joint),
     )
 
 

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.device.materials import Material, SaturatingMaterial
+from fieldmap.device.materials.linear import LinearMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
+from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -18,11 +20,31 @@ _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Pytho
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BodyProperties(Record):
-    """Relative permeability (b,) and remanence (b, 3) in T of every body, and how they were chosen."""
+    """Relative permeability (b,) and remanence (b, 3) in T of every body, and how they were chosen.
+
+    weakest: the smallest permeability of all bodies and of what is in joints.
+    """
 
     mu_r: Array
     remanence: Array
     assumptions: tuple[str, ...]
+
+    weakest: float = np.inf
+
+    def on(self, mesh: IronMesh) -> "BodyProperties":
+        """With the sheets between bodies, as the mesh numbers them."""
+        sheets = len(mesh.body_names) - len(self.mu_r)
+        if sheets == 0:
+            return self
+        value = np.concatenate([self.mu_r, [sheet.mu_r for sheet in mesh.sheets]])
+        remanence = np.concatenate([self.remanence, np.zeros((sheets, 3))])
+        return BodyProperties(value, remanence, self.assumptions, self.weakest)
+
+
+def materials_on(device: Device, mesh: IronMesh) -> list[Material]:
+    """The materials of the bodies of a mesh: those of the device, then the sheets between them."""
+    known = [device.materials[body.material] for body in device.bodies]
+    return [*known, *(LinearMaterial(sheet.name, sheet.mu_r) for sheet in mesh.sheets)]
 
 
 def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
@@ -47,7 +69,9 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
         value[k], note = _constant_mu_r(material, mu_r)
         notes[note] = None
         remanence[k] = material.remanence
-    return BodyProperties(value, remanence, (*notes, *background_notes(device)))
+    joints = (joint.description for joint in device.joints)
+    weakest = min([*value, *(joint.mu_r for joint in device.joints)], default=np.inf)
+    return BodyProperties(value, remanence, (*notes, *joints, *background_notes(device)), weakest)
 
 
 def background_notes(device: Device) -> tuple[str, ...]:
@@ -95,6 +119,16 @@ def require_soft_bodies(device: Device) -> None:
             problems.append(
                 Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, _LINEAR_INSTEAD)
             )
+    problems += [
+        Problem(
+            f"device '{device.name}', {joint.description}",
+            "a nonlinear solve needs mu_r >= 1 in every joint",
+            f"mu_r = {joint.mu_r:g}",
+            _LINEAR_INSTEAD,
+        )
+        for joint in device.joints
+        if joint.mu_r < 1
+    ]
     if problems:
         raise InputError(*problems)
 
@@ -106,4 +140,4 @@ def material_assumptions(device: Device) -> tuple[str, ...]:
         material = device.materials[name]
         limit = "; no hysteresis" if material.saturates else ""
         notes.append(f"{material.role} '{name}': {material.description}{limit}")
-    return (*notes, *background_notes(device))
+    return (*notes, *(joint.description for joint in device.joints), *background_notes(device))

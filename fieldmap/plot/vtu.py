@@ -70,7 +70,7 @@ def iron_grid(state: SolvedState, device: Device | None = None) -> pv.Unstructur
     grid.cell_data["H_A_per_m"] = strength
     grid.cell_data["mu_r"] = mu_r
     if device is not None:
-        grid.cell_data["permeability_loss"] = 1 - mu_r / _initial(device, mesh.body_names)[mesh.body]
+        grid.cell_data["permeability_loss"] = 1 - mu_r / _initial(device, mesh)[mesh.body]
     grid.cell_data["body"] = mesh.body
     # Numbers: meshio reads no file with texts.
     for number, name in enumerate(mesh.body_names):
@@ -98,8 +98,9 @@ def _solved(state: SolvedState, where: str) -> tuple[IronMesh, IronState]:
     return mesh, iron
 
 
-def _initial(device: Device, names: tuple[str, ...]) -> Array:
+def _initial(device: Device, mesh: IronMesh) -> Array:
     """mu_r at H = 0 of the bodies, NaN of what is no iron."""
+    names = mesh.iron_names
     materials = {body.name: device.materials[body.material] for body in device.bodies}
     if set(materials) != set(names):
         must_hold = f"must have the bodies of the state: {', '.join(names)}"
@@ -107,6 +108,7 @@ def _initial(device: Device, names: tuple[str, ...]) -> Array:
         raise InputError(Problem("write_vtu, device", must_hold, received, "give the device that was solved"))
     return np.array(
         [materials[name].initial_mu_r if materials[name].role == "iron" else np.nan for name in names]
+        + [np.nan] * len(mesh.sheets)
     )
 
 

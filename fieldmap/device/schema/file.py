@@ -10,6 +10,7 @@ from fieldmap.device.materials import AnyMaterial
 from fieldmap.device.materials.bh_table import CurveKeys
 from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import AnyBody
+from fieldmap.device.schema.joints import JointKeys
 from fieldmap.device.schema.payload import AnyPayload, DriverKeys
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace, SectionKeys
 from fieldmap.errors import DeviceFileError
@@ -25,6 +26,9 @@ class DeviceFile(Table):
     title: Text = Field(description="one line about the device")
     body: list[AnyBody] = Field(default=[], description="[[body]] tables: the iron and the magnets")
     material: dict[Name, AnyMaterial] = Field(default={}, description="[material.NAME] tables")
+    joint: list[JointKeys] = Field(
+        default=[], description="[[joint]] tables: thin gaps between bodies that touch"
+    )
     coil: list[AnyCoil] = Field(default=[], description="[[coil]] tables; currents follow this order")
     background: BackgroundKeys | None = Field(
         default=None, description="a field that nothing in the device drives"

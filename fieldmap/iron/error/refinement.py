@@ -62,6 +62,7 @@ class WorkspaceDipoles(Record):
     def magnetise(self, problem: ConvexForm[Any], properties: BodyProperties) -> IronState:
         """The iron in the field of every dipole alone."""
         elements, body = problem.elements, problem.iron.mesh.body
+        properties = properties.on(problem.iron.mesh)
         field = elements.coil_field(self.flux_densities)
         remanence = np.zeros((3 * len(self.points), len(body), 3))
         material = Magnetisation(body, straight_laws(properties.mu_r), remanence)

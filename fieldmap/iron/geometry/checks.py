@@ -17,7 +17,7 @@ import numpy as np
 from netgen import occ
 from numpy.typing import NDArray
 
-from fieldmap.device.model import Body, Coil, Device, StepFile
+from fieldmap.device.model import Body, Coil, Device, Joint, StepFile
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.iron.geometry.contacts import (
     CONTACT_DISTANCE,
@@ -139,6 +139,16 @@ def meshes_do_not_match(label: str, names: tuple[str, str], contact: float, shar
         "a body with a mesh of its own touches others by common faces of their meshes only",
         f"a contact of {contact:.6g} mm^2, common faces of {shared:.6g} mm^2",
         "mesh both together, each as a region of one file, or leave a gap",
+    )
+
+
+def joint_of_nothing(label: str, joint: Joint) -> Problem:
+    """A joint whose bodies do not touch."""
+    return Problem(
+        f"{label}: {joint.description}",
+        "the bodies of a joint must touch over an area",
+        "no such bodies",
+        "draw them in contact: the joint opens the gap; a gap that is drawn needs no joint",
     )
 
 
@@ -290,7 +300,10 @@ def _contact_problems(
         if {miss.first, miss.second} not in told:
             yield nearly_touching(label, miss)
     own = {body.name: own_mesh(body) for body in device.bodies if body.has_own_mesh}
-    areas = contact_areas(glued) if own else {}
+    areas = contact_areas(glued) if own or device.joints else {}
+    for joint in device.joints:
+        if joint.between is not None and not any(joint.holds(*pair) for pair in areas):
+            yield joint_of_nothing(label, joint)
     for (first, second), area in areas.items():
         if (first in own or second in own) and frozenset((first, second)) not in told:
             shared = common_area(own[first], own[second]) if first in own and second in own else 0.0

@@ -6,10 +6,12 @@ that the mesh has the symmetry without any tolerance.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from netgen import occ
+from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
 from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, point
@@ -84,6 +86,28 @@ class MeshSymmetry(Record):
     node_images: Index
 
 
+def on_walls(chamber: Chamber, points: Array) -> NDArray[np.bool_]:
+    """Which points (n,) lie in which walls (w,): (n, w)."""
+    return np.abs((points - chamber.group.centre) @ chamber.walls.T) < chamber.group.tolerance
+
+
+def chamber_contacts(
+    chamber: Chamber, points: Array, tets: Index, body: Index
+) -> tuple[tuple[int, int], ...]:
+    """Pairs of bodies that touch in a wall of the chamber, each with its own image behind it."""
+    found: set[tuple[int, int]] = set()
+    heights = on_walls(chamber, points)
+    for wall, normal in enumerate(chamber.walls):
+        mirror = np.eye(3) - 2 * np.outer(normal, normal)
+        operation = chamber.group.operations[
+            int(np.abs(chamber.group.matrices - mirror).max(axis=(1, 2)).argmin())
+        ]
+        in_wall = heights[tets, wall].sum(axis=1) == 3
+        here = np.unique(body[in_wall]).tolist()
+        found |= {(one, operation.bodies[one]) for one in here if operation.bodies[one] != one}
+    return tuple(sorted(found))
+
+
 class ChamberCopies:
     """Numbers of the copies of a chamber's points (n, 3)."""
 
@@ -129,9 +153,11 @@ class ChamberCopies:
         """Images (g m, 3) of other points (m, 3), operation by operation."""
         return np.concatenate([operation(points) for operation in self._chamber.group.operations])
 
-    def bodies(self, body: Index) -> Index:
-        """Body (g m,) of every copy of the chamber's tets of bodies (m,)."""
-        return np.concatenate([np.array(op.bodies)[body] for op in self._chamber.group.operations])
+    def bodies(self, body: Index, images: Sequence[Sequence[int]] | None = None) -> Index:
+        """Body (g m,) of every copy of the chamber's tets of bodies (m,); images: what each operation makes of each
+        body, where there are more than those of the device."""
+        known = images or [one.bodies for one in self._chamber.group.operations]
+        return np.concatenate([np.array(of_bodies)[body] for of_bodies in known])
 
     def symmetry(self) -> MeshSymmetry:
         """What each operation does to the nodes."""

@@ -14,15 +14,26 @@ from numpy.typing import NDArray
 
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Body, Device, Sphere
+from fieldmap.device.parts import joint_of
 from fieldmap.device.tetrahedra import oriented as oriented
 from fieldmap.device.tetrahedra import subdivided
 from fieldmap.device.tetrahedra import volumes as volumes
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.own_meshes import joined, own_mesh
 from fieldmap.iron.geometry.solids import glue_bodies
-from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, glue_chamber
+from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, chamber_contacts, glue_chamber, on_walls
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
+from fieldmap.iron.mesh.joints import (
+    OpenedMesh,
+    Sheet,
+    contact_faces,
+    images_of_pairs,
+    open_sheets,
+    sheet_images,
+    sheets_between,
+    with_rims,
+)
 from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.symmetry.chamber import Chamber, mirror_chamber
@@ -46,7 +57,8 @@ class IronMesh(Record):
 
     points (n, 3) in m; tets (m, 4), positively oriented; body (m,) index into `body_names`.
     Bodies that touch share points. symmetry: what maps the mesh onto itself exactly, where it was made so; cells: the
-    mesher's own tetrahedra, before layers were cut at sharp edges, where the mesh is no copy of a chamber.
+    mesher's own tetrahedra, before layers were cut at sharp edges, where the mesh is no copy of a chamber. sheets: thin
+    gaps between bodies that touch; they are the last of the bodies.
     """
 
     points: NDArray[np.float64]
@@ -55,6 +67,12 @@ class IronMesh(Record):
     body_names: tuple[str, ...]
     symmetry: MeshSymmetry | None = None
     cells: MesherCells | None = None
+    sheets: tuple[Sheet, ...] = ()
+
+    @property
+    def iron_names(self) -> tuple[str, ...]:
+        """Names of the bodies without the sheets between them."""
+        return self.body_names[: len(self.body_names) - len(self.sheets)]
 
 
 def generate_mesh(
@@ -77,25 +95,66 @@ def generate_mesh(
     own = tuple(body for body in device.bodies if body.has_own_mesh)
     if own:
         return _with_own_meshes(device, own, refinement)
-    names = tuple(body.name for body in device.bodies)
-    layer = np.array([b.edge_size or np.inf for b in device.bodies]) / refinement**2
     chamber = _chamber(device) if symmetry == "auto" and local is None else None
     shape = None if chamber is None else glue_chamber(device, chamber)
-    if chamber is None or shape is None:
-        points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement, local)
-        sharp = sharp_edges(points, tets, edges, midpoints)
-        points = equal_volume_vertices(points, tets, body, *midpoints)
-        cells = points, tets
-        first = layer[body] if local is None else local.first_layer(points[tets].mean(axis=1))
-        points, tets, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
-        whole = MesherCells.of(*cells, parent)
-        return IronMesh(points, oriented(points, tets), body[parent], names, cells=whole)
+    copied = None
+    if chamber is not None and shape is not None:
+        copied = _copied_chamber(device, chamber, shape, refinement)
+    return _meshed_whole(device, refinement, local) if copied is None else copied
+
+
+def _meshed_whole(device: Device, refinement: float, local: LocalSizes | None) -> IronMesh:
+    points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement, local)
+    sharp = sharp_edges(points, tets, edges, midpoints)
+    points = equal_volume_vertices(points, tets, body, *midpoints)
+    layer = _first_layers(device, refinement)[body]
+    first = layer if local is None else local.first_layer(points[tets].mean(axis=1))
+    sheets = sheets_between(device, contact_faces(tets, body).pairs)
+    sharp, first = with_rims(points, tets, body, sheets, sharp, first)
+    graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
+    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies))
+    cells = MesherCells.of(points, tets, parent[opened.parent])
+    return _iron_mesh(device, opened, sheets, cells)
+
+
+def _copied_chamber(device: Device, chamber: Chamber, shape, refinement: float) -> IronMesh | None:
+    """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
     points, tets, body, edges, midpoints = _netgen_mesh(shape, device, refinement)
+    operations = chamber.group.operations
+    if any(
+        joint_of(device.joints, device.bodies[one].name, device.bodies[other].name) is not None
+        for one, other in chamber_contacts(chamber, points, tets, body)
+    ):
+        return None
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
-    points, tets, parent = grade_edges(points, tets, sharp, layer[body], LAYER_RATIO)
-    copies = ChamberCopies(chamber, points)
-    tets = copies.tets(oriented(copies.points, tets))
-    return IronMesh(copies.all_points(), tets, copies.bodies(body[parent]), names, copies.symmetry())
+    pairs = images_of_pairs(contact_faces(tets, body).pairs, [one.bodies for one in operations])
+    sheets = sheets_between(device, pairs)
+    first = _first_layers(device, refinement)[body]
+    sharp, first = with_rims(points, tets, body, sheets, sharp, first, on_walls(chamber, points))
+    graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
+    walls = on_walls(chamber, graded)
+    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), walls)
+    copies = ChamberCopies(chamber, opened.points)
+    tets = copies.tets(oriented(copies.points, opened.tets))
+    numbers = copies.bodies(opened.body, [sheet_images(sheets, one.bodies) for one in operations])
+    names = _names(device, sheets)
+    return IronMesh(copies.all_points(), tets, numbers, names, copies.symmetry(), sheets=sheets)
+
+
+def _first_layers(device: Device, refinement: float) -> NDArray[np.float64]:
+    """Thickness (b,) of the first layer at the sharp edges of every body."""
+    return np.array([body.edge_size or np.inf for body in device.bodies]) / refinement**2
+
+
+def _names(device: Device, sheets: tuple[Sheet, ...]) -> tuple[str, ...]:
+    return (*(body.name for body in device.bodies), *(sheet.name for sheet in sheets))
+
+
+def _iron_mesh(
+    device: Device, opened: OpenedMesh, sheets: tuple[Sheet, ...], cells: MesherCells | None
+) -> IronMesh:
+    tets = oriented(opened.points, opened.tets)
+    return IronMesh(opened.points, tets, opened.body, _names(device, sheets), None, cells, sheets)
 
 
 def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -> IronMesh:
@@ -127,7 +186,8 @@ def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -
     used, tets = np.unique(np.concatenate(of_bodies), return_inverse=True)
     tets, points = tets.reshape(-1, 4), points[used]
     number = np.repeat(np.arange(len(names)), [len(one) for one in of_bodies])
-    return IronMesh(points, oriented(points, tets), number, names)
+    sheets = sheets_between(device, contact_faces(tets, number).pairs)
+    return _iron_mesh(device, open_sheets(points, tets, number, sheets, len(names)), sheets, None)
 
 
 def _chamber(device: Device) -> Chamber | None:

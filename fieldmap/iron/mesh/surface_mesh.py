@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Device
-from fieldmap.errors import GeometryError, Problem
+from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import device_label, glue_bodies
 from fieldmap.iron.mesh.edge_grading import grade_edges, kinked_edges
 from fieldmap.iron.mesh.mesh import (
@@ -55,6 +55,11 @@ class IronSurface(Record):
         return connected_solids(self.sides[self.sides[:, 1] != AIR], len(self.body))
 
     @property
+    def iron_names(self) -> tuple[str, ...]:
+        """Names of the bodies."""
+        return self.body_names
+
+    @property
     def all_solids(self) -> Index:
         """Numbers (s,) of all solids."""
         return np.arange(len(self.body))
@@ -88,8 +93,17 @@ class IronSurface(Record):
 def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
     """Mesh the surfaces of all iron bodies of a device; refinement as for `generate_mesh`.
 
-    Raises GeometryError where the mesher fails.
+    Raises GeometryError where the mesher fails, InputError for joints.
     """
+    if device.joints:
+        raise InputError(
+            Problem(
+                f"{device_label(device)}: {device.joints[0].description}",
+                "the surface form has no joints",
+                "a joint",
+                'use form="auto", "potential" or "flux"',
+            )
+        )
     shape = glue_bodies(device)
     mesh = generated(shape, device, refinement, surface_only=True)
     elements = mesh.Elements2D().NumPy()

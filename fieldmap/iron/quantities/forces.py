@@ -34,10 +34,10 @@ class MagneticBodies(Record):
     of_face: Index
 
     def touched_by(self, mesh: IronMesh | IronSurface, body: str) -> tuple[str, ...]:
-        """Names of all bodies that share a piece of iron with this one, itself included."""
+        """Names of all bodies that share a piece of iron with this one, itself included; joints hold them together."""
         pieces = np.unique(self.of_element[mesh.body == mesh.body_names.index(body)])
         bodies = np.unique(mesh.body[np.isin(self.of_element, pieces)])
-        return tuple(mesh.body_names[k] for k in bodies)
+        return tuple(name for k in bodies if (name := mesh.body_names[k]) in mesh.iron_names)
 
 
 def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> MagneticBodies:
@@ -159,7 +159,7 @@ def _is_near(faces: ChargedFaces, others: ChargedFaces) -> Mask:
 
 def _share(device: Magnetised, names: tuple[str, ...]) -> _Share:
     coil_names = tuple(coil.name for coil in device.coils)
-    body_names = device.mesh.body_names if device.mesh is not None else ()
+    body_names = device.mesh.iron_names if device.mesh is not None else ()
     known = (*body_names, *coil_names)
     problems = [
         Problem("force, name", f"must be a body or coil: {', '.join(known)}", repr(name), "use one of these")

@@ -17,7 +17,7 @@ from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
-from fieldmap.iron.materials import require_soft_bodies
+from fieldmap.iron.materials import materials_on, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
@@ -155,7 +155,7 @@ class HysteresisSolver:
     @cached_property
     def demagnetised(self) -> IronMemory:
         """The iron without currents and without history."""
-        materials = [self.device.materials[body.material] for body in self.device.bodies]
+        materials = materials_on(self.device, self._mesh)
         soft = np.array([material.saturates for material in materials])
         remanence = np.array([material.remanence for material in materials])
         law, count = self._mesh.body, self._form.elements.count

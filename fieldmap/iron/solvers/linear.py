@@ -109,6 +109,7 @@ def _solve(
 ) -> tuple[IronState, Array]:
     """State and flux linkages in one form."""
     elements, body = problem.elements, problem.iron.mesh.body
+    properties = properties.on(problem.iron.mesh)
     field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x), problem.iron.mesh.symmetry)
     sources = len(device.coils)
     remanence = np.zeros((sources, len(body), 3))
@@ -130,14 +131,14 @@ def _solve(
 
 def chosen_form(form: str, properties: BodyProperties) -> str:
     """The form that "auto" stands for with these materials. Raises InputError where a form may not be used."""
-    weakest = float(properties.mu_r.min())
+    weakest = properties.weakest
     if form == "auto":
         return "potential" if weakest >= 1 else "flux"
     if form == "potential" and weakest < 1:
         raise InputError(
             Problem(
                 "solve_linear, form",
-                "the potential form needs mu_r >= 1 in every body",
+                "the potential form needs mu_r >= 1 in every body and joint",
                 f"mu_r = {weakest:g}",
                 'use form="flux" or form="auto"',
             )

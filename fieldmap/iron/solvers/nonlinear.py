@@ -21,7 +21,7 @@ from fieldmap.iron.elements.state import PotentialField
 from fieldmap.iron.elements.state_images import StateImage, state_images
 from fieldmap.iron.error.estimate import Complement, ErrorEstimate, state_error, workspace_surface
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
-from fieldmap.iron.materials import material_assumptions, require_soft_bodies
+from fieldmap.iron.materials import material_assumptions, materials_on, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
@@ -90,7 +90,7 @@ class NonlinearSolver(BaseField):
         self._background: CoilField | None = None
         if background is not None:
             self._background = self._form.elements.coil_field(lambda x: background.field(x)[None])
-        materials = [device.materials[body.material] for body in device.bodies]
+        materials = materials_on(device, mesh)
         remanence = [material.remanence for material in materials]
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
 

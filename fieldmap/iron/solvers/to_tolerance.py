@@ -176,7 +176,7 @@ class Level(Record):
         """Remanence times the dipoles' flux density (c, k, s), T^2, below each face; 0 for coils."""
         iron = self.forms[0].iron
         below = iron.topology.owner[iron.topology.surface, 0]
-        remanence = self.properties.remanence[iron.mesh.body[below]]
+        remanence = self.properties.on(iron.mesh).remanence[iron.mesh.body[below]]
         work = np.einsum("sd,ksd->ks", remanence, self._dual.flux_density[:, below])
         fixed = np.zeros((len(self._size), *work.shape))
         if self.solution.has_remanence:
@@ -189,7 +189,7 @@ class Level(Record):
         elements = np.zeros(len(iron.mesh.tets))
         if self.complement is not None:
             other = self._dipoles.magnetise(self.forms[1], self.properties)
-            mu_r, volume = self.properties.mu_r[iron.mesh.body], self.forms[0].elements.volume
+            mu_r, volume = self.properties.on(iron.mesh).mu_r[iron.mesh.body], self.forms[0].elements.volume
             elements = element_indicators(volume, mu_r, self._states, (self._dual, other), self._size)
         return next_sizes(iron.mesh, iron.topology, iron.surface, self.face_shares, elements, tolerance)
 

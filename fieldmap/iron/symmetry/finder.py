@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from fieldmap.device.model import (
     TriangleSurface,
     VolumeMesh,
 )
+from fieldmap.device.parts import joint_of
 from fieldmap.iron.symmetry.group import Operation, SymmetryGroup, multiplication_table
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -288,7 +290,8 @@ def find_symmetry(device: Device) -> SymmetryGroup:
         if body.has_own_mesh or any(isinstance(part.shape, StepFile) for part in body.parts)
     )
     matrices = _finite_group(iron, coils, centre, tolerance)
-    operations = tuple(_operation(device, m, centre, iron, coils, tolerance) for m in matrices)
+    found = (_operation(device, m, centre, iron, coils, tolerance) for m in matrices)
+    operations = tuple(operation for operation in found if _keeps_joints(device, operation.bodies))
     return SymmetryGroup(operations, centre, tolerance, limits)
 
 
@@ -421,6 +424,18 @@ def _keeps_magnets(device: Device, matrix: Array, images: tuple[int, ...]) -> bo
         if np.abs(moved - other.remanence).max() > 1e-6 * np.abs(material.remanence).max():
             return False
     return True
+
+
+def _keeps_joints(device: Device, images: tuple[int, ...]) -> bool:
+    """Whether the joint of every pair of bodies, if they touch, is like that of their images."""
+    names = [body.name for body in device.bodies]
+
+    def about(one: int, other: int) -> tuple[float, float] | None:
+        joint = joint_of(device.joints, names[one], names[other])
+        return None if joint is None else (joint.gap, joint.mu_r)
+
+    pairs = combinations(range(len(names)), 2) if device.joints else ()
+    return all(about(a, b) == about(images[a], images[b]) for a, b in pairs)
 
 
 def _keeps_background(device: Device, matrix: Array, offset: Array) -> bool:

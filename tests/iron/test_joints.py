@@ -1,0 +1,310 @@
+"""Joints: thin gaps between bodies that touch."""
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+
+import fieldmap as fm
+from fieldmap.device.model import Body, Box, Device, ExtrudedPolygon, Part, RevolvedProfile, placed
+from fieldmap.errors import GeometryError, InputError
+from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
+from fieldmap.iron.mesh.mesh import volumes
+from fieldmap.iron.mesh.topology import build_faces
+from fieldmap.iron.symmetry import find_symmetry
+
+WIDTH, THICKNESS = 0.04, 0.01
+
+
+def body(name, shape, position=(0.0, 0.0, 0.0), rotation=None, size=0.004, edge=None):
+    return Body(
+        name,
+        "iron",
+        (Part(shape, placed(position, rotation or (0.0, 0.0, 0.0))),),
+        mesh_size=size,
+        edge_size=edge,
+    )
+
+
+def c_core(joints=(), gap=0.0, size=0.004, edge=0.001, material=None):
+    """Two legs on a base, a bar on both; gap: drawn below the bar, cut out of the legs."""
+    a, w, height = THICKNESS, WIDTH / 2, 0.03 - gap
+    outline = [
+        (-w, 0),
+        (w, 0),
+        (w, height),
+        (w - a, height),
+        (w - a, a),
+        (a - w, a),
+        (a - w, height),
+        (-w, height),
+    ]
+    base = body("base", ExtrudedPolygon(np.array(outline), a), (0, a / 2, 0), (90, 0, 0), size, edge)
+    bar = body("bar", Box((WIDTH, a, a)), (0.0, 0.0, 0.03), None, size, edge)
+    coil = fm.CircularCoil("coil", 0.0075, 0.0095, 0.012, 100, placement=placed((-w + a / 2, 0, 0.02)))
+    section = fm.Section(
+        "leg", np.array([w - a / 2, 0, 0.015]), np.array([0, 0, 1.0]), ("base",), [0.006] * 3
+    )
+    return Device(
+        "core",
+        "",
+        coils=[coil],
+        bodies=[base, bar],
+        materials={"iron": material or fm.LinearMaterial("iron", 1000.0)},
+        sections=[section],
+        joints=joints,
+    )
+
+
+JOINT = (fm.Joint(0.5e-3, ("base", "bar")),)
+
+
+# ---- the mesh ----
+
+
+@pytest.mark.parametrize("symmetry", ["none", "auto"])
+def test_a_sheet_lies_between_the_bodies(symmetry):
+    mesh = generate_mesh(c_core(JOINT), symmetry=symmetry)
+    volume = volumes(mesh.points, mesh.tets)
+    of_body = {name: volume[mesh.body == k].sum() for k, name in enumerate(mesh.body_names)}
+    sheet = 2 * THICKNESS**2 * 0.5e-3
+    assert volume.min() > 0
+    assert (mesh.symmetry is not None) == (symmetry == "auto")
+    # The gap is cut out of the legs, whose ends the joint is, not out of the bar.
+    expected = {"base": 8e-6 - sheet, "bar": 4e-6, "base | bar": sheet}
+    assert of_body == pytest.approx(expected, rel=1e-12)
+    faces = build_faces(mesh)
+    assert faces.group_of_tet.max() == 0
+    # The surface is closed: every edge belongs to two faces; and it encloses the whole volume.
+    triangles = faces.nodes[faces.surface]
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    a, b, c = np.moveaxis(mesh.points[triangles], 1, 0)
+    assert np.einsum("kd,kd->", a, np.cross(b, c)) / 6 == pytest.approx(12e-6, rel=1e-12)
+
+
+def test_without_a_joint_the_mesh_is_as_before():
+    plain, none = generate_mesh(c_core()), generate_mesh(c_core((fm.Joint(0.0),)))
+    np.testing.assert_array_equal(plain.points, none.points)
+    np.testing.assert_array_equal(plain.tets, none.tets)
+    assert none.sheets == ()
+
+
+def test_the_last_joint_that_names_a_pair_holds_it():
+    joints = (fm.Joint(0.3e-3, ("b*", "base")), fm.Joint(0.1e-3), fm.Joint(0.2e-3, ("base", "bar"), mu_r=3.0))
+    (sheet,) = generate_mesh(c_core(joints)).sheets
+    assert (sheet.name, sheet.gap, sheet.mu_r) == ("base | bar", 0.2e-3, 3.0)
+    (sheet,) = generate_mesh(c_core(joints[:2])).sheets
+    assert sheet.gap == 0.3e-3
+
+
+def test_a_joint_in_a_wall_of_symmetry_is_meshed_whole():
+    halves = [
+        body(name, Box((0.02, 0.01, 0.01)), (x, 0, 0)) for name, x in (("left", -0.01), ("right", 0.01))
+    ]
+    coil = fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)
+    device = Device(
+        "halves", "", [coil], halves, {"iron": fm.LinearMaterial("iron", 100.0)}, joints=[fm.Joint(1e-4)]
+    )
+    mesh = generate_mesh(device, symmetry="auto")
+    sheet = volumes(mesh.points, mesh.tets)[mesh.body == 2].sum()
+    assert sheet == pytest.approx(1e-8, rel=1e-12)
+
+
+def test_joints_that_differ_break_the_symmetry():
+    def bars(joints):
+        base = body("base", Box((WIDTH, 0.01, 0.01)))
+        legs = [body(f"leg {k}", Box((0.01, 0.01, 0.01)), (x, 0, 0.01)) for k, x in ((1, -0.015), (2, 0.015))]
+        return Device(
+            "bars",
+            "",
+            [fm.CircularCoil("coil", 0.05, 0.052, 0.01, 100)],
+            [base, *legs],
+            {"iron": fm.LinearMaterial("iron", 100.0)},
+            joints=joints,
+        )
+
+    one = fm.Joint(1e-4, ("leg 1", "base"))
+    assert find_symmetry(bars([fm.Joint(1e-4)])).order == 4
+    assert find_symmetry(bars([one])).order == 2
+    mesh = generate_mesh(bars([one]), symmetry="auto")
+    assert [sheet.name for sheet in mesh.sheets] == ["base | leg 1"]
+    assert volumes(mesh.points, mesh.tets)[mesh.body == 3].sum() == pytest.approx(1e-8, rel=1e-12)
+
+
+def test_a_third_body_at_the_rim_closes_the_sheet_there():
+    """Two blocks side by side on a third: the joint of the blocks ends in the edge that all three share."""
+    blocks = [
+        body(name, Box((0.01, 0.01, 0.01)), (x, 0, 0.01)) for name, x in (("left", -0.005), ("right", 0.005))
+    ]
+    base = body("base", Box((0.02, 0.01, 0.01)))
+    device = Device(
+        "blocks",
+        "",
+        [fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)],
+        [base, *blocks],
+        {"iron": fm.LinearMaterial("iron", 100.0)},
+        joints=[fm.Joint(1e-4, ("left", "right"))],
+    )
+    mesh = generate_mesh(device)
+    volume = volumes(mesh.points, mesh.tets)
+    assert volume.min() > 0
+    sheet = volume[mesh.body == 3].sum()
+    # Half of the gap is missing in the lowest row of elements, 4 mm of 10 mm high.
+    assert 0.75e-8 < sheet < 1e-8
+    with_base = Device(**{**vars(device), "joints": (fm.Joint(1e-4),), "text": ""})
+    mesh = generate_mesh(with_base)
+    assert volumes(mesh.points, mesh.tets).min() > 0
+    assert [sheet.name for sheet in mesh.sheets] == ["base | left", "base | right", "left | right"]
+
+
+# ---- the field ----
+
+
+@pytest.fixture(scope="module")
+def joined():
+    return fm.solve_linear(c_core(JOINT)).at([1.0])
+
+
+def test_a_joint_is_the_gap_that_it_stands_for():
+    """The same core with the gap drawn, both meshed alike: 0.2 % of flux and inductance, linear and saturated."""
+    drawn, joint = c_core(gap=0.5e-3, size=0.003, edge=0.0005), c_core(JOINT, size=0.003, edge=0.0005)
+    states = [fm.solve_linear(device).at([1.0]) for device in (drawn, joint)]
+    flux, other = (state.section_flux("leg").flux for state in states)
+    assert other == pytest.approx(flux, rel=2e-3)
+    assert states[1].flux_linkage() == pytest.approx(states[0].flux_linkage(), rel=2e-3)
+
+
+def test_a_saturated_joint_is_the_gap_that_it_stands_for():
+    steel = fm.Froehlich("steel", 2000.0, 2.0)
+    states = [
+        fm.solve(c_core(joints, gap, 0.003, 0.0005, steel), [25.0])
+        for joints, gap in ((JOINT, 0.0), ((), 0.5e-3))
+    ]
+    flux, other = (state.section_flux("leg").flux for state in states)
+    assert np.abs(states[0].element_flux_density).max() > 1.5
+    assert other == pytest.approx(flux, rel=3e-3)
+
+
+def ring(gap, mu_r):
+    """A ring of square section in two halves, eight coils around it."""
+    inner, outer, height, coils = 0.03, 0.04, 0.01, 8
+    whole = RevolvedProfile(np.array([[inner, 0], [outer, 0], [outer, height], [inner, height]]))
+    cut = [Part(Box((0.1, 0.05, 0.02)), placed((0, y, -0.005)), "cut") for y in (-0.025, 0.025)]
+    halves = [Body(f"half {k}", "iron", (Part(whole), cut[k]), mesh_size=0.005) for k in range(2)]
+    around = []
+    for k, angle in enumerate(2 * np.pi * (np.arange(coils) + 0.5) / coils):
+        at = placed(
+            (0.035 * np.cos(angle), 0.035 * np.sin(angle), height / 2), (-90.0, 0.0, np.degrees(angle))
+        )
+        around.append(fm.CircularCoil(f"coil_{k}", 0.0078, 0.0088, 0.014, 50, placement=at))
+    joints = [fm.Joint(gap)] if gap else []
+    return Device("ring", "", around, halves, {"iron": fm.LinearMaterial("iron", mu_r)}, joints=joints)
+
+
+@pytest.mark.parametrize("form", ["potential", "flux"])
+def test_a_ring_with_joints_obeys_amperes_law(form):
+    """Two gaps of 1 um in a ring of mu_r 10 000 take a twelfth of the 400 A that its coils carry around."""
+    gap, mu_r, count = 1e-6, 1e4, 4000
+    state = fm.solve_linear(ring(gap, mu_r), form=form).at(np.ones(8))
+    angle = 2 * np.pi * (np.arange(count) + 0.5) / count
+    circle = np.column_stack([0.035 * np.cos(angle), 0.035 * np.sin(angle), np.full(count, 0.005)])
+    along = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(count)])
+    iron = np.einsum("nd,nd->", state.field(circle), along) * 0.035 * 2 * np.pi / count / (mu_r * mu_0)
+    across = state.field([[0.035, gap / 2, 0.005], [-0.035, gap / 2, 0.005]])[:, 1]
+    air = (across[0] - across[1]) * gap / mu_0
+    assert iron + air == pytest.approx(400.0, rel=1e-3)
+    assert air == pytest.approx(34.3, rel=1e-2)
+
+
+def test_a_sheet_of_the_iron_itself_is_no_joint():
+    joined = c_core((fm.Joint(0.5e-3, ("base", "bar"), mu_r=1000.0),))
+    flux = [fm.solve_linear(device).at([1.0]).section_flux("leg").flux for device in (c_core(), joined)]
+    assert flux[1] == pytest.approx(flux[0], rel=2e-3)
+
+
+def test_symmetry_changes_nothing(joined):
+    unused = fm.solve_linear(c_core(JOINT), symmetry="none").at([1.0])
+    assert joined.flux_linkage() == pytest.approx(unused.flux_linkage(), rel=2e-3)
+    at = np.array([[0.0, 0.0, 0.02], [0.0, 0.01, 0.05]])
+    np.testing.assert_allclose(joined.field(at), unused.field(at), atol=3e-3 * np.abs(unused.field(at)).max())
+
+
+def test_the_circulation_of_the_field_is_the_current(joined):
+    """Ampere's law along the middle of legs, base and bar, through both sheets."""
+    leg, low, high, gap = WIDTH / 2 - THICKNESS / 2, THICKNESS / 2, 0.03 + THICKNESS / 2, 0.5e-3
+    steps = (np.arange(200) + 0.5) / 200
+
+    def line(start, end, permeability):
+        start, end = (np.array([x, 0.0, z]) for x, z in (start, end))
+        along = joined.field(start + steps[:, None] * (end - start)) @ (end - start)
+        return along.mean() / (permeability * mu_0)
+
+    joint = 0.03 - gap
+    parts = [
+        line((-leg, low), (-leg, joint), 1000),
+        line((-leg, joint), (-leg, 0.03), 1),
+        line((-leg, 0.03), (-leg, high), 1000),
+        line((-leg, high), (leg, high), 1000),
+        line((leg, high), (leg, 0.03), 1000),
+        line((leg, 0.03), (leg, joint), 1),
+        line((leg, joint), (leg, low), 1000),
+        line((leg, low), (-leg, low), 1000),
+    ]
+    assert sum(parts) == pytest.approx(100.0, rel=5e-3)
+    assert parts[1] + parts[5] > 80.0
+
+
+def test_pieces_that_a_joint_holds_together_have_one_force(joined):
+    assert joined.pieces_of_iron == (("base", "bar"),)
+    total = joined.force_on(["base", "bar"]) + joined.force_on("coil")
+    assert np.abs(total).max() < 2e-2 * np.abs(joined.force_on("coil")).max()
+    with pytest.raises(InputError):
+        joined.force_on("base")
+
+
+def test_hysteresis_passes_a_joint():
+    steel = fm.Froehlich("steel", 2000.0, 2.0)
+    device = c_core(JOINT, material=steel)
+    solver = HysteresisSolver(device, Pinning(400.0))
+    forth = solver.step([5.0], solver.demagnetised)
+    back = solver.step([0.0], forth.memory)
+    at = [[0.0, 0.0, 0.02]]
+    assert 0 < np.linalg.norm(back.field(at)) < 0.5 * np.linalg.norm(forth.field(at))
+    # The gap shears the loop: a closed core keeps more.
+    closed = HysteresisSolver(c_core(material=steel), Pinning(400.0))
+    kept = closed.step([0.0], closed.step([5.0], closed.demagnetised).memory)
+    ratio = abs(back.section_flux("leg").flux / kept.section_flux("leg").flux)
+    assert ratio < 0.5
+
+
+# ---- files and mistakes ----
+
+
+def test_a_device_with_joints_is_written_and_read():
+    joints = (fm.Joint(0.1e-3), fm.Joint(0.2e-3, ("b*", "bar"), mu_r=2.0, name="ends"))
+    device = c_core(joints)
+    again = fm.read_device(device.to_toml())
+    assert again.joints == joints
+    changed = fm.read_device(device.to_toml(), {"joint.ends.gap_mm": 0.4, "joint.1.gap_mm": 0.0})
+    assert [joint.gap for joint in changed.joints] == [0.0, 0.4e-3]
+
+
+def test_joints_of_nothing_are_refused():
+    with pytest.raises(InputError) as told:
+        c_core((fm.Joint(-1e-3), fm.Joint(1e-4, ("base", "roof")), fm.Joint(1e-4, mu_r=0.0), fm.Joint(1e-7)))
+    assert len(told.value.problems) == 4
+    apart = c_core((fm.Joint(1e-4, ("base", "bar")),), gap=0.5e-3)
+    with pytest.raises(GeometryError) as told:
+        fm.solve_linear(apart)
+    assert len(told.value.problems) == 1
+    with pytest.raises(InputError):
+        fm.solve_linear(c_core(JOINT), form="surface")
+
+
+def test_joints_less_permeable_than_air_take_the_flux_form():
+    joints = (fm.Joint(0.1e-3, mu_r=0.01),)
+    assert fm.solve_linear(c_core(joints)).report.form == "flux"
+    with pytest.raises(InputError):
+        fm.solve_linear(c_core(joints), form="potential")
+    with pytest.raises(InputError):
+        fm.solve(c_core(joints, material=fm.Froehlich("steel", 2000.0, 2.0)), [1.0])
