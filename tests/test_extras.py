@@ -5,28 +5,45 @@ import sys
 import numpy as np
 import pytest
 
+from fieldmap.control import StateSpace, TransferFunction
 from fieldmap.errors import FieldmapError
 from fieldmap.extras import require
-from fieldmap.interop import MagnetForces, jax_field, read_mag_manip
+from fieldmap.interop import JaxEvaluator, MagnetForces, jax_field, read_mag_manip
 from fieldmap.interop.levitation_env import LevitationEnv
+from fieldmap.iron.geometry.mesh_files import read_mesh
+from fieldmap.lookup.data_set import data_set
+from fieldmap.plot.animation import save_animation
+from fieldmap.plot.vtu import write_xdmf
+from fieldmap.plot.web_page import save_web_page
 from fieldmap.studies.data_set import require_xarray
+
+MESH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
 
 
 @pytest.mark.parametrize(
     ("call", "module", "extra"),
     [
-        (lambda: MagnetForces(None, None, {}, np.zeros(1)), "mujoco", "mujoco"),
-        (lambda: jax_field(None), "jax", "jax"),
-        (LevitationEnv, "gymnasium", "gymnasium"),
-        (lambda: read_mag_manip("none.yaml"), "yaml", "mag-manip"),
-        (require_xarray, "h5netcdf", "studies"),
-        (require_xarray, "xarray", "studies"),
+        (lambda folder: MagnetForces(None, None, {}, np.zeros(1)), "mujoco", "mujoco"),
+        (lambda folder: jax_field(None), "jax", "jax"),
+        (lambda folder: JaxEvaluator(None), "jax", "jax"),
+        (lambda folder: LevitationEnv(), "gymnasium", "gymnasium"),
+        (lambda folder: read_mag_manip("none.yaml"), "yaml", "mag-manip"),
+        (lambda folder: data_set(None, "harmonic", None, None, None), "xarray", "xarray"),
+        (lambda folder: TransferFunction([1.0], [1.0, 1.0]).to_control(), "control", "control"),
+        (lambda folder: StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).to_control(), "control", "control"),
+        (lambda folder: read_mesh(folder / "body.msh", 1.0), "meshio", "mesh"),
+        (lambda folder: write_xdmf(None, folder / "iron.xdmf"), "meshio", "mesh"),
+        (lambda folder: save_animation(None, folder / "run.mp4"), "imageio_ffmpeg", "video"),
+        (lambda folder: save_web_page(None, folder / "scene.html"), "trame_vtk", "web"),
+        (lambda folder: require_xarray(), "h5netcdf", "studies"),
+        (lambda folder: require_xarray(), "xarray", "studies"),
     ],
 )
-def test_the_extra_is_named(call, module, extra, monkeypatch):
+def test_the_extra_is_named(call, module, extra, tmp_path, monkeypatch):
+    (tmp_path / "body.msh").write_text(MESH)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(FieldmapError) as caught:
-        call()
+        call(tmp_path)
     (problem,) = caught.value.problems
     assert problem.must_hold.split()[0] == module
     assert f'pip install ".[{extra}]"' in problem.remedy

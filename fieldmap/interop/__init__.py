@@ -12,7 +12,6 @@ from fieldmap.interop.mag_manip import VectorFields, read_mag_manip, sample_for_
 from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
 from fieldmap.interop.measurements import Measurements, read_measurements
 from fieldmap.interop.mujoco_magnets import MagnetForces
-from fieldmap.store.whole_files import write_whole
 
 __all__ = [
     "FitReport",
@@ -37,5 +36,4 @@ __all__ = [
     "write_csv",
     "write_fmu",
     "write_mag_manip",
-    "write_whole",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 import pyvista as pv
 from PIL import Image
 
-from fieldmap.errors import FieldmapError, Problem
+from fieldmap.extras import require
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM, workspace_outline
 from fieldmap.plot.picture import core_bounds, look_at
@@ -76,18 +76,11 @@ def _write_gif(path: Path, pictures: Iterator[Any], per_second: float, window: t
 
 
 def _mp4_writer() -> Callable[[Path, Iterator[Any], float, tuple[int, int]], None]:
-    try:
-        from imageio_ffmpeg import write_frames
-    except ImportError as error:
-        remedy = "pip install '.[video]' in the checkout, or save a .gif"
-        where = "fieldmap.plot.save_animation"
-        raise FieldmapError(
-            Problem(where, "imageio-ffmpeg must be installed for .mp4", str(error), remedy)
-        ) from None
+    ffmpeg = require("imageio_ffmpeg", "video", "fieldmap.plot.save_animation", "save a .gif")
 
     def write(path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]) -> None:
         # yuv420p is what browsers and players take.
-        encoder = write_frames(
+        encoder = ffmpeg.write_frames(
             str(path), window, fps=per_second, codec="libx264", pix_fmt_out="yuv420p", quality=7
         )
         encoder.send(None)

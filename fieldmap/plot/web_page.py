@@ -13,7 +13,7 @@ from typing import Any
 
 import pyvista as pv
 
-from fieldmap.errors import FieldmapError, Problem
+from fieldmap.extras import require
 from fieldmap.plot.rulers import MILLIMETRES
 from fieldmap.plot.style import INK
 from fieldmap.store.whole_files import write_whole
@@ -59,18 +59,10 @@ def _prepare(scene: pv.Plotter, axes: tuple[str, str, str]) -> None:
 
 
 def _tools() -> dict[str, Any]:
-    try:
-        from trame_vtk.modules.vtk import serializers
-        from trame_vtk.tools.vtksz2html import write_html
-    except ImportError as error:
-        raise FieldmapError(
-            Problem(
-                "fieldmap.plot.save_web_page",
-                "trame-vtk must be installed",
-                str(error),
-                "pip install '.[web]' in the checkout, or save a .png",
-            )
-        ) from None
+    require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
+    from trame_vtk.modules.vtk import serializers
+    from trame_vtk.tools.vtksz2html import write_html
+
     return {"write_html": write_html} | vars(serializers)
 
 

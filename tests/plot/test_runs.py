@@ -7,7 +7,6 @@ from PIL import Image
 
 import fieldmap
 from fieldmap.cli import main
-from fieldmap.errors import FieldmapError
 from fieldmap.plot.animation import save_animation
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.shown import ShownRun
@@ -118,9 +117,3 @@ def test_bad_requests(run_file, tmp_path, capsys, monkeypatch):
     empty = write_runs(tmp_path / "none.h5", [], {"title": "", "scenario": "", "changes": ""})
     assert main(["show", str(empty), "--save", picture]) == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == ["none.h5", "run.h5"]
-
-
-def test_without_ffmpeg_there_is_a_message(run, tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
-    with pytest.raises(FieldmapError, match="video"):
-        save_animation(run, tmp_path / "run.mp4")

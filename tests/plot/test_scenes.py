@@ -11,10 +11,9 @@ import pyvista as pv
 
 import fieldmap
 from fieldmap.cli import main
-from fieldmap.errors import FieldmapError, InputError
+from fieldmap.errors import InputError
 from fieldmap.field import FixedCurrents
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, zonotope
-from fieldmap.plot import web_page
 from fieldmap.plot.colours import colour_bar, colour_bar_by_decades
 from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
 from fieldmap.plot.field_lines import TITLE, field_lines
@@ -348,21 +347,6 @@ def test_a_page_for_a_browser(shown, tmp_path):
     # The sphere in the middle and the colour bar on the right, in colours.
     assert coloured(image) > 0.005
     assert coloured(image[:, 600:]) > 0.002
-
-
-def test_without_the_viewer_there_is_a_message(monkeypatch):
-    import builtins
-
-    real = builtins.__import__
-
-    def without(name, *rest, **more):
-        if name.startswith("trame_vtk"):
-            raise ImportError(name)
-        return real(name, *rest, **more)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(FieldmapError, match="pip install"):
-        web_page._tools()
 
 
 @needs_opengl
