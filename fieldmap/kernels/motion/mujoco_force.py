@@ -16,7 +16,7 @@ from fieldmap.kernels.addresses import reals, words
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.map import induced_moment as iron
 from fieldmap.kernels.map.lookup import superposed_at
-from fieldmap.kernels.map.map_block import INSIDE
+from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 
 # Where things stand in a task: addresses of MuJoCo's model and of its function mj_applyFT; offsets in its data of the
 # pointers to xpos, xmat and qfrc_passive; address and size of the map's block, of the currents (and 1 for a field that
@@ -58,7 +58,7 @@ def _applied(
 _apply: Any = intrinsic(_applied)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**PLAIN_INLINED)
 def _turned(turn, x, y, z):
     """A vector of the body in the world; turn (9,)."""
     return (
@@ -68,7 +68,7 @@ def _turned(turn, x, y, z):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**PLAIN)
 def _by_dipole(r, source, moment):
     """Force and field on a dipole `moment` at r from a dipole `source` (docs/theory/wrench.md); triples."""
     x, y, z = r
@@ -90,7 +90,7 @@ def _by_dipole(r, source, moment):
     return force, flux
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**PLAIN)
 def _by_others(task, bodies, dipoles, places, turns, own, point, moment):
     """Force and field on a dipole of magnet `own` at a point by the dipoles of all others."""
     fx, fy, fz, bx, by, bz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -113,7 +113,14 @@ def _by_others(task, bodies, dipoles, places, turns, own, point, moment):
     return fx, fy, fz, bx, by, bz
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+# Not inlined, so that what is done for every magnet counts no references.
+@njit(**WHOLE)
+def _superposed_at(block, currents, x, y, z):
+    """See `fieldmap.kernels.map.lookup`."""
+    return superposed_at(block, currents, x, y, z)
+
+
+@njit(**PLAIN)
 def _on_iron(soft, base, place, turn, block, currents, origin):
     """Status of the map, and force and torque (6) of the map's field on a body's soft pieces about its origin."""
     fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -121,7 +128,7 @@ def _on_iron(soft, base, place, turn, block, currents, origin):
         at = base + 1 + iron.SIZE * p + iron.POINT
         ax, ay, az = _turned(turn, soft[at], soft[at + 1], soft[at + 2])
         x, y, z = place[0] + ax - origin[0], place[1] + ay - origin[1], place[2] + az - origin[2]
-        status, v = superposed_at(block, currents, x, y, z)
+        status, v = _superposed_at(block, currents, x, y, z)
         if status != INSIDE:
             return status, (x, y, z, 0.0, 0.0, 0.0)
         bx = turn[0] * v[0] + turn[3] * v[1] + turn[6] * v[2]
@@ -139,7 +146,7 @@ def _on_iron(soft, base, place, turn, block, currents, origin):
     return INSIDE, (fx, fy, fz, tx, ty, tz)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(**PLAIN)
 def _load(task, bodies, dipoles, soft, places, turns, block, currents, origin, n):
     """Status of the map, and force and torque (6) on magnet n about its body's origin, in the world."""
     body = bodies[n, 0]
@@ -149,7 +156,7 @@ def _load(task, bodies, dipoles, soft, places, turns, block, currents, origin, n
         ax, ay, az = _turned(turn, d[0], d[1], d[2])
         m = _turned(turn, d[3], d[4], d[5])
         x, y, z = places[body, 0] + ax, places[body, 1] + ay, places[body, 2] + az
-        status, v = superposed_at(block, currents, x - origin[0], y - origin[1], z - origin[2])
+        status, v = _superposed_at(block, currents, x - origin[0], y - origin[1], z - origin[2])
         if status != INSIDE:
             return status, (x - origin[0], y - origin[1], z - origin[2], 0.0, 0.0, 0.0)
         bx, by, bz = v[0], v[1], v[2]
@@ -172,7 +179,7 @@ def _load(task, bodies, dipoles, soft, places, turns, block, currents, origin, n
     return INSIDE, (fx + more[0], fy + more[1], fz + more[2], tx + more[3], ty + more[4], tz + more[5])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**WHOLE)
 def add_forces(active, model, data):
     """The callback: add the load of every magnet to the passive forces of MuJoCo's data.
 
