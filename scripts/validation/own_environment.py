@@ -10,7 +10,8 @@ from pathlib import Path
 from fieldmap.errors import FieldmapError, Problem
 
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fieldmap"
-SECONDS = 600
+# Of one command; mag_manip reads 46 nodes in each direction in a minute, and in nine where others need the machine.
+SECONDS = 1800
 
 
 class UnavailableError(FieldmapError):

@@ -1,5 +1,12 @@
-"""Six loops on a ring above a box: a field with a closed form, for everything that leaves or enters a map."""
+"""Six loops on a ring above a box: a field with a closed form, for everything that leaves or enters a map.
 
+And other programs in environments of their own, which lie in the user's cache folder. With FIELDMAP_OTHER_PROGRAMS=1,
+as in `make validate`, tests make those that are missing; otherwise they are skipped then.
+"""
+
+import importlib
+import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +16,7 @@ from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
+SCRIPTS = Path(__file__).parents[2] / "scripts"
 ANGLES = np.arange(6) * np.pi / 3
 CENTRES = np.stack([0.044 * np.cos(ANGLES), 0.044 * np.sin(ANGLES), np.full(6, 0.026)], axis=1)
 GRID = Grid([-0.02, -0.02, -0.12], [0.005, 0.005, 0.005], (9, 9, 13))
@@ -30,3 +38,47 @@ def ring():
         GRID, tuple("123456"), np.ones(6), flux_density=flux.reshape(shape), gradient=slope.reshape(*shape, 3)
     )
     return SimpleNamespace(fields=fields, data=data, map=interpolate(data), grid=GRID)
+
+
+@pytest.fixture(scope="session")
+def validation():
+    """A module of scripts/validation, by its name."""
+
+    def module(name):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(SCRIPTS))
+            return importlib.import_module(f"validation.{name}")
+
+    return module
+
+
+@pytest.fixture(scope="session")
+def usable(validation):
+    """The interpreter of an `OwnEnvironment`; skips where that cannot be had."""
+
+    def python(program):
+        if not (program.is_installed() or os.environ.get("FIELDMAP_OTHER_PROGRAMS")):
+            pytest.skip(f"no environment of {program.program} yet; FIELDMAP_OTHER_PROGRAMS=1 makes one")
+        try:
+            return program.python()
+        except validation("own_environment").UnavailableError as error:
+            pytest.skip(str(error))
+
+    return python
+
+
+@pytest.fixture(scope="session")
+def fmpy(validation, usable):
+    """FMPy on a task, where there is no fieldmap: the answer's arrays."""
+    program = validation("own_environment").OwnEnvironment("FMPy", ("FMPy==0.3.32", "numpy==2.4.6"))
+    python = usable(program)
+
+    def run(folder, **task):
+        np.savez(folder / "task.npz", **task)
+        reader = SCRIPTS / "validation" / "fmpy_reader.py"
+        program.run(str(python), str(reader), str(folder / "task.npz"), str(folder / "answer.npz"))
+        with np.load(folder / "answer.npz") as answer:
+            return dict(answer)
+
+    run.program, run.python = program, python
+    return run

@@ -1,11 +1,6 @@
-"""FMUs: called as an importer calls them, and run by FMPy in an environment that has no fieldmap.
-
-That environment is made where FIELDMAP_OTHER_PROGRAMS is set, as `make validate` does.
-"""
+"""FMUs: called as an importer calls them, and run by FMPy in an environment that has no fieldmap (`fmpy`)."""
 
 import ctypes
-import importlib
-import os
 import re
 import shutil
 import subprocess
@@ -55,31 +50,6 @@ def units(ring, tmp_path_factory):
         for version in (2, 3)
         for name, what in {"field": {"magnet": [0.1, -0.2, MOMENT]}, "body": {"body": BODY}}.items()
     }
-
-
-@pytest.fixture(scope="session")
-def fmpy():
-    """FMPy on a task: the answer's arrays."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(ROOT / "scripts"))
-        found = importlib.import_module("validation.own_environment")
-    program = found.OwnEnvironment("FMPy", ("FMPy==0.3.32", "numpy==2.4.6"))
-    if not (program.is_installed() or os.environ.get("FIELDMAP_OTHER_PROGRAMS")):
-        pytest.skip("no environment of FMPy yet; FIELDMAP_OTHER_PROGRAMS=1 makes one")
-    try:
-        python = program.python()
-    except found.UnavailableError as error:
-        pytest.skip(str(error))
-
-    def run(folder, **task):
-        np.savez(folder / "task.npz", **task)
-        reader = ROOT / "scripts" / "validation" / "fmpy_reader.py"
-        program.run(str(python), str(reader), str(folder / "task.npz"), str(folder / "answer.npz"))
-        with np.load(folder / "answer.npz") as answer:
-            return dict(answer)
-
-    run.program, run.python = program, python
-    return run
 
 
 @pytest.mark.parametrize("version", [2, 3])

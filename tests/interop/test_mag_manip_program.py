@@ -1,11 +1,5 @@
-"""Exported maps in mag_manip itself, which runs in an environment of its own.
+"""Exported maps in mag_manip itself, which runs in an environment of its own."""
 
-That environment lies in the user's cache folder. With FIELDMAP_OTHER_PROGRAMS=1, as in `make validate`, these tests
-make it where it is missing; otherwise they are skipped then.
-"""
-
-import importlib
-import os
 import re
 import subprocess
 from pathlib import Path
@@ -19,22 +13,14 @@ from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
 ROOT = Path(__file__).parents[2]
-SCRIPTS = ROOT / "scripts"
 GRID = Grid([-0.02, -0.015, -0.15], [0.008, 0.0075, 0.006], (6, 5, 9))
 
 
 @pytest.fixture(scope="session")
-def program():
+def program(validation, usable):
     """The module that runs it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(SCRIPTS))
-        found = importlib.import_module("validation.mag_manip_program")
-    if not (found.is_installed() or os.environ.get("FIELDMAP_OTHER_PROGRAMS")):
-        pytest.skip("no environment of mag_manip yet; FIELDMAP_OTHER_PROGRAMS=1 makes one")
-    try:
-        found.environment()
-    except found.UnavailableError as error:
-        pytest.skip(str(error))
+    found = validation("mag_manip_program")
+    usable(found.PROGRAM)
     return found
 
 
