@@ -153,7 +153,10 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
     shares = np.array([to_share(end) for end in scaled])
     figure = axes.get_figure(root=True)
     assert figure is not None
-    height = _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
+    # What stands above takes of the height.
+    figure.draw_without_rendering()
+    lines = max(text.count("\n") + 1 for text in words)
+    height = lines * _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
     places = spread(shares[:, 1], height)
     moved = np.abs(places - shares[:, 1]).max()
     if (shares[:, 0] < 1.0 - _SHORT).any() or moved > _MOVED * height:

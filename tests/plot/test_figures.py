@@ -67,6 +67,17 @@ def test_lines_are_named_at_their_ends():
     assert words_of(axes) == ["ours", "published", "20 mm (measured)"]
 
 
+@pytest.mark.parametrize("together", [0.0, 1e-5])
+def test_names_of_lines_that_end_together_are_legible(legible, together):
+    """Below a message of two lines; two of them coincide, whose name has two lines as well."""
+    ends = [
+        Series(name, X, X + up)
+        for name, up in (("one", 0.0), ("two", together), ("three", 0.04), ("four", 0.08))
+    ]
+    message = "a message that is so long that it takes two lines above the figure, or nearly so"
+    legible([Curves(f"together {together}", "x (mm)", "B (mT)", tuple(ends), message=message)])
+
+
 def test_names_keep_apart_as_near_as_they_can():
     places = spread(np.array([0.5, 0.1, 0.5, 0.52]), 0.1)
     assert np.diff(np.sort(places)).min() > 0.1 - 1e-6
