@@ -1,0 +1,185 @@
+"""Numbers of a machine found from measurements on it."""
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.stats import chi2
+
+import fieldmap as fm
+from fieldmap.device.model import Body, Device, Part, Sphere, placed
+from fieldmap.errors import InputError
+from fieldmap.sources import CoilSet
+from fieldmap.studies import (
+    ComputedReadings,
+    FieldReadings,
+    InductanceReadings,
+    LiftCurrentReadings,
+    Unknown,
+    fit_machine,
+)
+
+POINTS = np.array([[x, 0.0, z] for x in (0.0, 0.004, 0.008) for z in (-0.012, -0.018, -0.024)])
+
+
+def pair(outer=0.012, height=0.01):
+    """Two coils in air."""
+    coils = [
+        fm.CircularCoil("upper", 0.01, outer, height, 100, placement=placed((0, 0, 0.01))),
+        fm.CircularCoil("lower", 0.02, 0.024, 0.01, 80, placement=placed((0, 0, -0.04))),
+    ]
+    return Device("pair", "", coils)
+
+
+def coils_alone(device):
+    return CoilSet(device.coils)
+
+
+OUTER = Unknown("coil.upper.outer_radius_mm", 14.0, lower=10.5, upper=20.0)
+TURNS_LIKE = Unknown("coil.lower.outer_radius_mm", 22.0, lower=20.5, upper=30.0)
+
+
+def noisy(device, rng, deviation):
+    exact = CoilSet(device.coils).field(POINTS, [1.0, 2.0])
+    return FieldReadings(
+        "table", POINTS, [1.0, 2.0], exact + deviation * rng.standard_normal(exact.shape), deviation
+    )
+
+
+def test_the_stated_deviations_are_those_of_the_fits():
+    """chi square of 20 fits with other noise: sum of errors over the covariance, 2 unknowns each."""
+    rng, truth, total = np.random.default_rng(5), np.array([12.0, 24.0]), 0.0
+    inside = 0
+    for _ in range(20):
+        table = noisy(pair(), rng, 2e-6)
+        found = fit_machine(pair(), [OUTER, TURNS_LIKE], [table], solve=coils_alone)
+        error = np.array(list(found.values.values())) - truth
+        total += error @ np.linalg.solve(found.covariance, error)
+        inside += int((np.abs(error) < 2 * np.array(list(found.deviations.values()))).sum())
+        assert found.misfit == pytest.approx(1.0, abs=0.6)
+        assert found.misfit < found.misfit_before
+        assert found.indistinct == ()
+    assert chi2.ppf(1e-3, 40) < total < chi2.ppf(1 - 1e-3, 40)
+    assert inside >= 34
+
+
+def test_without_noise_the_truth_comes_back():
+    table = noisy(pair(0.0137, 0.011), np.random.default_rng(0), 0.0)
+    table = FieldReadings("table", POINTS, [1.0, 2.0], table.measured, 1e-7)
+    unknowns = [OUTER, Unknown("coil.upper.height_mm", 9.0, lower=5.0, upper=15.0)]
+    found = fit_machine(pair(), unknowns, [table], solve=coils_alone)
+    assert found.values["coil.upper.outer_radius_mm"] == pytest.approx(13.7, rel=1e-4)
+    assert found.values["coil.upper.height_mm"] == pytest.approx(11.0, rel=1e-3)
+    assert found.device.coils[0].outer_radius == pytest.approx(0.0137, rel=1e-4)
+    assert found.solves < 60
+
+
+def test_what_the_readings_cannot_tell_apart_is_named():
+    """Far away a coil is a dipole: turns times area, and nothing of its height."""
+    far = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.2]])
+    exact = CoilSet(pair().coils).field(far, [1.0, 0.0])
+    table = FieldReadings("far", far, [1.0, 0.0], exact, 1e-3 * np.abs(exact).max())
+    unknowns = [
+        Unknown("coil.upper.outer_radius_mm", 12.0, lower=10.5, upper=20.0),
+        Unknown("coil.upper.inner_radius_mm", 10.0, lower=5.0, upper=10.4),
+    ]
+    found = fit_machine(pair(), unknowns, [table], solve=coils_alone)
+    assert found.indistinct == (("coil.upper.outer_radius_mm", "coil.upper.inner_radius_mm"),)
+    assert found.correlation[0, 1] < -0.999
+    # A prior tells them apart.
+    known = Unknown("coil.upper.inner_radius_mm", 10.0, lower=5.0, upper=10.4, prior=(10.0, 0.01))
+    held = fit_machine(pair(), [unknowns[0], known], [table], solve=coils_alone)
+    assert held.indistinct == ()
+    assert held.deviations["coil.upper.inner_radius_mm"] <= 0.01 * 1.001
+    assert (
+        held.deviations["coil.upper.outer_radius_mm"] < 0.2 * found.deviations["coil.upper.outer_radius_mm"]
+    )
+
+
+def test_tables_that_are_not_fitted_are_predicted_with_error_bars():
+    rng = np.random.default_rng(2)
+    elsewhere = np.array([[0.003, 0.002, -0.015], [0.0, 0.006, -0.02]])
+    other = FieldReadings(
+        "other", elsewhere, [2.0, 0.0], CoilSet(pair().coils).field(elsewhere, [2.0, 0.0]), 1e-6
+    )
+    found = fit_machine(pair(), [OUTER], [noisy(pair(), rng, 2e-6)], [other], solve=coils_alone)
+    fitted, predicted = found.tables
+    assert (fitted.used, predicted.used) == (True, False)
+    # Linear propagation, by hand: how B moves with the radius.
+    moved = [CoilSet(pair(r).coils).field(elsewhere, [2.0, 0.0]).ravel() for r in (0.01199, 0.01201)]
+    slope = (moved[1] - moved[0]) / 0.02
+    deviation = found.deviations["coil.upper.outer_radius_mm"]
+    np.testing.assert_allclose(predicted.uncertainty, np.abs(slope) * deviation, rtol=0.02)
+    assert (np.abs(predicted.after - predicted.measured) < 4 * predicted.uncertainty + 1e-12).all()
+    assert predicted.misfit < 0.1 * predicted.misfit_before
+
+
+def sphere(mu_r):
+    """An iron sphere on the axis of a coil."""
+    body = Body("sphere", "iron", (Part(Sphere(0.01)),), mesh_size=0.006)
+    coil = fm.CircularCoil("loop", 0.0295, 0.0305, 0.001, 100, placement=placed((0, 0, 0.025)))
+    payload = fm.Payload(mass=2e-3, moment=0.5)
+    box = fm.WorkspaceBox(np.array([-0.008, -0.008, -0.024]), np.array([0.008, 0.008, -0.012]))
+    iron = {"iron": fm.LinearMaterial("iron", mu_r)}
+    return Device("sphere", "", [coil], [body], iron, payload=payload, workspace=box)
+
+
+def test_a_permeability_from_lift_currents_and_an_inductance():
+    """Each kind of readings, computed by a solve of another permeability on a finer mesh."""
+    truth = fm.solve_linear(sphere(5.0), refinement=1.5)
+    places = np.array([[0.0, 0.0, -0.014], [0.0, 0.0, -0.018]])
+    amperes = [fm.levitation.lift_current(truth, sphere(5.0).payload, place).current for place in places]
+    lift = LiftCurrentReadings("lift", places, amperes, 0.002 * np.array(amperes))
+    inductance = InductanceReadings("coil", [[0, 0]], truth.inductance()[0], 1e-3 * truth.inductance()[0])
+    flux = ComputedReadings(
+        "linkage", lambda device, field: field.at([2.0]).flux_linkage(), truth.at([2.0]).flux_linkage(), 1e-6
+    )
+    unknown = Unknown("material.iron.mu_r", 3.0, lower=1.0, upper=100.0)
+    found = fit_machine(sphere(3.0), [unknown], [lift, inductance], [flux])
+    assert found.values["material.iron.mu_r"] == pytest.approx(
+        5.0, abs=3 * found.deviations["material.iron.mu_r"]
+    )
+    assert found.deviations["material.iron.mu_r"] < 0.2
+    assert found.tables[2].after == pytest.approx(found.tables[2].measured, rel=2e-3)
+
+
+def ring(gap):
+    """A closed core in two halves with one joint on each side, its magnetising inductance by reluctances."""
+    reluctance = 0.2 / (1000 * mu_0 * 1e-4) + 2 * gap / (mu_0 * 1e-4)
+    return 100**2 / reluctance
+
+
+def test_a_joint_by_its_reluctance():
+    """The gap of a joint from inductances that a formula gives, through a field that is one: no solve at all."""
+    base = Body("base", "iron", (Part(fm.Box((0.04, 0.01, 0.01))),), mesh_size=0.005)
+    bar = Body("bar", "iron", (Part(fm.Box((0.04, 0.01, 0.01)), placed((0, 0, 0.01))),), mesh_size=0.005)
+    device = Device(
+        "ring",
+        "",
+        [fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)],
+        [base, bar],
+        {"iron": fm.LinearMaterial("iron", 1000.0)},
+        joints=[fm.Joint(0.1e-3, ("base", "bar"), name="ends")],
+    )
+    table = ComputedReadings("L", lambda machine, _: [ring(machine.joints[0].gap)], [ring(0.07e-3)], 1e-6)
+    unknown = Unknown("joint.ends.gap_mm", 0.1, lower=0.001, upper=1.0)
+    found = fit_machine(device, [unknown], [table], solve=lambda machine: CoilSet(machine.coils))
+    assert found.values["joint.ends.gap_mm"] == pytest.approx(0.07, rel=1e-4)
+    assert found.device.joints[0].gap == pytest.approx(0.07e-3, rel=1e-4)
+
+
+def test_mistakes_are_told_together():
+    table = noisy(pair(), np.random.default_rng(0), 2e-6)
+    bad = FieldReadings("bad", POINTS, [1.0, 2.0], np.asarray(table.measured), 0.0)
+    twice = [OUTER, OUTER, Unknown("coil.lower.height_mm", 5.0, lower=6.0)]
+    with pytest.raises(InputError) as told:
+        fit_machine(pair(), twice, [bad], solve=coils_alone)
+    assert len(told.value.problems) == 3
+    with pytest.raises(InputError) as told:
+        fit_machine(pair(), [Unknown("coil.upper.radius_mm", 1.0)], [table], solve=coils_alone)
+    assert len(told.value.problems) == 1
+    few = ComputedReadings("few", lambda device, field: [1.0], [1.0], 1.0)
+    with pytest.raises(InputError):
+        fit_machine(pair(), [OUTER, TURNS_LIKE], [few], solve=coils_alone)
+    longer = ComputedReadings("longer", lambda device, field: [1.0, 2.0], [1.0], 1.0)
+    with pytest.raises(InputError):
+        fit_machine(pair(), [OUTER], [longer], solve=coils_alone)
