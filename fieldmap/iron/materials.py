@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.device.materials import Material, SaturatingMaterial
-from fieldmap.device.materials.linear import LinearMaterial
+from fieldmap.device.materials.linear import of_permeability
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
@@ -44,7 +44,7 @@ class BodyProperties(Record):
 def materials_on(device: Device, mesh: IronMesh) -> list[Material]:
     """The materials of the bodies of a mesh: those of the device, then the sheets between them."""
     known = [device.materials[body.material] for body in device.bodies]
-    return [*known, *(LinearMaterial(sheet.name, sheet.mu_r) for sheet in mesh.sheets)]
+    return [*known, *(of_permeability(sheet.name, sheet.mu_r) for sheet in mesh.sheets)]
 
 
 def body_properties(device: Device, mu_r: float | None) -> BodyProperties:

@@ -253,7 +253,8 @@ def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
         seen["moved"] = await until(text.format("force"), lambda found: found != seen["begin"])
         await evaluate("document.querySelector('#name').focus()")
         await ask("Input.insertText", text="five steps")
-        seen["currents"] = await evaluate(text.format("currents"))
+        # Five steps of 50 mA, which reach the server one after the other.
+        seen["currents"] = await until(text.format("currents"), lambda found: found and "1: 2.500" in found)
         await evaluate("document.getElementById('save').click()")
         states = Path(six_map_with_payload).with_suffix(".states.json")
         await until("1", lambda _: states.is_file())

@@ -32,6 +32,11 @@ class LinearMaterial(Iron):
         return "linear", self.mu_r
 
 
+def of_permeability(name: str, mu_r: float) -> LinearMaterial:
+    """The law of what fills a joint."""
+    return LinearMaterial(name, mu_r)
+
+
 class LinearKeys(MaterialKeys):
     """Constant permeability."""
 

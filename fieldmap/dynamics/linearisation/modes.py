@@ -146,7 +146,10 @@ def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
     """Gains and relative gains of a machine with as many inputs as outputs. Inputs are taken in the order of x, y, z
     where they are lift, x and y."""
     s = 2j * np.pi * frequency
-    answer = linear.C @ np.linalg.solve(s * np.eye(len(linear.A)) - linear.A, linear.B) + linear.D
+    # A magnet may turn about its axis as it likes: at rest that is a state of pole zero which no input moves. The
+    # shortest of all solutions leaves it still; an elimination would divide rounding by rounding.
+    states = np.linalg.lstsq(s * np.eye(len(linear.A)) - linear.A, linear.B, rcond=None)[0]
+    answer = linear.C @ states + linear.D
     if linear.inputs[:1] == ("lift_V",):
         answer = answer[:, [1, 2, 0]]
     # The pseudo-inverse is the inverse, and takes an input that moves nothing (a coil less than axes) for none.
