@@ -118,6 +118,8 @@ def _facts(contents: "DeviceContents") -> Iterator[tuple[str, str]]:
         yield "driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil"
     if device.bounds is not None:
         yield "workspace", f"{place(device.bounds[0])} to {place(device.bounds[1])}"
+    if device.joints:
+        yield "joints", "; ".join(joint.description for joint in device.joints)
     if device.background is not None:
         yield "background", device.background.description
     if device.references:

@@ -296,6 +296,19 @@ def test_hysteresis_passes_a_joint():
     assert ratio < 0.5
 
 
+def test_a_map_holds_the_joints(tmp_path):
+    """A map equals the solution that it is made of, and is another than that of the core without joints."""
+    box = fm.WorkspaceBox(np.array([-0.004, -0.004, 0.045]), np.array([0.004, 0.004, 0.053]))
+    device = c_core(JOINT, size=0.006, edge=0.006).replace(workspace=box)
+    m = fm.open_map(fm.generate(device, tmp_path / "core.h5", spacing=2e-3))
+    at = np.array([[0.001, 0.002, 0.05]])
+    solved = fm.solve_linear(device).field(at, [1.0])
+    np.testing.assert_allclose(m.field(at, [1.0]), solved, rtol=1e-3)
+    without = fm.solve_linear(device.replace(joints=())).field(at, [1.0])
+    assert np.abs(without - solved).max() > 0.1 * np.abs(solved).max()
+    assert any("joint of 0.5 mm" in words for words in m.assumptions)
+
+
 # ---- files and mistakes ----
 
 
