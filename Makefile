@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install map test bench validate docs clean
+.PHONY: install map test bench validate mutants docs clean
 
 install: $(STAMP)
 
@@ -26,6 +26,10 @@ validate: $(VENV)/.installed-programs
 	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop
 	$(BIN)/python scripts/validate.py
 
+mutants: $(VENV)/.installed-mutants
+	$(BIN)/python scripts/mutants.py --planted
+	$(BIN)/python scripts/mutants.py control currents dynamics interpolants iron levitation lookup sources
+
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
@@ -44,6 +48,10 @@ $(VENV)/.installed-programs: $(STAMP)
 
 $(VENV)/.installed-bench: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[bench]"
+	touch $@
+
+$(VENV)/.installed-mutants: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[mutants]"
 	touch $@
 
 clean:

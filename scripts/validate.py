@@ -26,6 +26,7 @@ from validation import (
     joints,
     mag_manip_program,
     map_files,
+    thesis_dynamics,
     thesis_statics,
 )
 from validation.row import Row
@@ -53,6 +54,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "killed_training": (map_files.killed_training, 250),
     "killed_workers": (map_files.killed_workers, 400),
     "mag_manip": (mag_manip_program.mag_manip, 240),
+    "thesis_dynamics": (thesis_dynamics.thesis_dynamics, 60),
     "thesis_statics": (thesis_statics.thesis_statics, 900),
 }
 

@@ -133,7 +133,8 @@ def page(numbers: Path, paths: list[Path]) -> str:
             head,
             _left_out(rows),
             "## Closed forms and independent codes\n",
-            f"{passed} of {judged} within their bounds.\n",
+            f"{passed} of {judged} numbers that have a bound are within it. {len(rows) - judged} have none: they are"
+            " [below](#convergence-and-numbers-without-a-bound), and nothing judges them.\n",
             validation_table(rows, True),
             "## Convergence, and numbers without a bound\n",
             "Errors at several mesh sizes and spacings, and the order that a straight line through their logarithms"

@@ -1,7 +1,8 @@
 """Finished parts of a report, kept in a checkpoint so that an interrupted report goes on.
 
 The fingerprint of a part covers everything that decides its numbers: the package's code (but for `plot` and `cli`,
-which no part imports), the device files, the part's data, its map, and the versions of the numerical libraries.
+which no part imports), the device files, the scenarios, the part's data, its map, and the versions of the numerical
+libraries.
 """
 
 import hashlib
@@ -51,7 +52,7 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
 def fingerprint(part: str, maps: Path = FOLDER) -> str:
     """What decides the numbers of a part, as 64 hexadecimal digits; "" where its map is missing."""
     printed = read_part(part)
-    settings = [*(path.read_text(encoding="utf-8") for path in data_files(part)), *_devices()]
+    settings = [*(path.read_text(encoding="utf-8") for path in data_files(part)), *_shipped()]
     settings.append(detail.current().name)
     if printed.map:
         path = file_of(printed.map, maps)
@@ -86,8 +87,11 @@ def _key(part: str) -> str:
 
 
 @cache
-def _devices() -> list[str]:
-    return [path.read_text(encoding="utf-8") for path in sorted(shipped_folder("geometry").rglob("*.toml"))]
+def _shipped() -> list[str]:
+    """Every device and scenario that a part may read."""
+    folders = (shipped_folder("geometry"), shipped_folder("maps") / "scenarios")
+    paths = [path for folder in folders for path in sorted(folder.rglob("*.toml"))]
+    return [f"{path.name}\n{path.read_text(encoding='utf-8')}" for path in paths]
 
 
 @cache

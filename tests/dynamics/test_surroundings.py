@@ -35,6 +35,22 @@ def test_quadratic_drag_along_an_axis_of_a_body_that_lies(axial):
     assert np.abs(run.states[:, [3, 4]]).max() < 1e-12
 
 
+def test_linear_drag_along_an_axis_of_a_body_that_lies(axial):
+    """The body's y axis points up: of its three coefficients the second alone slows the fall, and of the map's the
+    third, each with its own terminal speed."""
+    lying = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0]
+    for drag, resistance in (
+        (Drag(body_linear=(9.0, 0.05, 7.0)), 0.05),
+        (Drag(linear=(9.0, 0.05, 7.0)), 7.0),
+        (Drag(linear=(0.0, 0.0, 0.02), body_linear=(0.0, 0.03, 0.0)), 0.05),
+    ):
+        run = falling(axial, drag, 1.0, quaternion=lying)
+        terminal = 0.01 * 9.80665 / resistance
+        exact = -terminal * (1 - np.exp(-resistance / 0.01 * run.time))
+        np.testing.assert_allclose(run.states[:, 5], exact, atol=3e-3 * terminal if resistance > 1 else 1e-8)
+        assert np.abs(run.states[:, [3, 4]]).max() < 1e-9
+
+
 def test_drag_of_turning_slows_a_spin(axial):
     run = falling(axial, Drag(turning=(0.0, 0.0, 3e-6)), 1.0, angular_velocity=[0.0, 0.0, 7.0])
     np.testing.assert_allclose(run.states[:, 12], 7.0 * np.exp(-3.0 * run.time), atol=1e-9)

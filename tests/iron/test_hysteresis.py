@@ -152,3 +152,18 @@ def test_bad_input(solver, call, where):
         call(solver)
     (problem,) = caught.value.problems
     assert where in problem.where
+
+
+@pytest.mark.parametrize("power", [1, 2, 3])
+def test_shares_of_the_cells_are_those_of_a_uniform_distribution(power):
+    """Moments of the pinning fields against those of a uniform distribution from 0 to twice the coercive field,
+    (2 H)^p / (p + 1): the second falls with the square of the number of cells, as a trapezoidal rule's does."""
+    errors = []
+    for cells in (5, 9, 17):
+        pinning = Pinning(300.0, cells=cells)
+        assert pinning.weights.sum() == pytest.approx(1.0, abs=1e-14)
+        errors.append(pinning.fields**power @ pinning.weights / (600.0**power / (power + 1)) - 1.0)
+    if power == 1:
+        assert np.abs(errors).max() < 1e-14
+    else:
+        np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=1e-6)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from fieldmap.control import continuous
+from fieldmap.thesis import map_plants
 from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.rows import function_of
+from fieldmap.thesis.vertical_sensor import magnet_height
 
 
 def ours(part):
@@ -59,3 +61,19 @@ def test_signals_move_the_magnet_the_right_way(horizontal):
     # The same saturation as on the rig: within a factor of two of the measured 1 mm, which linear iron is not.
     assert all(0.5 < x < 2 for x in horizontal["position_1_558_A"])
     assert all(x > 2 for x in horizontal["position"])
+
+
+def test_volts_per_millimetre_of_depth_are_those_of_the_lift_currents():
+    """The linear plant's slope against the lift currents of its field a millimetre above and below."""
+    inputs = read_part("S16_map_plant").inputs
+    depth, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
+    plant = map_plants._linear_plant(depth, h, n)
+    field = map_plants._linear_map(magnet_height(depth, 0.028), magnet_height(depth, 0.004))
+    carried = map_plants.read_device("drive_unit").payload
+    currents = []
+    for way in (-0.5, 0.5):
+        point = np.array([[0.0, 0.0, magnet_height(depth + way, 1e-3 * h)]])
+        force = carried.moment * field.gradient(point, np.ones(6))[0, 2, 2]
+        currents.append(carried.mass * 9.80665 / force)
+    volts = np.diff(currents)[0] / inputs["amplifier_A_per_V"]
+    assert map_plants._volts_per_mm(plant, inputs["amplifier_A_per_V"]) == pytest.approx(volts, rel=2e-3)

@@ -7,6 +7,7 @@ import pytest
 
 from fieldmap.cli import main
 from fieldmap.errors import InputError
+from fieldmap.shipped import shipped_folder
 from fieldmap.store import Checkpoint
 from fieldmap.thesis import Curves, Series, attempt_rows, finished_parts, read_rows
 from fieldmap.thesis.computation import PartResult, attempt_part, compute_part
@@ -244,6 +245,25 @@ def test_the_fingerprint_covers_code_data_and_map(tmp_path, monkeypatch):
     assert mark != finished_parts.fingerprint("S6")
     monkeypatch.setattr(finished_parts.provenance, "_code", lambda rooms: "other code")
     assert finished_parts.fingerprint("S3") != mark
+
+
+@pytest.mark.parametrize("file", ["geometry/drive_unit.toml", "maps/scenarios/vertical_step.toml"])
+def test_the_fingerprint_covers_devices_and_scenarios(file, tmp_path, monkeypatch):
+    """A gain that is changed in a scenario must not bring back the numbers of the old one."""
+    for kind in ("geometry", "maps"):
+        for path in shipped_folder(kind).rglob("*.toml"):
+            copy = tmp_path / kind / path.relative_to(shipped_folder(kind))
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.setattr(finished_parts, "shipped_folder", lambda kind: tmp_path / kind)
+    marks = []
+    for line in ("", "# a line more\n"):
+        finished_parts._shipped.cache_clear()
+        with (tmp_path / file).open("a", encoding="utf-8") as changed:
+            changed.write(line)
+        marks.append(finished_parts.fingerprint("S3"))
+    finished_parts._shipped.cache_clear()
+    assert marks[0] != marks[1]
 
 
 def test_progress_knows_how_much_is_done():
