@@ -18,9 +18,10 @@ STORAGES = ("auto", "dense", "compressed")
 _BYTES_PER_PAIR = 16
 # Part of the machine's memory that one solve may take.
 _MEMORY_SHARE = 0.8
-# One linear solve takes the same time either way at 6 000 to 7 000 faces (scripts/scaling.py --storage); many states
-# on one mesh gain from the dense factor for longer.
-_DENSE_FACES = 9_000
+# Without symmetry one linear solve of the drive unit takes the same processor time either way at 12 700 faces, dense
+# four times the memory. With one mirror dense takes half of the time, at 15 000 faces as at 21 000; there memory is
+# the reason for a bound, and this one holds it at 2.3 GB whatever the symmetry.
+_DENSE_FACES = 12_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
