@@ -42,6 +42,10 @@ class InputError(FieldmapError, ValueError):
     exit_code = 2
 
 
+class MissingExtraError(FieldmapError, ImportError):
+    """A library that only some functions need is not installed; the remedy is the command that installs it."""
+
+
 class DeviceFileError(InputError):
     """A device file is wrong; `problems` lists every error of the file."""
 

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from fieldmap.shipped import PACKAGE
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "netgen-mesher", "pydantic", "pymetis")
 
 

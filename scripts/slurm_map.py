@@ -5,7 +5,7 @@
 
 Run it on a node that may submit jobs and may compute a little itself: this process assembles the iron as well, chooses
 states, and writes the file. Every job starts one worker per core. --print shows the job's script and submits nothing;
---try starts the jobs on this machine, without SLURM. Needs   pip install ".[cluster]"   on every node.
+--try starts the jobs on this machine, without SLURM. Needs   pip install "fieldmap[cluster]"   on every node.
 """
 
 import argparse

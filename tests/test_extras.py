@@ -46,7 +46,7 @@ def test_the_extra_is_named(call, module, extra, tmp_path, monkeypatch):
         call(tmp_path)
     (problem,) = caught.value.problems
     assert problem.must_hold.split()[0] == module
-    assert f'pip install ".[{extra}]"' in problem.remedy
+    assert f'pip install "fieldmap[{extra}]"' in problem.remedy
 
 
 def test_what_is_installed_is_given():

@@ -11,7 +11,7 @@ def main(argv: list[str] | None = None) -> int:
 
     >>> from fieldmap.cli import main
     >>> main(["--version"])
-    fieldmap 0.1.0
+    fieldmap 0.2.0
     0
     """
     from fieldmap.cli.run import run

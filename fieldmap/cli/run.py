@@ -10,6 +10,7 @@ from pathlib import Path
 from fieldmap.cli.arguments import join_lists
 from fieldmap.cli.log import LOG, begin_log, close_log
 from fieldmap.errors import FieldmapError, Problem
+from fieldmap.extras import require
 
 INTERRUPTED = 130
 _ANYWHERE = ("--quiet", "-q", "--verbose", "-v")
@@ -56,10 +57,12 @@ def common_first(words: list[str]) -> list[str]:
 
 
 def _run(words: list[str]) -> int:
-    from fieldmap.cli.application import application
-
     code = 0
     try:
+        for library in ("typer", "rich"):
+            require(library, "cli", "the command fieldmap", "call the functions of the package from Python")
+        from fieldmap.cli.application import application
+
         application().main(args=words, prog_name="fieldmap")
     except SystemExit as done:
         code = done.code if isinstance(done.code, int) else int(done.code is not None)

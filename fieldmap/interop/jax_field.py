@@ -1,4 +1,4 @@
-"""Maps for JAX: pure functions of points and currents under jit, vmap and grad (pip install ".[jax]").
+"""Maps for JAX: pure functions of points and currents under jit, vmap and grad (pip install "fieldmap[jax]").
 
 The formulas are those of the compiled kernels: `fieldmap.kernels.map.cell_harmonics` for one polynomial per cell, the
 recurrence of `fieldmap.kernels.map.solid_harmonics` for one polynomial of the whole box.

@@ -1,4 +1,4 @@
-"""A levitated magnet as an environment of Gymnasium, `fieldmap/Levitation-v0` (pip install ".[gymnasium]").
+"""A levitated magnet as an environment of Gymnasium, `fieldmap/Levitation-v0` (pip install "fieldmap[gymnasium]").
 
 `gymnasium.make("fieldmap.interop.levitation_env:fieldmap/Levitation-v0")`; after an import of this module the last part
 is enough.

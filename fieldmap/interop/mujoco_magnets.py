@@ -1,4 +1,4 @@
-"""Magnets in MuJoCo: bodies feel the wrench of a map's field at every step (pip install ".[mujoco]").
+"""Magnets in MuJoCo: bodies feel the wrench of a map's field at every step (pip install "fieldmap[mujoco]").
 
 MuJoCo has one passive-force callback for the whole process; `MagnetForces` takes it while it is entered as a context.
 Where the map allows, the callback is compiled: MuJoCo calls it without Python. MuJoCo's structures differ from version

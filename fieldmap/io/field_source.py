@@ -14,6 +14,7 @@ from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.field import AnyField, Bounds, Currents, Field, as_field, coil_currents
 from fieldmap.records import Record
+from fieldmap.store import map_path
 from fieldmap.typing import Array, PathLike, Progress
 
 if TYPE_CHECKING:
@@ -201,7 +202,7 @@ def is_map_file(name: PathLike) -> bool:
     """Whether a name is that of a map file (or of recorded runs) rather than of a device. Raises InputError for a
     directory."""
     refuse_directory(name)
-    path = Path(name)
+    path = map_path(name)
     if path.suffix.lower() in _MAP_SUFFIXES:
         return True
     if not path.is_file():
@@ -212,7 +213,7 @@ def is_map_file(name: PathLike) -> bool:
 
 def existing_map(name: PathLike) -> Path:
     """The path of an existing HDF5 file. Raises MapFileError."""
-    path = Path(name)
+    path = map_path(name)
     if not is_map_file(name):
         received = "no such file" if not path.exists() else "a file that is not HDF5"
         must_hold, remedy = "must be a map file made by `fieldmap map`", "make one: fieldmap map RECIPE"

@@ -640,7 +640,7 @@ def open_map(
     follow_currents: bool = False,
     tabulate_currents: bool = False,
 ) -> FieldMap:
-    """Read and check the map file at `path` and make it ready for lookups.
+    """Read and check the map file at `path`, or the shipped map of this name ("sample"), and make it ready for lookups.
 
     kind: "harmonic", one harmonic polynomial per cell; "hermite", the tricubic Hermite interpolant, continuous
     from cell to cell; "global", one polynomial for the whole box (docs/lookup.md: which to take when). outside: what

@@ -9,7 +9,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.parallel.work import Common, Outcome, attempt, in_threads, threads_of_kernels
 
 R = TypeVar("R")
-_REMEDY = 'install it, in the checkout, with   pip install ".[cluster]"'
+_REMEDY = 'install it: pip install "fieldmap[cluster]"'
 
 
 class Workers:

@@ -4,6 +4,16 @@ Depends on: device, levitation (forces), iron (meshes of bodies that are no simp
 matplotlib, which no other package imports.
 """
 
+from fieldmap.extras import needs
+
+# Every module of this package draws: a library that is missing is told of here, for all of them.
+with needs("plot", "pictures"):
+    import matplotlib
+    import PIL
+    import pyvista
+
+    del matplotlib, PIL, pyvista
+
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.picture import save_picture
 from fieldmap.plot.scenes import SCENES, make_scene, save_scene

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from fieldmap.device.air_sources import OTHER, AirSource
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import needs
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
 from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
@@ -307,7 +308,8 @@ def _cylinder(source: AirSource, points: Array, both: bool) -> tuple[Array, Arra
 
 def magpylib_object(source: AirSource) -> Any:
     """The source as an object of magpylib at its place, or the object that it is."""
-    import magpylib
+    with needs("make", "as_magpylib"):
+        import magpylib
 
     if source.kind == OTHER:
         return source.live

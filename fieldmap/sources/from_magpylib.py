@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import magpylib
 import numpy as np
 
 from fieldmap.device.air_sources import CURRENTS, OTHER, AirSource
@@ -30,8 +29,12 @@ from fieldmap.device.model import (
     TriangleSurface,
 )
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import needs
 from fieldmap.inputs.document import schema_findings
 from fieldmap.typing import Array
+
+with needs("make", "models of magpylib"):
+    import magpylib
 
 _ATTRIBUTES = {
     "current": 0,

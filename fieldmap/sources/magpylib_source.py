@@ -3,13 +3,16 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import magpylib
 import numpy as np
 
 from fieldmap.device.drawing import Outline
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import needs
 from fieldmap.field import Bounds, FieldAtCurrents
 from fieldmap.typing import Array
+
+with needs("make", "models of magpylib"):
+    import magpylib
 
 _COLOURS = {"iron": "#9aa5b1", "coil": "#d08b5b", "magnet": "#7a9e7e", "map": "#4c72b0"}
 

@@ -12,7 +12,7 @@ from fieldmap.store.grid import Grid
 from fieldmap.store.map_check import MapCheck, check_map
 from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
 from fieldmap.store.map_format import Chunk
-from fieldmap.store.map_reader import read_info, read_map
+from fieldmap.store.map_reader import map_path, read_info, read_map
 from fieldmap.store.map_writer import MapWriter, open_writer, write_map
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.store.run_file import RunRecord, is_run_file, read_runs, write_runs
@@ -37,6 +37,7 @@ __all__ = [
     "check_map",
     "checkpoint_path",
     "is_run_file",
+    "map_path",
     "open_writer",
     "read_info",
     "read_map",

@@ -19,6 +19,7 @@ import numpy as np
 
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections, parametrisation_from_json
 from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.shipped import shipped_file
 from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapData, MapInfo
@@ -94,7 +95,8 @@ def _kind_of(data: h5py.Group | h5py.Dataset) -> str:
 
 
 def read_map(path: str | os.PathLike[str]) -> MapData:
-    """The map in the file at `path`, with all of its numbers, per ampere of coil current.
+    """The map in the file at `path`, with all of its numbers, per ampere of coil current. A name without folder or
+    ending that is no file is that of a shipped map: "sample".
 
     Raises MapFileError if the file is missing, not byte for byte what was sealed when it was finished, not written by
     fieldmap or by another version, not complete, holds numbers that are not finite, or would take its numbers from
@@ -118,14 +120,22 @@ def read_info(path: str | os.PathLike[str]) -> MapInfo:
         return read_header(file)[0]
 
 
+def map_path(path: str | os.PathLike[str]) -> Path:
+    """The path itself; of a name without folder and ending that is no file, the shipped map of this name, if any."""
+    given = Path(path)
+    if given.exists() or given.name != str(path) or given.suffix:
+        return given
+    return shipped_file("maps", f"{given}.h5") or given
+
+
 @contextmanager
 def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     """The file, its seal verified before HDF5 opens it; whatever is wrong inside the block becomes a MapFileError."""
-    where = str(path)
-    if not Path(path).is_file():
+    where, path = str(path), map_path(path)
+    if not path.is_file():
         raise MapFileError(Problem(where, "an existing map file", "no such file", REMAKE))
     try:
-        if Path(path).name.endswith(SUFFIX):
+        if path.name.endswith(SUFFIX):
             remedy = "go on with it: fieldmap map RECIPE --resume"
             raise Refused("a complete map", "the file of a run that has not finished", remedy)
         check_seal(path)

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.thesis.printed import PRINTED_NUMBERS, read_part
 from fieldmap.thesis.rows import part_names
@@ -53,6 +52,9 @@ def drawn_by() -> dict[str, list[str]]:
 
 def figure_page() -> str:
     """docs/thesis_figures.md: a table for each chapter."""
+    with needs("cli", "the pages of the thesis"):
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
     environment = Environment(
         loader=PackageLoader("fieldmap.thesis"),
         trim_blocks=True,

@@ -9,17 +9,19 @@ from dataclasses import dataclass
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from typing import TYPE_CHECKING, Any
 
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.store import write_whole
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
 from fieldmap.thesis.printed import read_rows, row_of
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 Draw = Callable[[Curves, Path], Any]
 Drawn = tuple[PartResult, tuple[str, ...]]
@@ -245,7 +247,10 @@ def powers(unit: str) -> str:
     return re.sub(r"(?<=[A-Za-z])[23]\b", lambda found: "²³"[int(found[0]) - 2], unit)
 
 
-def _environment() -> Environment:
+def _environment() -> "Environment":
+    with needs("cli", "the pages of the thesis"):
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
     environment = Environment(
         loader=PackageLoader("fieldmap.thesis"),
         autoescape=lambda name: bool(name and name.endswith(".html.j2")),

@@ -134,7 +134,7 @@ def test_help_is_quick():
 
 def test_version(capsys):
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == "fieldmap 0.1.0\n"
+    assert capsys.readouterr().out == "fieldmap 0.2.0\n"
 
 
 def test_lists_of_numbers_after_an_option():

@@ -16,7 +16,9 @@ MODEL = control.controller_form([-15.63, -50.97], [1, 44.94, -248.3])
 
 @pytest.fixture(scope="module")
 def reference():
-    return pytest.importorskip("control", reason='python-control is not installed (pip install ".[control]")')
+    return pytest.importorskip(
+        "control", reason='python-control is not installed (pip install "fieldmap[control]")'
+    )
 
 
 def in_order(poles):
@@ -79,4 +81,4 @@ def test_without_python_control_the_extra_is_named(model, monkeypatch):
         model.to_control()
     (problem,) = caught.value.problems
     assert problem.where == f"{type(model).__name__}.to_control"
-    assert 'pip install ".[control]"' in problem.remedy
+    assert 'pip install "fieldmap[control]"' in problem.remedy

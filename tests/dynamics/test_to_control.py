@@ -18,7 +18,7 @@ from fieldmap.dynamics.linearisation import sampled_machine
 from fieldmap.lookup import open_map
 
 reference = pytest.importorskip(
-    "control", reason='python-control is not installed (pip install ".[control]")'
+    "control", reason='python-control is not installed (pip install "fieldmap[control]")'
 )
 
 PERIOD = 2e-3

@@ -12,7 +12,7 @@ from fieldmap.interop import JaxEvaluator, jax_field
 from fieldmap.lookup import interpolate, iron_weights
 from tests.dynamics.conftest import saturating_map
 
-jax = pytest.importorskip("jax", reason='JAX is not installed (pip install ".[jax]")')
+jax = pytest.importorskip("jax", reason='JAX is not installed (pip install "fieldmap[jax]")')
 ROOT = Path(__file__).parents[2]
 CURRENTS = np.array([1.0, 2.0, 0.5, -1.0, 0.2, 1.5])
 

@@ -10,7 +10,7 @@ import pytest
 from fieldmap.dynamics import Drag, move
 from fieldmap.errors import InputError, OutsideMapError
 
-gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install ".[gymnasium]")')
+gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "fieldmap[gymnasium]")')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from fieldmap.interop.levitation_env import ENVIRONMENT, LevitationEnv  # noqa: E402

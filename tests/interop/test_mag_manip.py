@@ -8,7 +8,7 @@ from fieldmap.interop import read_mag_manip, sample_for_mag_manip, write_mag_man
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
-yaml = pytest.importorskip("yaml", reason="PyYAML is not installed (pip install .[mag-manip])")
+yaml = pytest.importorskip("yaml", reason="PyYAML is not installed (pip install fieldmap[mag-manip])")
 
 ACCURACY = 1e-4
 

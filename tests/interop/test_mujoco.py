@@ -16,7 +16,7 @@ from fieldmap.interop import MagnetForces
 from fieldmap.lookup import FiniteMagnet, magnetic_body, volume_rule
 from fieldmap.store import write_map
 
-mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install .[mujoco])")
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install fieldmap[mujoco])")
 
 MOMENT, MASS, GRAVITY, HEIGHT = 0.8, 0.01119, 9.81, -0.09
 SCENE = """

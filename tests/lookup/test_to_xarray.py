@@ -17,7 +17,9 @@ CURRENTS = np.array([1.5, -0.5, 2.0])
 def xarray():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its own imports
-        return pytest.importorskip("xarray", reason='xarray is not installed (pip install ".[xarray]")')
+        return pytest.importorskip(
+            "xarray", reason='xarray is not installed (pip install "fieldmap[xarray]")'
+        )
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def test_a_map_made_of_it_gives_the_same_field_everywhere(xarray, field, dipoles
 
 
 def test_through_a_netcdf_file(xarray, field, tmp_path):
-    pytest.importorskip("h5netcdf", reason='h5netcdf is not installed (pip install ".[studies]")')
+    pytest.importorskip("h5netcdf", reason='h5netcdf is not installed (pip install "fieldmap[studies]")')
     data = field.to_xarray(CURRENTS)
     data.to_netcdf(tmp_path / "map.nc", engine="h5netcdf")
     with xarray.open_dataset(tmp_path / "map.nc", engine="h5netcdf") as read:
@@ -127,4 +129,4 @@ def test_without_xarray_the_extra_is_named(field, monkeypatch):
         field.to_xarray()
     (problem,) = caught.value.problems
     assert problem.where == "FieldMap.to_xarray"
-    assert 'pip install ".[xarray]"' in problem.remedy
+    assert 'pip install "fieldmap[xarray]"' in problem.remedy

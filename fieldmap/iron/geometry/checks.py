@@ -8,17 +8,19 @@ windings that fill the very same space (two circuits wound together), a STEP fil
 than the device file.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from netgen import occ
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Body, Coil, Device, Joint, StepFile
 from fieldmap.errors import GeometryError, Problem
+from fieldmap.iron.geometry.cad_kernel import kernel_errors, occ
 from fieldmap.iron.geometry.contacts import (
     CONTACT_DISTANCE,
     LEAST_GAP,
@@ -34,7 +36,6 @@ from fieldmap.iron.geometry.contacts import (
     pinches,
 )
 from fieldmap.iron.geometry.own_meshes import common_area, higher_order_cells, own_mesh
-from fieldmap.iron.geometry.shapes import KERNEL_ERRORS
 from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
 from fieldmap.iron.geometry.step_files import declared_step_unit
 from fieldmap.iron.geometry.windings import winding_solid, workspace_solid
@@ -235,7 +236,7 @@ def _built(
             problems += (
                 Problem(f"{label}: {p.where}", p.must_hold, p.received, p.remedy) for p in error.problems
             )
-        except KERNEL_ERRORS as error:
+        except kernel_errors() as error:
             problems.append(cannot_build(label, kind, item.name, error))
     return solids
 
@@ -316,7 +317,7 @@ def _workspace_problems(label: str, device: Device, solids: list[NamedSolid]) ->
         return
     try:
         workspace = NamedSolid("workspace", "", workspace_solid(device.workspace))
-    except KERNEL_ERRORS as error:
+    except kernel_errors() as error:
         yield cannot_build(label, "workspace", "", error)
         return
     for overlap in overlaps_between([workspace], solids):

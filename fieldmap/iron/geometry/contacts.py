@@ -5,14 +5,16 @@ corner follow each other in one fan. Where bodies touch only along an edge or at
 pass through a bridge without width, and edge quantities of the mesh would have two meanings there.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from netgen import occ
 
+from fieldmap.iron.geometry.cad_kernel import occ
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

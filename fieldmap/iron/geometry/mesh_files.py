@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldmap.device.tetrahedra import tetrahedra_fault
 from fieldmap.errors import FieldmapError, InputError, Problem
-from fieldmap.extras import require
+from fieldmap.extras import needs, require
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -154,8 +154,9 @@ def _of_meshio(path: Path) -> _Cells:
 
 
 def _of_vtk(path: Path) -> _Cells:
-    import pyvista
-    from vtkmodules.vtkCommonCore import vtkLogger
+    with needs("plot", str(path)):
+        import pyvista
+        from vtkmodules.vtkCommonCore import vtkLogger
 
     complaints, loudness = [], vtkLogger.GetCurrentVerbosityCutoff()
     try:

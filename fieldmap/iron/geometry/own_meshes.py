@@ -1,9 +1,10 @@
 """Bodies that are meshes of the user's own: their tetrahedra in the global frame, and their solids."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
-from netgen import occ
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -12,8 +13,9 @@ from fieldmap.device.model import Body, MeshFile, VolumeMesh
 from fieldmap.device.surfaces import crossing_triangles, enclosed_volume
 from fieldmap.device.tetrahedra import boundary, oriented, tetrahedra_fault, volumes
 from fieldmap.errors import GeometryError, InputError, Problem
+from fieldmap.iron.geometry.cad_kernel import kernel_errors, occ
 from fieldmap.iron.geometry.mesh_files import read_mesh
-from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, polygon_face
+from fieldmap.iron.geometry.shapes import MILLIMETRES, polygon_face
 from fieldmap.typing import Array, Index
 
 _SAME_VOLUME = 1e-6
@@ -104,7 +106,7 @@ def solid_of_mesh(body: Body) -> occ.TopoDS_Shape:
     try:
         solid = _inside(corners, faces)
         filled = float(solid.mass)
-    except KERNEL_ERRORS as error:
+    except kernel_errors() as error:
         received = str(error).strip() or type(error).__name__
         must_hold, remedy = "the boundary of a mesh must enclose a solid", "mesh the solid again"
         raise GeometryError(Problem(where, must_hold, received, remedy)) from error

@@ -5,8 +5,9 @@ model in metres. Devices are in metres: the factor is
 applied here.
 """
 
+from __future__ import annotations
+
 import numpy as np
-from netgen import occ
 
 from fieldmap.device.model import (
     Box,
@@ -24,14 +25,12 @@ from fieldmap.device.model import (
 )
 from fieldmap.device.polygons import polygon_fault, signed_area
 from fieldmap.device.surfaces import crossing_triangles, enclosed_volume, surface_fault
+from fieldmap.iron.geometry.cad_kernel import occ
 from fieldmap.iron.geometry.step_files import solid_of_step_file
 from fieldmap.typing import Array
 
 MILLIMETRES = 1e3
 """Millimetres in a metre."""
-
-KERNEL_ERRORS = (RuntimeError, occ.OCCException, ValueError)
-"""What the kernel raises when it cannot build a shape; ValueError is this module's own."""
 
 
 def place(solid: occ.TopoDS_Shape, placement: Placement) -> occ.TopoDS_Shape:
@@ -46,7 +45,7 @@ def place(solid: occ.TopoDS_Shape, placement: Placement) -> occ.TopoDS_Shape:
 
 
 def local_solid(shape: Shape) -> occ.TopoDS_Shape:
-    """The solid of a shape in its local frame, mm. Raises one of KERNEL_ERRORS where it cannot be built."""
+    """The solid of a shape in its local frame, mm. Raises one of kernel_errors() where it cannot be built."""
     match shape:
         case Cylinder(radius, height):
             return cylinder(radius, 0.0, height)

@@ -4,14 +4,15 @@ The kernel is Open CASCADE, reached through netgen. Inside it lengths are millim
 says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements.
 """
 
-from collections.abc import Iterable
+from __future__ import annotations
 
-from netgen import occ
+from collections.abc import Iterable
 
 from fieldmap.device.model import Body, Device, Shape, StepFile
 from fieldmap.errors import GeometryError, Problem
+from fieldmap.iron.geometry.cad_kernel import kernel_errors, occ
 from fieldmap.iron.geometry.own_meshes import solid_of_mesh
-from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, local_solid, place
+from fieldmap.iron.geometry.shapes import MILLIMETRES, local_solid, place
 
 
 def device_label(device: Device) -> str:
@@ -43,7 +44,7 @@ def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
         try:
             piece = place(local_solid(part.shape), part.placement)
             solid = _combined(solid, piece, part.operation)
-        except KERNEL_ERRORS as error:
+        except kernel_errors() as error:
             raise GeometryError(_cannot_build(f"{where}, part {number + 1}", part.shape, error)) from error
     if solid is None:
         raise GeometryError(

@@ -1,10 +1,13 @@
 """Solids of STEP files, in the length unit that the device file gives them."""
 
+from __future__ import annotations
+
 import re
 from pathlib import Path
 
 import numpy as np
-from netgen import occ
+
+from fieldmap.iron.geometry.cad_kernel import occ
 
 _SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")
 _SI_PREFIX = {"$": 1.0, ".MILLI.": 1e-3, ".CENTI.": 1e-2, ".DECI.": 1e-1, ".MICRO.": 1e-6, ".KILO.": 1e3}

@@ -1,12 +1,14 @@
 """Windings and workspaces as solids of the CAD kernel."""
 
+from __future__ import annotations
+
 import numpy as np
-from netgen import occ
 
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import Placement, WorkspaceBox, WorkspaceCylinder
 from fieldmap.device.polygons import polygon_fault
 from fieldmap.errors import InputError
+from fieldmap.iron.geometry.cad_kernel import occ
 from fieldmap.iron.geometry.shapes import MILLIMETRES, cylinder, place, point, positive, ring
 from fieldmap.typing import Array
 
@@ -20,7 +22,7 @@ SHORTEST_EDGE = 1e-6
 def winding_solid(coil: Coil) -> occ.TopoDS_Shape:
     """The space that a coil's winding fills, in the global frame; its name is the coil's.
 
-    Raises one of `fieldmap.iron.geometry.shapes.KERNEL_ERRORS` where the winding cannot be built.
+    Raises one of `fieldmap.iron.geometry.cad_kernel.kernel_errors` where the winding cannot be built.
     """
     try:
         path = coil.winding()

@@ -5,16 +5,18 @@ the operations differ by one that leaves the point alone: nodes are merged by th
 that the mesh has the symmetry without any tolerance.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from netgen import occ
 from numpy.typing import NDArray
 
 from fieldmap.device.model import Device
-from fieldmap.iron.geometry.shapes import KERNEL_ERRORS, MILLIMETRES, point
+from fieldmap.iron.geometry.cad_kernel import kernel_errors, occ
+from fieldmap.iron.geometry.shapes import MILLIMETRES, point
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.symmetry.chamber import Chamber
 from fieldmap.iron.symmetry.group import SymmetryGroup
@@ -33,7 +35,7 @@ def glue_chamber(device: Device, chamber: Chamber) -> occ.TopoDS_Shape | None:
     whole = glue_bodies(device)
     try:
         cut = whole * _chamber_solid(chamber, whole)
-    except KERNEL_ERRORS:
+    except kernel_errors():
         return None
     sizes = {body.name: (body.mesh_size or 0.0) * MILLIMETRES for body in device.bodies}
     for piece in cut.solids:

@@ -19,6 +19,7 @@ from fieldmap.device.tetrahedra import oriented as oriented
 from fieldmap.device.tetrahedra import subdivided
 from fieldmap.device.tetrahedra import volumes as volumes
 from fieldmap.errors import GeometryError, InputError, Problem
+from fieldmap.extras import needs
 from fieldmap.iron.geometry.own_meshes import joined, own_mesh
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, chamber_contacts, glue_chamber, on_walls
@@ -312,8 +313,9 @@ def generated(
 
     Raises GeometryError where the mesher fails.
     """
-    from netgen.meshing import MeshingParameters, MeshingStep
-    from netgen.occ import OCCGeometry
+    with needs("make", f"the mesh of {device.name}"):
+        from netgen.meshing import MeshingParameters, MeshingStep
+        from netgen.occ import OCCGeometry
 
     sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
     for solid in shape.solids:

@@ -7,10 +7,10 @@ The order of elimination is nested dissection of the matrix's graph (METIS: Kary
 from dataclasses import dataclass
 
 import numpy as np
-import pymetis
 from scipy.sparse import csr_matrix
 
 from fieldmap.errors import NotConverged, Problem
+from fieldmap.extras import needs
 from fieldmap.kernels.iron import sparse_cholesky as kernel
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -140,6 +140,8 @@ def nested_dissection(matrix: csr_matrix) -> Index:
     # Graphs without edges are refused by METIS, and any order does.
     if not off.any():
         return np.arange(matrix.shape[0])
+    with needs("make", "the equations of the iron"):
+        import pymetis
     order, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(pointer, matrix.indices[off]))
     return np.asarray(order, np.int64)
 

@@ -1,0 +1,170 @@
+"""What works with the core alone, and what is said where an extra is missing, in processes of their own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.only_these import PROJECT, distributions, name_of
+
+ROOT = Path(__file__).parents[1]
+CORE = {"numpy", "scipy", "numba", "h5py", "pydantic", "threadpoolctl"}
+
+USE = """
+import fieldmap as fm
+
+m = fm.open_map("sample")
+device = fm.read_device("disk_six_cores", changes={"driver.current_limit_A": 9.0})
+e = fm.find_equilibrium(m, 9.0, device.payload)
+moment = [0.0, 0.0, device.payload.moment]
+wrench = m.wrench(e.position, moment, 9.0)
+run = fm.simulate("hold", {"duration_s": 0.1}, field_map=m, device=device)
+answer = {
+    "wrench": wrench.tolist(),
+    "weight": device.payload.mass * 9.80665,
+    "event": run.event,
+    "depth": [float(run.rows[0, 2]), float(run.rows[-1, 2])],
+    "field": m.field([0, 0, -0.1], 1.0).tolist(),
+}
+"""
+
+ENTRIES = """
+from pathlib import Path
+import fieldmap as fm
+from fieldmap.errors import MissingExtraError
+
+def checked():
+    from fieldmap.iron import check_geometry
+    check_geometry(fm.read_device("loop_and_sphere"))
+
+def drawn():
+    import fieldmap.plot
+
+def figure():
+    import fieldmap.plot.runs
+
+def figures():
+    from fieldmap.thesis.figures import figure_page
+    figure_page()
+
+def vtk():
+    from fieldmap.iron.geometry.mesh_files import read_mesh
+    Path("body.vtu").touch()
+    read_mesh(Path("body.vtu"), 1.0)
+
+ENTRIES = {
+    "solve": ("make", lambda: fm.solve(fm.read_device("loop_and_sphere"), 1.0)),
+    "solve_linear": ("make", lambda: fm.solve_linear(fm.read_device("loop_and_sphere"))),
+    "solve_to_tolerance": ("make", lambda: fm.solve_to_tolerance(fm.read_device("loop_and_sphere"), 0.1)),
+    "generate": ("make", lambda: fm.generate("quick", "map.h5")),
+    "check_geometry": ("make", checked),
+    "Device.from_magpylib": ("make", lambda: fm.Device.from_magpylib([])),
+    "Background.from_magpylib": ("make", lambda: fm.Background.from_magpylib([])),
+    "as_magpylib": ("make", lambda: fm.open_map("sample").as_magpylib(1.0)),
+    "fieldmap.plot": ("plot", drawn),
+    "fieldmap.plot.runs": ("plot", figure),
+    "a .vtu file": ("plot", vtk),
+    "pages of the thesis": ("cli", figures),
+}
+answer = {}
+for name, (extra, call) in ENTRIES.items():
+    try:
+        call()
+        answer[name] = "worked"
+    except MissingExtraError as error:
+        (problem,) = error.problems
+        found = f'pip install "fieldmap[{extra}]"' in problem.remedy and " must be installed" in problem.must_hold
+        answer[name] = "told" if found else str(error)
+    except BaseException as error:
+        answer[name] = repr(error)
+"""
+
+COMMANDS = """
+from fieldmap.cli import main
+
+answer = [main(words.split()) for words in sys.argv[1:]]
+"""
+
+
+def result_with(extras, program, folder, *arguments):
+    """What the program leaves in `answer`, in a process that has only these extras; and all that it prints."""
+    whole = (
+        "import json, sys\nfrom tests.only_these import only\n"
+        f"only(*{extras!r})\n{program}\nprint(); print(json.dumps(answer))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", whole, *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), done.stdout + done.stderr
+
+
+def test_the_core_is_five_libraries_and_what_pins_their_threads():
+    assert {name_of(one) for one in PROJECT["dependencies"]} == CORE
+    brought = distributions()
+    heavy = {
+        "vtk",
+        "pyvista",
+        "matplotlib",
+        "netgen-mesher",
+        "pymetis",
+        "magpylib",
+        "typer",
+        "rich",
+        "pandas",
+    }
+    assert len(brought) < 15
+    assert not brought & heavy
+    assert heavy <= distributions("all")
+
+
+def test_maps_are_used_with_the_core_alone(tmp_path):
+    found, _ = result_with((), USE, tmp_path)
+    # At the place where it floats the force of the map is the weight, upward.
+    assert found["wrench"][2] == pytest.approx(found["weight"], rel=1e-6)
+    assert np.abs(found["wrench"][:2]).max() < 1e-6 * found["weight"]
+    assert found["event"] is None
+    assert found["depth"][1] == pytest.approx(found["depth"][0], abs=1e-3)
+    assert found["field"][2] > 0
+
+
+def test_entries_without_their_extra_name_its_command(tmp_path):
+    found, _ = result_with((), ENTRIES, tmp_path)
+    assert len(found) == 12
+    assert set(found.values()) == {"told"}, found
+
+
+def test_the_program_without_typer_names_its_extra(tmp_path):
+    (code,), printed = result_with((), COMMANDS, tmp_path, "check drive_unit")
+    assert code == 1
+    assert 'pip install "fieldmap[cli]"' in printed
+    assert "Traceback" not in printed
+
+
+def test_commands_that_use_maps_need_no_mesher_and_no_pictures(tmp_path):
+    words = (
+        "info sample",
+        "probe sample --at 0 0 -0.1 --currents 9 --payload",
+        "check loop_and_sphere",
+    )
+    codes, printed = result_with(("cli",), COMMANDS, tmp_path, *words, "show loop_and_sphere --save a.png")
+    assert codes == [0, 0, 1, 1]
+    assert [f"fieldmap[{extra}]" in printed for extra in ("make", "plot")] == [True, True]
+    assert "Traceback" not in printed
+
+
+def test_pictures_of_runs_need_no_mesher(tmp_path):
+    program = USE + "from fieldmap.plot.runs import drawn_run, save_run_figure\n"
+    program += "from fieldmap.dynamics import prepare, read_scenario\n"
+    program += "experiment = prepare(read_scenario('hold'), m, device)\n"
+    program += "save_run_figure('run.png', 'A run', [drawn_run(experiment, run, 'hold')])\n"
+    result_with(("plot",), program, tmp_path)
+    assert (tmp_path / "run.png").stat().st_size > 10_000
