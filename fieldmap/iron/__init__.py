@@ -8,6 +8,15 @@ from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
 from fieldmap.iron.report import SolverReport
+from fieldmap.iron.sensitivity.adjoint import Derivatives
+from fieldmap.iron.sensitivity.quantities import (
+    DipoleForce,
+    FieldFunction,
+    FluxDensityAt,
+    FluxLinkage,
+    GradientAt,
+    Quantity,
+)
 from fieldmap.iron.solution import LinearSolution, LinearState, NonlinearSolution, SolvedState
 from fieldmap.iron.solvers.hysteresis import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.iron.solvers.linear import solve_linear
@@ -16,7 +25,13 @@ from fieldmap.iron.solvers.to_tolerance import solve_to_tolerance
 
 __all__ = [
     "BodyBeyondSaturation",
+    "Derivatives",
     "DesignFigures",
+    "DipoleForce",
+    "FieldFunction",
+    "FluxDensityAt",
+    "FluxLinkage",
+    "GradientAt",
     "HysteresisSolver",
     "HystereticState",
     "IronMemory",
@@ -26,6 +41,7 @@ __all__ = [
     "NonlinearSolution",
     "NonlinearSolver",
     "Pinning",
+    "Quantity",
     "Section",
     "SectionFlux",
     "SolvedState",

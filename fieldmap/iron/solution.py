@@ -11,6 +11,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +32,18 @@ from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_d
 from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
 
+if TYPE_CHECKING:
+    from fieldmap.iron.sensitivity.adjoint import Derivatives
+    from fieldmap.iron.sensitivity.quantities import Quantity
+
+
+class StateOrigin(Protocol):
+    """The device that a state was solved for, and what derivatives need of it (`fieldmap.iron.sensitivity.origin`)."""
+
+    def derivative(self, state: SolvedState, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
+        """See `SolvedState.derivative`."""
+        ...
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolvedState(BaseFieldAtCurrents):
@@ -50,6 +63,7 @@ class SolvedState(BaseFieldAtCurrents):
     sections: tuple[Section, ...]
     bounds: Bounds | None = field(default=None, kw_only=True)
     background: Background | None = field(default=None, kw_only=True)
+    origin: StateOrigin | None = field(default=None, kw_only=True)
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -136,6 +150,30 @@ class SolvedState(BaseFieldAtCurrents):
     def flux_linkage(self) -> Array:
         """Flux linkages (c,) of the coils in Wb, all turns; the share of what no current drives included."""
         return self._air_inductance @ self.currents + self._background_linkage + self._iron_linkage
+
+    def derivative(self, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
+        """Derivatives of a quantity by numbers of the device, exact for the discrete equations.
+
+        quantity: `FluxDensityAt`, `GradientAt`, `DipoleForce`, `FluxLinkage` or `FieldFunction` of `fieldmap.iron`.
+        parameters: key paths of the device file, in the units of their keys, and "current.NAME" for the current of a
+        coil (A; "current.*" for all together): currents, turns, places and sizes of coils, remanence, permeability and
+        B-H parameters, the background. One linear solve for each number of the quantity, however many parameters
+        (docs/theory/iron.md). Raises InputError for points inside the iron, for keys that move or shape bodies, and for
+        a solution that was read from a file, has hysteresis, or is not of the potential form; DeviceFileError for keys
+        that the device lacks; NotConverged.
+
+        >>> import fieldmap as fm
+        >>> from fieldmap.iron import FluxDensityAt
+        >>> state = fm.solve_linear("loop_and_sphere").at([2.0])
+        >>> found = state.derivative(FluxDensityAt([0.0, 0.0, -0.014]), ["current.loop"])
+        >>> print(f"{1e3 * found['current.loop'][2]:.2f} mT/A")
+        1.01 mT/A
+        """
+        if self.origin is None:
+            must_hold = "the equations of the state are needed"
+            received = "a state with hysteresis, or a solution without its device"
+            raise InputError(Problem("derivative", must_hold, received, "solve the device again"))
+        return self.origin.derivative(self, quantity, parameters)
 
     def polarisation(self, points: ArrayLike) -> Array:
         """mu0 M (n, 3) or (3,), T: inside the iron and magnets the mean of the element, zero in the air.
@@ -232,6 +270,7 @@ class LinearSolution(BaseField):
     sections: tuple[Section, ...] = ()
     bounds: Bounds | None = None
     background: Background | None = None
+    origin: StateOrigin | None = None
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -282,7 +321,7 @@ class LinearSolution(BaseField):
         amperes = np.array(coil_currents(currents, self.coil_names))
         weights = np.append(amperes, 1.0) if self.has_constant else amperes
         about = (self.coils, amperes, self.mesh, self.state, weights, self.report, self.sections)
-        return LinearState(*about, self, bounds=self.bounds, background=self.background)
+        return LinearState(*about, self, bounds=self.bounds, background=self.background, origin=self.origin)
 
     def unit_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Total field (c, n, 3) in T/A and gradient (c, n, 3, 3) in T/(m A) of 1 A in each coil, outside the iron.

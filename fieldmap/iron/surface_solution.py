@@ -70,7 +70,7 @@ class SurfaceSolution(LinearSolution):
         amperes = np.array(coil_currents(currents, self.coil_names))
         weights = np.append(amperes, 1.0) if self.has_constant else amperes
         about = (self.coils, amperes, None, self.state, weights, self.report, self.sections)
-        return SurfaceState(*about, self, bounds=self.bounds, background=self.background)
+        return SurfaceState(*about, self, bounds=self.bounds, background=self.background, origin=self.origin)
 
     def flux_density_samples(self, currents: Currents) -> FluxDensitySamples:
         """|B| just inside every triangle at these currents, weighted by area."""

@@ -195,6 +195,11 @@ class ConvexForm(Generic[E]):
         """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
         return np.ascontiguousarray((self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
 
+    def by_charge_density(self, weights: Array) -> Array:
+        """How sums of `charge_density` with weights (k, s) follow the potential: (n, k)."""
+        shares = weights.T / self.iron.surface.areas[:, None]
+        return np.asarray(self.elements.face_mean.T @ self.iron.mutual.solve(shares, 2))
+
     def solve_tangent(
         self, potential: Array, field: Any, material: Magnetisation, right: Array, tolerance: float
     ) -> Array:
@@ -286,12 +291,19 @@ class PotentialForm(ConvexForm[NodalElements]):
 
         The residual R follows by int (db/dh - 1) t' . grad v, so that (K + S) phi' is this. Raises NotConverged.
         """
+        right = self.source_response(potential, field, material, change)
+        return self.solve_tangent(potential[:, None], field, material, right, tolerance)
+
+    def source_response(
+        self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField
+    ) -> Array:
+        """int (db/dh - 1) t' . grad v (n, c) at a potential (n,), for the sources t' of `change`."""
         values = np.ascontiguousarray(potential)
         parts = [
             self._sums.vector(self.elements.source_response(values, field, material, change, c))
             for c in range(len(change.bubble))
         ]
-        return self.solve_tangent(values[:, None], field, material, np.column_stack(parts), tolerance)
+        return np.column_stack(parts)
 
     def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
         law, tables, remanence = material.law, material.tables, material.remanence

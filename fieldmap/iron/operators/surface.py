@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
+from fieldmap.kernels.iron.charged_surface_weights import surface_weights
 from fieldmap.kernels.iron.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
@@ -93,6 +94,16 @@ class ChargedFaces(Record):
     def field_and_gradient(self, points: Array, density: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
         return surface_field_and_gradient(points, self.corners, self.normals, self._as_charges(), density)
+
+    def weights(self, points: Array, by_field: Array, by_gradient: Array) -> Array:
+        """What a unit density on each face counts in sums over points (n, 3), (k, m): those of by_field (k, n, 3) times
+        the field and by_gradient (k, n, 3, 3) times the gradient. The transpose of `field_and_gradient`."""
+        g = by_gradient
+        # The gradient is symmetric and free of trace: five of its entries are all.
+        five = [g[..., 0, 0] - g[..., 2, 2], g[..., 0, 1] + g[..., 1, 0], g[..., 0, 2] + g[..., 2, 0]]
+        five += [g[..., 1, 1] - g[..., 2, 2], g[..., 1, 2] + g[..., 2, 1]]
+        entries = np.ascontiguousarray(np.concatenate([by_field, np.stack(five, axis=-1)], axis=-1))
+        return surface_weights(points, self.corners, self.normals, self._as_charges(), entries)
 
     def _as_charges(self) -> Array:
         """Of every triangle the points that replace it, a third of its area, its centre and the squared distance

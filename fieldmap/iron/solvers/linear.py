@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.quantities.linkage import linkage_and_coenergy
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
+from fieldmap.iron.sensitivity.origin import Origin
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array, PathLike
@@ -69,13 +71,16 @@ def solve_linear(
     properties = body_properties(device, mu_r)
     if not device.bodies:
         stages.done()
-        return coils_alone(device, stages.seconds)
+        return replace(coils_alone(device, stages.seconds), origin=Origin(device, True, mu_r))
     require_source(device, properties)
     form = chosen_form(form, properties)
     if form == "surface":
         from fieldmap.iron.solvers.surface import solve_by_surface
 
-        return solve_by_surface(device, properties, tolerance * _RESIDUAL_PER_TOLERANCE, refinement, stages)
+        by_surface = solve_by_surface(
+            device, properties, tolerance * _RESIDUAL_PER_TOLERANCE, refinement, stages
+        )
+        return replace(by_surface, origin=Origin(device, True, mu_r))
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)
@@ -83,7 +88,7 @@ def solve_linear(
     stages.next("coil fields and solution", 0.5)
     solution = solved_in_form(device, form_on(iron, form), properties, tolerance, stages)
     stages.done()
-    return solution
+    return replace(solution, origin=Origin(device, True, mu_r))
 
 
 def form_on(iron: AssembledIron, form: str) -> ConvexForm[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,8 @@ from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.linkage import iron_differential_inductance, linkage_and_coenergy
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
+from fieldmap.iron.sensitivity.adjoint import IronProblem
+from fieldmap.iron.sensitivity.origin import Origin
 from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
 from fieldmap.iron.solvers.reduced import GalerkinModel, project
@@ -93,6 +95,9 @@ class NonlinearSolver(BaseField):
         materials = materials_on(device, mesh)
         remanence = [material.remanence for material in materials]
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
+        self._origin = Origin(device, linear=False)
+        self._problem = IronProblem(self._form, self._unit, partial(self._origin.laws, mesh=mesh))
+        self._origin.hold(self._problem)
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -172,7 +177,13 @@ class NonlinearSolver(BaseField):
         about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
         linkage, coenergy = self._linkage(state, field)
         return NonlinearSolution(
-            *about, state, linkage, coenergy, bounds=device.bounds, background=device.background
+            *about,
+            state,
+            linkage,
+            coenergy,
+            bounds=device.bounds,
+            background=device.background,
+            origin=self._origin,
         )
 
     def _linkage(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:

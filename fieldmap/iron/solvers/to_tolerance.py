@@ -27,6 +27,7 @@ from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into_memory
 from fieldmap.iron.report import Progress, Stages
+from fieldmap.iron.sensitivity.origin import Origin
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.solvers.linear import (
     check_arguments,
@@ -86,7 +87,7 @@ def solve_to_tolerance(
             history.append((len(iron.surface.areas), error))
             if error.flux_density <= tolerance and error.gradient <= limit:
                 stages.done(str(error))
-                return _with_error(level.solution, error, history)
+                return replace(_with_error(level.solution, error, history), origin=Origin(device, True, mu_r))
         so_far = f"{history[-1][1].flux_density:.2g} at" if history else "none yet at"
         message = f"estimate {so_far} {len(iron.surface.areas)} faces; where they must be smaller"
         stages.next(message, (number + 0.7) / _MOST_LEVELS)

@@ -1,0 +1,336 @@
+"""Derivatives of a state's quantities by parameters, by the adjoint of the discrete equations.
+
+A state solves R(phi, p) = 0, whose derivative by the potential is -(K + S), symmetric
+(`fieldmap.iron.elements.potential_form`). For a quantity J(phi, p),
+
+    dJ/dp = J_p + lambda . R_p,      (K + S) lambda = J_phi,
+
+so that each number of J costs one linear solve with the matrix of Newton's method, and each parameter an integral over
+the iron. In the potential form R_p . v = int m . grad v with m the change of mu0 M at fixed potential,
+
+    m = (db/dh - 1) t' + b'(h) + b_r',
+
+where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages,
+lambda_k = int mu0 M . t_k dV / mu0 and that in air, follow m in the same way; fields at points see phi through the
+charges of the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L. Coulomb
+and J. C. Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.constants import mu_0
+
+from fieldmap.device.coils import Coil
+from fieldmap.device.model import Device
+from fieldmap.errors import InputError, Problem
+from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_slopes, law_values
+from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.elements.state import PotentialField
+from fieldmap.iron.quantities.air import refuse_inside
+from fieldmap.iron.sensitivity.changes import Change, Parameters, RigidMotion
+from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
+from fieldmap.iron.solution import SolvedState
+from fieldmap.records import Record
+from fieldmap.sources import bare_inductance, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.inductance import background_linkage
+from fieldmap.typing import Array
+
+_TOLERANCE = 1e-8
+# Numbers of a quantity whose adjoints are in memory at once.
+_AT_ONCE = 12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Derivatives(Record):
+    """Derivatives of a quantity. value: its numbers, of any shape; by: key path -> derivative of that shape, per unit
+    of the key; solves: linear solves that they took."""
+
+    value: Array
+    by: Mapping[str, Array]
+    solves: int
+
+    def __getitem__(self, key: str) -> Array:
+        """The derivative by one key."""
+        return self.by[key]
+
+    def change(self, steps: Mapping[str, float]) -> Array:
+        """What the quantity changes by, to first order, for changes of keys in their units."""
+        return np.asarray(sum(self.by[key] * step for key, step in steps.items()))
+
+
+Laws = Callable[[Device], tuple[LawTables, Array]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IronProblem(Record):
+    """The equations of the iron of a state. unit: the field in it of one ampere in each coil; laws: of a device, their
+    tables and the remanence (b, 3) of bodies, as the state was solved with."""
+
+    form: PotentialForm
+    unit: CoilField
+    laws: Laws
+
+
+def derivatives(
+    device: Device,
+    state: SolvedState,
+    problem: IronProblem | None,
+    quantity: Quantity,
+    keys: Sequence[str],
+) -> Derivatives:
+    """Derivatives of a quantity of a state of a device by keys; problem: None for coils without iron.
+
+    Raises InputError for points inside the iron and for keys that move or shape bodies, DeviceFileError for keys that
+    the device lacks, NotConverged.
+    """
+    parameters = Parameters(device)
+    changes = [parameters.change(key) for key in keys]
+    for change in changes:
+        _refuse_shapes(change)
+    points = quantity.points
+    samples = _samples(state, quantity, points)
+    value = np.asarray(quantity.of(samples), dtype=float)
+    weights = quantity.weights(samples)
+    rows = np.zeros((len(weights.field), len(changes)))
+    direct = _Direct(device, state, points)
+    for k, change in enumerate(changes):
+        rows[:, k] = direct.derivative(change, weights, "linkage" in quantity.uses)
+    solves = 0
+    if problem is not None:
+        inside = _Inside(device, state, problem)
+        # What the parameters make of the iron's magnetisation does not depend on the quantity.
+        follows = [inside.follow(change) for change in changes]
+        for start in range(0, len(rows), _AT_ONCE):
+            batch = slice(start, start + _AT_ONCE)
+            rows[batch] += inside.derivatives(points, _part(weights, batch), follows)
+        solves = len(rows)
+    by = {key: rows[:, k].reshape(value.shape) for k, key in enumerate(keys)}
+    return Derivatives(value, by, solves)
+
+
+def _refuse_shapes(change: Change) -> None:
+    if change.has_shapes:
+        must_hold = "must be a number of coils, materials, background, or a current"
+        remedy = "take differences of two solutions"
+        raise InputError(Problem(f"derivative, {change.key}", must_hold, "a number of bodies", remedy))
+
+
+def _part(weights: Weights, batch: slice) -> Weights:
+    return Weights(weights.field[batch], weights.gradient[batch], weights.linkage[batch])
+
+
+def _samples(state: SolvedState, quantity: Quantity, points: Array) -> Samples:
+    uses, count = quantity.uses, len(state.coils)
+    refuse_inside(state.mesh, points)
+    return Samples(
+        state.field(points) if "field" in uses and len(points) else np.zeros((len(points), 3)),
+        state.gradient(points) if "gradient" in uses and len(points) else np.zeros((len(points), 3, 3)),
+        state.flux_linkage() if "linkage" in uses else np.zeros(count),
+        state.coil_names,
+    )
+
+
+class _Direct:
+    """What of samples follows parameters without the iron: fields of coils and background at points, linkages in
+    air."""
+
+    def __init__(self, device: Device, state: SolvedState, points: Array) -> None:
+        self._device, self._currents, self._points = device, state.currents, points
+        self._unit: dict[int, tuple[Array, Array]] = {}
+
+    def derivative(self, change: Change, weights: Weights, linkage: bool) -> Array:
+        """Of all numbers (k,) by one parameter."""
+        total = np.zeros(len(weights.field))
+        if len(self._points):
+            field, gradient = self._fields(change)
+            total += np.einsum("knd,nd->k", weights.field, field)
+            total += np.einsum("knij,nij->k", weights.gradient, gradient)
+        if linkage:
+            total += weights.linkage @ self._linkage(change)
+        return total
+
+    def _fields(self, change: Change) -> tuple[Array, Array]:
+        """Changes of field (n, 3) and gradient (n, 3, 3) of coils and background."""
+        field, gradient = np.zeros((len(self._points), 3)), np.zeros((len(self._points), 3, 3))
+        for k in np.flatnonzero(change.currents).tolist():
+            b, g = self._of_unit(k)
+            field, gradient = field + change.currents[k] * b, gradient + change.currents[k] * g
+        for k in change.coils:
+            (b1, g1), (b0, g0) = (
+                unit_flux_density_and_gradient(coil, self._points) for coil in change.coil_pair(k)
+            )
+            share = self._currents[k] / change.width
+            field, gradient = field + share * (b1 - b0), gradient + share * (g1 - g0)
+        if change.has_background:
+            (b1, g1), (b0, g0) = (
+                (np.zeros_like(field), np.zeros_like(gradient))
+                if side.background is None
+                else side.background.field_and_gradient(self._points)
+                for side in change.sides
+            )
+            field, gradient = field + (b1 - b0) / change.width, gradient + (g1 - g0) / change.width
+        return field, gradient
+
+    def _of_unit(self, k: int) -> tuple[Array, Array]:
+        if k not in self._unit:
+            self._unit[k] = unit_flux_density_and_gradient(self._device.coils[k], self._points)
+        return self._unit[k]
+
+    def _linkage(self, change: Change) -> Array:
+        """Changes (c,) of the linkages in air."""
+        device = self._device
+        total = np.zeros(len(device.coils))
+        if change.currents.any():
+            total += bare_inductance(device.coils) @ change.currents
+        if change.coils or change.has_background:
+            above, below = (
+                bare_inductance(side.coils) @ self._currents + background_linkage(side.coils, side.background)
+                for side in change.sides
+            )
+            total += (above - below) / change.width
+        return total
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Follow(Record):
+    """What follows a parameter in the iron, at the points of the elements (e, 4, 3), T: the applied field, by `applied`
+    and by `currents` (c,) times the coils' own fields; mu0 M by the material alone, `polarisation`; and the unit fields
+    of `coils`, by number."""
+
+    currents: Array
+    applied: Array | None
+    polarisation: Array | None
+    coils: Mapping[int, Array]
+
+
+class _Inside:
+    """A state's iron: adjoints, and their sums with what follows parameters."""
+
+    def __init__(self, device: Device, state: SolvedState, problem: IronProblem) -> None:
+        assert state.iron is not None
+        inside, shares = state.iron.inside, state.weights
+        assert isinstance(inside, PotentialField)
+        self._device, self._problem, self._currents = device, problem, state.currents
+        self._elements = problem.form.elements
+        self._potential = np.ascontiguousarray(inside.potential @ shares)
+        self._field = CoilField(
+            np.einsum("c,ced->ed", shares, inside.field.constant)[None], (shares @ inside.field.bubble)[None]
+        )
+        remanence = np.einsum("c,ced->ed", shares, inside.remanence)[None]
+        self._material = Magnetisation(inside.law, inside.tables, remanence)
+        h = self._elements.strength_at_points(self._potential[:, None], self._field, self._material)[0]
+        self._strength, self._size = h, np.linalg.norm(h, axis=2)
+        self._laws = np.repeat(inside.law, 4)
+        chord, slope = law_slopes(inside.tables, self._laws, self._size.ravel())
+        self._chord, self._slope = chord.reshape(self._size.shape), slope.reshape(self._size.shape)
+        self._direction = np.divide(
+            h, self._size[..., None], out=np.zeros_like(h), where=self._size[..., None] > 1e-30
+        )
+        self._polarisation = (self._chord - 1)[..., None] * h + remanence[0][:, None]
+        self._share = (0.25 * self._elements.volume)[:, None, None]
+        self._unit = self._elements.coil_field_at_points(problem.unit)
+
+    def derivatives(self, points: Array, weights: Weights, follows: Sequence[_Follow]) -> Array:
+        """What the iron adds to derivatives (k, p)."""
+        adjoint = self._adjoint(points, weights)
+        elements, linkage = self._elements, weights.linkage / mu_0
+        cover = np.stack(list(elements.point_gradients(adjoint)), axis=2)
+        cover += np.tensordot(linkage, self._unit, 1)
+        cover *= self._share
+        turned = self._susceptible(cover)
+        by_current = np.einsum("kedx,cedx->kc", turned, self._unit, optimize=True)
+        out = np.zeros((len(cover), len(follows)))
+        for p, follow in enumerate(follows):
+            out[:, p] = by_current @ follow.currents
+            if follow.applied is not None:
+                out[:, p] += np.tensordot(turned, follow.applied, 3)
+            if follow.polarisation is not None:
+                out[:, p] += np.tensordot(cover, follow.polarisation, 3)
+            for k, change in follow.coils.items():
+                linked = float(np.sum(self._share * self._polarisation * change))
+                out[:, p] += linked * linkage[:, k]
+        return out
+
+    def _adjoint(self, points: Array, weights: Weights) -> Array:
+        """Solutions (n, k) of (K + S) lambda = J_phi."""
+        form, unit = self._problem.form, self._problem.unit
+        right = np.zeros((len(self._potential), len(weights.field)))
+        if len(points):
+            faces = form.iron.surface.weights(np.ascontiguousarray(points), weights.field, weights.gradient)
+            right += form.by_charge_density(faces)
+        if weights.linkage.any():
+            linked = CoilField(
+                np.einsum("kc,ced->ked", weights.linkage, unit.constant), weights.linkage @ unit.bubble
+            )
+            right -= form.source_response(self._potential, self._field, self._material, linked) / mu_0
+        return form.solve_tangent(self._potential[:, None], self._field, self._material, right, _TOLERANCE)
+
+    def _susceptible(self, vectors: Array) -> Array:
+        """(db/dh - 1) v for vectors (..., e, 4, 3)."""
+        along = np.einsum("...eqd,eqd->...eq", vectors, self._direction) * (self._slope - self._chord)
+        return (self._chord - 1)[..., None] * vectors + along[..., None] * self._direction
+
+    def follow(self, change: Change) -> _Follow:
+        """What follows a parameter in the iron."""
+        applied: Array | None = None
+        currents = change.currents.copy()
+        coils: dict[int, Array] = {}
+        for k in change.coils:
+            turns = change.turns(k)
+            if turns is not None:
+                share = turns / self._device.coils[k].turns
+                currents[k] += share * self._currents[k]
+                coils[k] = share * self._unit[k]
+                continue
+            coils[k] = self._moved(change, k)
+            applied = _added(applied, self._currents[k] * coils[k])
+        if change.has_background:
+            above, below = (self._background(side) for side in change.sides)
+            applied = _added(applied, (above - below) / change.width)
+        polarisation = self._of_material(change) if change.has_materials else None
+        return _Follow(currents, applied, polarisation, coils)
+
+    def _moved(self, change: Change, k: int) -> Array:
+        """Change (e, 4, 3) of the unit field of a coil that moves, or otherwise changes its shape."""
+        motion, (above, below) = change.motion(k), change.coil_pair(k)
+        coil = self._device.coils[k]
+
+        def field(x: Array) -> Array:
+            if motion is not None:
+                return _moved_field(coil, motion, x)[None]
+            return (unit_flux_density(above, x) - unit_flux_density(below, x))[None] / change.width
+
+        return self._elements.coil_field_at_points(self._elements.coil_field(field))[0]
+
+    def _background(self, device: Device) -> Array:
+        background = device.background
+        if background is None:
+            return np.zeros_like(self._strength)
+        of = self._elements.coil_field(lambda x: background.field(x)[None])
+        return self._elements.coil_field_at_points(of)[0]
+
+    def _of_material(self, change: Change) -> Array:
+        """Change of mu0 M (e, 4, 3) at the present field strength."""
+        body = self._material.law
+        parts = []
+        for side in change.sides:
+            tables, remanence = self._problem.laws(side)
+            b = law_values(tables, self._laws, self._size.ravel())[0].reshape(self._size.shape)
+            parts.append(b[..., None] * self._direction + remanence[body][:, None])
+        return (parts[0] - parts[1]) / change.width
+
+
+def _added(one: Array | None, other: Array) -> Array:
+    return other if one is None else one + other
+
+
+def _moved_field(coil: Coil, motion: RigidMotion, x: Array) -> Array:
+    """Change (n, 3) of the unit field of a coil at points (n, 3) as it moves: W B - G (v + W (x - x0))."""
+    b, g = unit_flux_density_and_gradient(coil, x)
+    drift = motion.velocity + (x - coil.placement.position) @ motion.spin.T
+    return b @ motion.spin.T - np.einsum("nij,nj->ni", g, drift)

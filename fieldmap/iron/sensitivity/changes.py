@@ -1,0 +1,175 @@
+"""Parameters by key path: what of a device follows them.
+
+A key is set a little above and a little below its value, and the two devices are compared part by part. Places,
+turns and remanences follow their keys so smoothly that their differences are derivatives to ten digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.changes import key_finding, with_changes
+from fieldmap.device.coils import Coil
+from fieldmap.device.model import Device
+from fieldmap.device.reader import TEXT, device_of
+from fieldmap.device.schema import DEVICE
+from fieldmap.errors import DeviceFileError, InputError, Problem
+from fieldmap.inputs.document import Document, parsed
+from fieldmap.inputs.key_paths import matches, value_at
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+# Steps as a share of the value, and the least ones by the unit that a key ends in.
+_STEP = 1e-4
+_LEAST = {"mm": 1e-3, "deg": 1e-2}
+_LEAST_OF_ANY = 1e-6
+_CURRENT = "current."
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RigidMotion(Record):
+    """Velocity (3,) of a thing's origin and angular velocity (3, 3), antisymmetric, per unit of a key."""
+
+    velocity: Array
+    spin: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Change(Record):
+    """What follows a key: currents (c,) of the coils per unit of it, and the devices above and below its value, `width`
+    apart, None where it is a current."""
+
+    key: str
+    currents: Array
+    above: Device | None = None
+    below: Device | None = None
+    width: float = 1.0
+
+    @property
+    def sides(self) -> tuple[Device, Device]:
+        """The devices above and below."""
+        if self.above is None or self.below is None:
+            raise TypeError(f"{self.key} is a current")
+        return self.above, self.below
+
+    @cached_property
+    def coils(self) -> tuple[int, ...]:
+        """Numbers of the coils that follow it."""
+        if self.above is None:
+            return ()
+        above, below = self.sides
+        pairs = zip(above.coils, below.coils, strict=True)
+        return tuple(k for k, (one, other) in enumerate(pairs) if not same(one, other))
+
+    @property
+    def has_materials(self) -> bool:
+        """Whether the laws of bodies follow it."""
+        return self._differs("materials")
+
+    @property
+    def has_background(self) -> bool:
+        """Whether the background follows it."""
+        return self._differs("background")
+
+    @property
+    def has_shapes(self) -> bool:
+        """Whether bodies or joints follow it."""
+        return self._differs("bodies") or self._differs("joints")
+
+    def _differs(self, name: str) -> bool:
+        return self.above is not None and not same(getattr(self.above, name), getattr(self.below, name))
+
+    def motion(self, k: int) -> RigidMotion | None:
+        """How coil k moves as a whole; None where it changes otherwise."""
+        one, other = self.coil_pair(k)
+        if not same(replace(one, placement=other.placement), other):  # type: ignore[type-var]
+            return None
+        position, rotation = (
+            (getattr(one.placement, name) - getattr(other.placement, name)) / self.width
+            for name in ("position", "rotation")
+        )
+        middle = 0.5 * (one.placement.rotation + other.placement.rotation)
+        spin = rotation @ middle.T
+        return RigidMotion(position, 0.5 * (spin - spin.T))
+
+    def turns(self, k: int) -> float | None:
+        """How the turns of coil k follow, where nothing else of it does."""
+        one, other = self.coil_pair(k)
+        if not same(replace(one, turns=other.turns), other):  # type: ignore[type-var]
+            return None
+        return (one.turns - other.turns) / self.width
+
+    def coil_pair(self, k: int) -> tuple[Coil, Coil]:
+        """Coil k above and below."""
+        above, below = self.sides
+        return above.coils[k], below.coils[k]
+
+
+class Parameters:
+    """The parameters of a device: its keys, and "current.NAME" for the current of a coil."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+
+    @cached_property
+    def _document(self) -> Document:
+        path = self.device.source or Path(TEXT)
+        return DEVICE.prepared(parsed(path, self.device.text or self.device.to_toml(), DeviceFileError))
+
+    def value(self, key: str) -> float:
+        """The number that a key has, in its unit; raises as `change`."""
+        finding = key_finding((key,), key, self._document)
+        if finding is not None:
+            raise DeviceFileError(*Document(self._document.path, "", {}).problems([finding]))
+        values = [value_at(self._document.data, place) for place in matches(self._document.data, key)]
+        numbers = [
+            value for value in values if isinstance(value, int | float) and not isinstance(value, bool)
+        ]
+        if len(numbers) < len(values) or len(set(numbers)) > 1:
+            must_hold, remedy = "must name one number, or several that are equal", "name one of them"
+            raise InputError(Problem(f"derivative, {key}", must_hold, f"{values}"[:80], remedy))
+        return float(numbers[0])
+
+    def change(self, key: str, step: float | None = None) -> Change:
+        """What follows a key. Raises DeviceFileError for a key that the device lacks, InputError for one that is no
+        number or cannot be changed to both sides."""
+        names = self.device.coil_names
+        if key.startswith(_CURRENT):
+            name = key.removeprefix(_CURRENT)
+            if name not in names and name != "*":
+                must_hold = f"must be the name of a coil, {', '.join(names)}, or *"
+                raise InputError(Problem(f"derivative, {key}", must_hold, repr(name), "use one of these"))
+            return Change(key, np.array([float(name in (one, "*")) for one in names]))
+        value = self.value(key)
+        unit = next(
+            (least for end, least in _LEAST.items() if key.endswith(f"_{end}") or f"_{end}." in key), 0
+        )
+        width = step or max(_STEP * abs(value), unit or _LEAST_OF_ANY)
+        try:
+            above, below = (self._with(key, value + side * width) for side in (1, -1))
+        except DeviceFileError as error:
+            raise InputError(*error.problems) from error
+        return Change(key, np.zeros(len(names)), above, below, 2 * width)
+
+    def _with(self, key: str, value: float) -> Device:
+        return device_of(with_changes(self._document, {key: value}))
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two parts of devices are equal, number by number."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return bool(np.array_equal(one, other))
+    if is_dataclass(one):
+        return all(same(getattr(one, item.name), getattr(other, item.name)) for item in fields(one))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
+    return bool(one == other)

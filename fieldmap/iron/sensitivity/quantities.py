@@ -1,0 +1,226 @@
+"""What a derivative is taken of: numbers that follow from the field at points of the air and from flux linkages.
+
+A quantity of one's own derives from `Quantity` and gives `points` and `of`; or it is any function of a field,
+`FieldFunction`. How a quantity follows the field at its points is found by differences, which cost no solve and are
+exact, up to rounding, where it is linear in the field.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
+from fieldmap.iron.quantities.air import checked_points
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+# Step of differences, as a share of the largest value that is sampled.
+_STEP = 1e-5
+_NOTHING = {"field": 1e-6, "gradient": 1e-4, "linkage": 1e-6}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Record):
+    """What quantities follow from: flux density (n, 3), T, and gradient (n, 3, 3), T/m, at points, and the flux
+    linkages (c,) of all coils, Wb, with the coils' names."""
+
+    field: Array
+    gradient: Array
+    linkage: Array
+    coil_names: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Weights(Record):
+    """How k numbers follow the samples: field (k, n, 3), gradient (k, n, 3, 3), linkage (k, c)."""
+
+    field: Array
+    gradient: Array
+    linkage: Array
+
+
+class Quantity(ABC):
+    """One number, or several of any shape, of a solved state.
+
+    uses: those of "field", "gradient", "linkage" that it follows from; points (n, 3): where, m.
+    """
+
+    uses: ClassVar[tuple[str, ...]] = ("field", "gradient")
+
+    @property
+    @abstractmethod
+    def points(self) -> Array:
+        """Points (n, 3) in the air, m; (0, 3) without."""
+
+    @abstractmethod
+    def of(self, samples: Samples) -> ArrayLike:
+        """The numbers, of any shape."""
+
+    def weights(self, samples: Samples) -> Weights:
+        """How the numbers, in a row, follow the samples: by central differences."""
+        parts = {}
+        for name in ("field", "gradient", "linkage"):
+            here = getattr(samples, name)
+            if name not in self.uses:
+                count = np.size(self.of(samples))
+                parts[name] = np.zeros((count, *here.shape))
+                continue
+            step = _STEP * float(np.abs(here).max(initial=0.0)) or _NOTHING[name]
+            columns = []
+            for k in range(here.size):
+                change = np.zeros(here.size)
+                change[k] = step
+                ahead, behind = (
+                    np.ravel(self.of(replace(samples, **{name: here + s * change.reshape(here.shape)})))
+                    for s in (1, -1)
+                )
+                columns.append((ahead - behind) / (2 * step))
+            parts[name] = np.array(columns).T.reshape(-1, *here.shape)
+        return Weights(**parts)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FluxDensityAt(Quantity, Record):
+    """Flux density (n, 3) or (3,), T, at points (n, 3) or (3,) of the air, m."""
+
+    uses = ("field",)
+    at: ArrayLike
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3), m."""
+        return checked_points(self.at)[0]
+
+    def of(self, samples: Samples) -> Array:
+        """B in the shape of the points."""
+        return samples.field.reshape(np.shape(self.at))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GradientAt(Quantity, Record):
+    """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), T/m, at points (n, 3) or (3,) of the air, m."""
+
+    uses = ("gradient",)
+    at: ArrayLike
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3), m."""
+        return checked_points(self.at)[0]
+
+    def of(self, samples: Samples) -> Array:
+        """dB_i/dx_j."""
+        return samples.gradient.reshape(*np.shape(self.at), 3)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DipoleForce(Quantity, Record):
+    """Force (n, 3) or (3,), N, on dipoles of fixed moment (3,), A m^2, at points (n, 3) or (3,) of the air, m."""
+
+    uses = ("gradient",)
+    at: ArrayLike
+    moment: ArrayLike
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3), m."""
+        return checked_points(self.at)[0]
+
+    def of(self, samples: Samples) -> Array:
+        """F_j = m_i dB_i/dx_j."""
+        force = np.einsum("i,nij->nj", np.asarray(self.moment, dtype=float), samples.gradient)
+        return force.reshape(np.shape(self.at))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FluxLinkage(Quantity, Record):
+    """Flux linkage of a coil, Wb, by its name; of all coils (c,) without one."""
+
+    uses = ("linkage",)
+    coil: str | None = None
+
+    @property
+    def points(self) -> Array:
+        """None."""
+        return np.zeros((0, 3))
+
+    def of(self, samples: Samples) -> ArrayLike:
+        """The linkages. Raises InputError for a coil that the device lacks."""
+        if self.coil is None:
+            return samples.linkage
+        if self.coil not in samples.coil_names:
+            must_hold = f"must be one of {', '.join(samples.coil_names)}"
+            raise InputError(Problem("FluxLinkage, coil", must_hold, repr(self.coil), "use one of these"))
+        return samples.linkage[samples.coil_names.index(self.coil)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FieldFunction(Quantity, Record):
+    """Anything that a function computes from the field at the currents of the state: function(field) -> numbers, where
+    `field.field(points)` and `field.gradient(points)` are B (n, 3) and dB_i/dx_j (n, 3, 3), and `field.wrench(...)` is
+    force and torque on a body, as of a state.
+
+    The function must ask for the field at the same points, in the air, whatever the field is.
+
+    >>> homogeneity = FieldFunction(lambda field: np.ptp(field.field(np.eye(3) * 1e-3)[:, 2]))
+    >>> homogeneity.points.shape
+    (3, 3)
+    """
+
+    function: Callable[[FieldAtCurrents], ArrayLike]
+
+    @property
+    def points(self) -> Array:
+        """All points (n, 3) that the function asks for, m."""
+        return self._asked
+
+    @cached_property
+    def _asked(self) -> Array:
+        recorder = _SampledField(None, None)
+        self.function(recorder)
+        return np.concatenate([np.zeros((0, 3)), *recorder.asked])
+
+    def of(self, samples: Samples) -> ArrayLike:
+        """The function's numbers."""
+        return np.asarray(self.function(_SampledField(samples.field, samples.gradient)), dtype=float)
+
+
+class _SampledField(BaseFieldAtCurrents):
+    """A field that is known where it will be asked for, in that order; without samples one that notes the points."""
+
+    currents = np.zeros(0)
+
+    def __init__(self, field: Array | None, gradient: Array | None) -> None:
+        self._field, self._gradient = field, gradient
+        self.asked: list[Array] = []
+        self._count = 0
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """None: it is the field at the currents of the state."""
+        return ()
+
+    def field(self, points: ArrayLike) -> Array:
+        """B (n, 3) or (3,)."""
+        return self._next(points, self._field, (3,))
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3) or (3, 3)."""
+        return self._next(points, self._gradient, (3, 3))
+
+    def _next(self, points: ArrayLike, values: Array | None, shape: tuple[int, ...]) -> Array:
+        x, single = checked_points(points)
+        self.asked.append(x)
+        here = slice(self._count, self._count + len(x))
+        self._count += len(x)
+        # Zeros would make a function that takes ratios divide by them.
+        found = np.ones((len(x), *shape)) if values is None else values[here]
+        return found[0] if single else found

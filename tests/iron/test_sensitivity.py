@@ -1,0 +1,256 @@
+"""Derivatives of solved states by numbers of their device, against differences of whole solves."""
+
+import copy
+import gc
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.errors import DeviceFileError, InputError
+from fieldmap.iron import (
+    DipoleForce,
+    FieldFunction,
+    FluxDensityAt,
+    FluxLinkage,
+    GradientAt,
+    HysteresisSolver,
+    NonlinearSolver,
+    Pinning,
+)
+from tests.conftest import DEVICES
+
+DEVICE = DEVICES / "core_and_magnet.toml"
+COARSE = 0.5
+COILS = ("around", "beside")
+POINTS = np.array([[0.0, 0.001, -0.02], [0.01, 0.003, 0.033]])
+
+
+def lowest_size(field):
+    """A function that is not linear in the field."""
+    return np.linalg.norm(field.field(POINTS), axis=1).min() + 1e-3 * field.gradient(POINTS[0])[2, 2] ** 2
+
+
+QUANTITIES = {
+    "field": FluxDensityAt(POINTS),
+    "gradient": GradientAt(POINTS[1]),
+    "force": DipoleForce(POINTS[0], [0.0, 0.2, 1.0]),
+    "function": FieldFunction(lowest_size),
+}
+
+
+def numbers(state):
+    """The same quantities, asked of a state by its own methods."""
+    gradient = state.gradient(POINTS[0])
+    return {
+        "field": state.field(POINTS),
+        "gradient": state.gradient(POINTS[1]),
+        "force": gradient.T @ [0.0, 0.2, 1.0],
+        "function": np.asarray(lowest_size(state)),
+    }
+
+
+# Currents at which the core is far in saturation, and at which it is not; and iron that is solved as linear.
+CASES = {"saturated": (60.0, 20.0), "unsaturated": (10.0, 4.0), "linear": (60.0, 20.0)}
+# Key, step of the difference.
+KEYS = {
+    "current.around": 0.05,
+    "current.*": 0.02,
+    "coil.around.turns": 0.2,
+    "coil.beside.position_mm.1": 0.02,
+    "coil.beside.rotation_deg.2": 0.1,
+    "coil.around.position_mm.3": 0.01,
+    "coil.beside.inner_radius_mm": 0.01,
+    "material.iron.mu_r": 5.0,
+    "material.iron.saturation_polarisation_T": 2e-3,
+    "material.steel.B_T.2": 2e-4,
+    "material.soft.mu_r": 0.4,
+    "material.magnet.remanence_T.1": 1e-3,
+    "material.magnet.mu_r": 1e-3,
+    "background.flux_density_mT.3": 0.02,
+}
+ONLY_SATURATING = {"material.iron.saturation_polarisation_T", "material.steel.B_T.2"}
+
+
+def solved(case, changes=None, currents=None):
+    device = fm.read_device(DEVICE, changes or {})
+    amperes = CASES[case] if currents is None else currents
+    if case == "linear":
+        return fm.solve_linear(device, tolerance=1e-6, symmetry="none", refinement=COARSE).at(amperes)
+    return NonlinearSolver(device, COARSE, symmetry="none").solve(amperes, tolerance=1e-8)
+
+
+@cache
+def base(case):
+    return solved(case)
+
+
+def shifted(case, key, step):
+    """The state with a key a step higher; the value is taken from the text of the file."""
+    if key.startswith("current."):
+        name = key.removeprefix("current.")
+        return solved(
+            case, currents=np.array(CASES[case]) + step * np.array([name in (c, "*") for c in COILS])
+        )
+    values = {
+        "coil.around.turns": 200,
+        "coil.beside.position_mm.1": 18.0,
+        "coil.beside.rotation_deg.2": 20.0,
+        "coil.around.position_mm.3": 15.0,
+        "coil.beside.inner_radius_mm": 5.0,
+        "material.iron.mu_r": 2000.0,
+        "material.iron.saturation_polarisation_T": 2.0,
+        "material.steel.B_T.2": 0.06,
+        "material.soft.mu_r": 40.0,
+        "material.magnet.remanence_T.1": 0.2,
+        "material.magnet.mu_r": 1.05,
+        "background.flux_density_mT.3": 3.0,
+    }
+    return solved(case, {key: values[key] + step})
+
+
+@cache
+def found(case, name):
+    keys = [key for key in KEYS if case != "linear" or key not in ONLY_SATURATING]
+    return base(case).derivative(QUANTITIES[name], keys)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("key", KEYS)
+def test_against_differences_of_whole_solves(case, key):
+    """All quantities of the field, within 1e-4 of its size; and what the solves themselves are off by."""
+    if case == "linear" and key in ONLY_SATURATING:
+        pytest.skip("linear iron has its initial permeability")
+    step = KEYS[key]
+    ahead, behind = (numbers(shifted(case, key, side * step)) for side in (1, -1))
+    for name in QUANTITIES:
+        difference = (ahead[name] - behind[name]) / (2 * step)
+        derivative = found(case, name)[key]
+        assert derivative.shape == difference.shape
+        size, noise = np.abs(difference).max(), 1e-11 * np.abs(ahead[name]).max() / step
+        assert noise < 0.01 * size
+        assert np.abs(derivative - difference).max() <= 1e-4 * size + noise, name
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "current.around",
+        "coil.beside.position_mm.1",
+        "material.iron.saturation_polarisation_T",
+        "background.flux_density_mT.3",
+    ],
+)
+def test_flux_linkages(key):
+    """In saturated iron; the linkage in air, which nothing here is to test, is known to 1e-4 only."""
+    derivative = base("saturated").derivative(FluxLinkage(), [key])[key]
+    ahead, behind = (shifted("saturated", key, side * KEYS[key]).flux_linkage() for side in (1, -1))
+    difference = (ahead - behind) / (2 * KEYS[key])
+    assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("case", ["saturated", "linear"])
+@pytest.mark.parametrize("key", ["current.around", "material.iron.mu_r", "coil.beside.position_mm.1"])
+def test_taylor(case, key):
+    """What is left over after the first order falls with the square of the step."""
+    steps = {"current.around": 8.0, "material.iron.mu_r": 400.0, "coil.beside.position_mm.1": 1.0}[key]
+    steps = steps * np.array([1.0, 0.5, 0.25])
+    here = numbers(base(case))["force"]
+    derivative = found(case, "force")[key]
+    left = [np.linalg.norm(numbers(shifted(case, key, h))["force"] - here - h * derivative) for h in steps]
+    if case == "linear" and key == "current.around":
+        # A linear solution has no second order.
+        assert max(left) < 1e-6 * np.linalg.norm(steps[0] * derivative)
+        return
+    slope = np.log2(np.array(left[:-1]) / left[1:])
+    assert np.all(np.abs(slope - 2) < 0.2), slope
+
+
+def test_values_are_those_of_the_state():
+    for name, quantity in QUANTITIES.items():
+        np.testing.assert_allclose(
+            base("saturated").derivative(quantity, []).value, numbers(base("saturated"))[name]
+        )
+
+
+def test_one_solve_for_each_number():
+    assert found("saturated", "force").solves == 3
+    assert found("saturated", "function").solves == 1
+
+
+def test_the_iron_matters_to_every_key():
+    """Not the field of the coils alone: without the iron the derivatives are others, by a hundredth at least."""
+    device = fm.read_device(DEVICE).replace(bodies=(), materials={})
+    alone = fm.solve_linear(device).at(CASES["saturated"])
+    keys = [key for key in KEYS if key.startswith(("current", "coil", "background"))]
+    bare = alone.derivative(QUANTITIES["field"], keys)
+    assert bare.solves == 0
+    for key in keys:
+        whole = found("saturated", "field")[key]
+        assert np.abs(whole - bare[key]).max() > 0.01 * np.abs(bare[key]).max(), key
+
+
+def test_the_iron_of_another_solver_is_made_anew():
+    """A state that was pickled, or whose solver is gone, gives the same derivatives."""
+    state = solved("saturated")
+    expected = found("saturated", "field")
+    gc.collect()
+    for other in (state, pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
+        again = other.derivative(QUANTITIES["field"], list(expected.by))
+        for key in expected.by:
+            np.testing.assert_allclose(again[key], expected[key], rtol=1e-5, atol=1e-9)
+
+
+def test_symmetric_meshes():
+    """The mirror planes of the iron, which the coils' currents break."""
+    device = fm.read_device("loop_and_sphere")
+    with_planes, without = (
+        NonlinearSolver(device, symmetry=symmetry).solve([1.5], tolerance=1e-7)
+        for symmetry in ("auto", "none")
+    )
+    quantity, keys = FluxDensityAt([0.002, 0.001, -0.014]), ["current.loop", "coil.loop.position_mm.1"]
+    one, other = (state.derivative(quantity, keys) for state in (with_planes, without))
+    assert with_planes.mesh.symmetry is not None
+    for key in keys:
+        # Two meshes of one sphere: their fields differ by some 1e-3.
+        np.testing.assert_allclose(one[key], other[key], rtol=0.02, atol=0.02 * np.abs(other[key]).max())
+
+
+def test_change_sums_the_first_order():
+    result = found("saturated", "force")
+    expected = 0.5 * result["current.around"] - 2 * result["coil.beside.position_mm.1"]
+    steps = {"current.around": 0.5, "coil.beside.position_mm.1": -2}
+    np.testing.assert_allclose(result.change(steps), expected)
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["body.core.radius_mm", "current.none", "coil.*.turns", "coil.around.name"],
+)
+def test_keys_that_cannot_be_followed(key):
+    with pytest.raises(InputError) as caught:
+        base("saturated").derivative(QUANTITIES["field"], [key])
+    assert key in caught.value.problems[0].where
+
+
+def test_a_key_that_the_device_lacks():
+    with pytest.raises(DeviceFileError):
+        base("saturated").derivative(QUANTITIES["field"], ["coil.around.turn"])
+
+
+def test_points_in_the_iron_and_names_of_no_coil():
+    for quantity in (FluxDensityAt([0.0, 0.0, 0.01]), FluxLinkage("none")):
+        with pytest.raises(InputError):
+            base("saturated").derivative(quantity, ["current.around"])
+
+
+def test_states_without_their_equations():
+    device = fm.read_device("loop_and_sphere")
+    solver = HysteresisSolver(device, Pinning(10.0), refinement=0.6)
+    with_memory = solver.step([1.0], solver.demagnetised)
+    surface = fm.solve_linear(device, form="surface", refinement=0.6).at([1.0])
+    for state in (with_memory, surface):
+        with pytest.raises(InputError):
+            state.derivative(FluxDensityAt([0.0, 0.0, -0.014]), ["current.loop"])
