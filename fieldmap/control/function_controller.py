@@ -14,7 +14,7 @@ import ctypes
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numba.core.ccallback import CFunc
@@ -24,6 +24,8 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_numbers, check_ordered, check_positive
 from fieldmap.control.blocks import arrays_of, constant_block
+from fieldmap.control.function_failure import CALL, BoundFunction, reason, wrong_outputs
+from fieldmap.control.guarded import guarded
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.block import Block
 from fieldmap.kernels.control.function import (
@@ -34,12 +36,12 @@ from fieldmap.kernels.control.function import (
     compiled_function,
     number_of,
     returned_type,
+    with_checked_indices,
 )
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 GIVES = ("signals", "currents", "voltages")
-CALL = "function(time, measured, reference, state) -> outputs"
 C_CALL = "int function(double time, const double *measured, const double *reference, double *state, double *outputs)"
 _CPointer: Any = ctypes._CFuncPtr  # type: ignore[attr-defined]
 _real = ctypes.POINTER(ctypes.c_double)
@@ -50,33 +52,23 @@ _Entry = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *[ctypes.c_void_p] * 4)
 _WHERE = "FunctionController(function)"
 
 
-class BoundFunction(Protocol):
-    """A function as compiled loops call it: for one run."""
-
-    @property
-    def address(self) -> int:
-        """Of the C function."""
-
-    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
-        """The exception that the function raised when it was called with these, if any."""
-
-    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
-        """What it gave in the place of the outputs, as a text; "" where that is not known."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class FunctionController(Record):
     """A function as controller, in the place of the shipped ones: what it is called with is in the head of this file.
 
     function: any Python callable; a function jitted by numba; a C function: `numba.cfunc` of `C_SIGNATURE`, a function
-    of ctypes, or an address. state: numbers that it begins with (n,), or how many zeros. gives: "signals": those of the
-    machine's control allocation, such as lift, V, and x and y signals; "currents": of each coil, A; "voltages": of each
-    coil's amplifier input, V. Currents and voltages go through converters, amplifiers and windings as signals do.
-    lower, upper: limits of the outputs, one for all or (m,). period: s, at which it is called, in the place of the
-    scenario's. Raises InputError for what cannot be called so.
+    of ctypes, or an address. state: numbers that it begins with (n,), or how many zeros; none unless given. gives:
+    "signals": those of the machine's control allocation, such as lift, V, and x and y signals; "currents": of each
+    coil, A; "voltages": of each coil's amplifier input, V. Currents and voltages go through converters, amplifiers and
+    windings as signals do. lower, upper: limits of the outputs, one for all or (m,). period: s, at which it is called,
+    in the place of the scenario's. Raises InputError for what cannot be called so.
 
     A callable with a method `reset` is reset at the beginning of every run. Everything else that it remembers by
     itself it brings along into the next run: keep it in `state`, and equal seeds give equal runs.
+
+    Indices out of range are errors of the run. A function jitted by numba is compiled anew with its indices checked, if
+    it does not say `boundscheck` itself; of what it calls, and of C functions, a run notices at its end what they wrote
+    up to 256 numbers beside state and outputs.
 
     >>> def hold(time, measured, reference, state):
     ...     state[0] += reference[2] - measured[2]
@@ -128,9 +120,10 @@ class FunctionController(Record):
         if self.form == "numba":
             key = len(names)
             if key not in self._compiled:  # type: ignore[attr-defined]
-                found = _compiled(self.function, names, len(self.memory))
+                checked = with_checked_indices(self.function)
+                found = checked, _compiled(checked, names, len(self.memory))
                 self._compiled[key] = found  # type: ignore[attr-defined]
-            return _JittedFunction(self.function, self._compiled[key])  # type: ignore[attr-defined]
+            return _JittedFunction(*self._compiled[key])  # type: ignore[attr-defined]
         return _ForeignFunction(self.function)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -189,47 +182,13 @@ def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
     try:
         returned = returned_type(function)
     except (NumbaError, RuntimeError) as error:
-        first = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
         must = f"must compile as {CALL}: a float and three arrays of float64"
-        remedy = "decorate it with @numba.njit alone, and call it once by itself to see all that numba says"
-        raise InputError(Problem(_WHERE, must, first.strip(), remedy)) from error
+        remedy = "mend what numba says there, or give the function without numba; decorate it with @numba.njit alone"
+        raise InputError(Problem(_WHERE, must, reason(error), remedy)) from error
     number = number_of(returned)
     if number is not None and number != len(names):
-        raise InputError(_wrong_outputs(_WHERE, names, f"{returned}"))
+        raise InputError(wrong_outputs(_WHERE, names, f"{returned}"))
     return compiled_function(function, len(names), states)
-
-
-def _wrong_outputs(where: str, names: Sequence[str], received: str) -> Problem:
-    wanted = f"must return {len(names)} number{'s' * (len(names) > 1)}: {', '.join(names)}"
-    return Problem(where, wanted, received, "return them as a tuple or an array, or choose what it gives")
-
-
-def failure(
-    bound: BoundFunction,
-    names: Sequence[str],
-    answer: int,
-    outputs: Array,
-    given: tuple[float, Array, Array, Array],
-) -> tuple[Problem, BaseException | None]:
-    """What went wrong at a sample at which a function was given time, measured, reference and state, and returned
-    `answer`; outputs (m,): what it filled in."""
-    time, measured, reference, state = given
-    where = f"controller at {time:.6g} s"
-    about = f"measured {measured.tolist()}, reference {reference.tolist()} m, state {state.tolist()}"
-    if answer == DONE:
-        values = ", ".join(f"{name} {value:g}" for name, value in zip(names, outputs, strict=True))
-        remedy = f"look for a division by zero or a state that grows; it was given {about}"
-        return Problem(where, "must return finite numbers", values, remedy), None
-    shape = bound.shape(*given) if answer == WRONG_LENGTH else ""
-    if shape:
-        return _wrong_outputs(where, names, shape), None
-    cause = bound.cause(*given)
-    if cause is None:
-        remedy = f"see what it means by that; it was given {about}"
-        return Problem(where, "must return 0", f"{answer}", remedy), None
-    received = f"{type(cause).__name__}: {cause}"
-    remedy = f"mend it: the exception has its traceback; it was given {about}"
-    return Problem(where, f"must be {CALL} and raise nothing", received, remedy), cause
 
 
 class _PythonFunction:
@@ -292,7 +251,7 @@ def _array_at(address: int | None, size: int) -> Array:
 
 
 class _JittedFunction:
-    """A function jitted by numba, compiled for the loop."""
+    """A function jitted by numba with its indices checked, compiled for the loop."""
 
     def __init__(self, function: Any, entry: Any) -> None:
         self._function, self._entry = function, entry
@@ -302,16 +261,29 @@ class _JittedFunction:
         return int(self._entry.address)
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
-        """Compiled code cannot keep an exception: the function is called once more, to see it."""
-        try:
-            self._function(time, measured.copy(), reference.copy(), state.copy())
-        except Exception as error:
-            return error
-        return None
+        """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
+        source, which knows its line and the index."""
+        given = (measured, reference, state)
+        compiled = _raised_by(self._function, time, *given)
+        if compiled is None:
+            return None
+        source = _raised_by(self._function.py_func, time, *given)
+        return source if type(source) is type(compiled) else compiled
 
     def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
-        found = self._function(time, measured.copy(), reference.copy(), state.copy())
+        found = self._function(time, guarded(measured), guarded(reference), guarded(state))
         return f"an array {np.shape(found)}"
+
+
+def _raised_by(
+    function: Callable[..., Any], time: float, measured: Array, reference: Array, state: Array
+) -> Exception | None:
+    try:
+        with np.errstate(all="ignore"):
+            function(time, guarded(measured), guarded(reference), guarded(state))
+    except Exception as error:
+        return error
+    return None
 
 
 class _ForeignFunction:

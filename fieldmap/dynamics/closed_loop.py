@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
-from fieldmap.control.function_controller import BoundFunction, FunctionController, failure
+from fieldmap.control.function_controller import FunctionController
+from fieldmap.control.function_failure import BoundFunction, failure, written_beside
+from fieldmap.control.guarded import guarded
 from fieldmap.dynamics.allocation import MatrixAllocation
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.loop_run import IronUse, LevitationRun, event_of
@@ -142,8 +144,13 @@ def simulate_closed_loop(
     if event == kernel.NOTHING:
         event = loop.go_on()
     run = run_of(machine, schedule, loop, event)
-    if bound is not None and event in (kernel.CONTROLLER_FAILED, kernel.OUTPUTS_NOT_FINITE):
-        raise controller_error(bound, names, loop, run)
+    if bound is not None:
+        room = loop.room
+        problem = written_beside(loop.time, loop.moving.memory, room.signals, room.outputs)
+        if problem is not None:
+            raise ControllerError(problem, time=loop.time, run=run)
+        if event in (kernel.CONTROLLER_FAILED, kernel.OUTPUTS_NOT_FINITE):
+            raise controller_error(bound, names, loop, run)
     return run
 
 
@@ -182,8 +189,10 @@ def start_loop(
     plant = machine.plant(schedule.step, EXACT if law.inverse.rounds else None)
     timing, sensing = schedule.clock, machine.sensors.numbers
     signals = draw_signals(machine, schedule, seed)
-    moving = Moving(begin, amperes, np.array(memory, float), np.empty(6))
+    moving = Moving(begin, amperes, guarded(memory), np.empty(6))
     room, event = kernel.begin(timing, plant, sensing, signals, moving, m)
+    # What functions write to; compiled ones may miss it.
+    room = room._replace(signals=guarded(room.signals), outputs=guarded(room.outputs))
     if iron_use(machine, plant).unsolved:
         raise _unsolved(amperes)
     rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))

@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,7 +126,7 @@ def library(tmp_path_factory):
     if compiler is None:
         pytest.skip("no C compiler here")
     folder = tmp_path_factory.mktemp("own")
-    (folder / "own.c").write_text(C_TEXT)
+    (folder / "own.c").write_text(C_TEXT + C_BESIDE)
     # No contraction: a product and a sum in one rounding would be other bits.
     words = [
         compiler,
@@ -335,6 +336,123 @@ def test_what_fails_on_the_way_is_told_with_its_time(plain, jit, function, recei
     assert len(error.value.run.time) == 20
     if function is raising:
         assert isinstance(error.value.__cause__, ValueError)
+
+
+@pytest.mark.parametrize("jit", [lambda f: f, numba.njit], ids=["python", "numba"])
+def test_an_index_beyond_state_is_told_at_the_sample_at_which_it_happens(plain, jit):
+    """Also where it only reads, far beyond whatever lies there, and only later in the run."""
+
+    def reads(time, measured, reference, state):
+        return 5.0 if time < 0.0391 else 5.0 + 0.0 * state[5_000_000]
+
+    for function, at in ((python_pid, "0 s"), (reads, "0.04 s")):
+        with pytest.raises(ControllerError) as error:
+            run(plain, own(jit(function), state=()))
+        problem = error.value.problems[0]
+        assert problem.where == f"controller at {at}"
+        assert problem.received.startswith("IndexError")
+        assert Path(__file__).name in problem.received
+        assert "state=" in problem.remedy
+        assert isinstance(error.value.__cause__, IndexError)
+
+
+def test_checked_indices_have_the_bits_of_unchecked_ones(plain):
+    signature = "Tuple((float64,))(float64, float64[::1], float64[::1], float64[::1])"
+    forms = [numba.njit(boundscheck=False), numba.njit(fastmath=False), numba.njit(signature)]
+    wanted = run(plain, own(jitted_pid))
+    for jit in forms:
+        np.testing.assert_array_equal(run(plain, own(jit(python_pid))).rows, wanted.rows)
+
+
+BEYOND = """
+import sys
+import numba, numpy as np
+from fieldmap.control import FunctionController
+from fieldmap.dynamics import *
+from fieldmap.errors import ControllerError
+from fieldmap.instruments import Amplifier
+from fieldmap.lookup import FiniteMagnet, interpolate
+from fieldmap.store import Grid, MapData
+
+grid = Grid([-0.01] * 3, [0.005] * 3, (5, 5, 5))
+x, y, z = grid.points().T
+flux = np.column_stack([-0.03 * x, -0.03 * y, 0.01 + 0.06 * z]).reshape(1, 5, 5, 5, 3)
+slope = np.broadcast_to(np.diag([-0.03, -0.03, 0.06]), (1, 5, 5, 5, 3, 3))
+field = superposed(interpolate(MapData(grid, ("coil",), [1.0], flux_density=flux, gradient=slope)))
+body = RigidBody(0.01, [6e-7, 6e-7, 2e-7], FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])))
+drive = CoilDrive(Amplifier(gain=0.4), coils=1)
+machine = Machine(field, body, drive, Sensors(zero_depth=0.0), MatrixAllocation(np.eye(1), np.zeros(1)))
+plan = Schedule(np.zeros((200, 3)), period=2e-3)
+
+@numba.njit
+def writes(numbers, first, last):
+    for k in range(first, last):
+        numbers[k] = 1e300
+
+def whole(time, measured, reference, state):
+    for k in range(2000):
+        state[k] = 1e300
+    return 5.1
+
+def behind(time, measured, reference, state):
+    writes(state, 2, 9)
+    return 5.1
+
+def before(time, measured, reference, state):
+    writes(state, -3, 0)
+    return 5.1
+
+def sensed(time, measured, reference, state):
+    writes(measured, 5, 9)
+    return 5.1
+
+received = []
+for times in range(3):
+    for function in (whole, behind, before, sensed):
+        controller = FunctionController(numba.njit(function), state=2)
+        try:
+            simulate_closed_loop(machine, controller, plan, state_of([0, 0, 0]), [2.04])
+        except ControllerError as error:
+            received.append(error.problems[0].received)
+print("|".join(received))
+"""
+
+
+def test_a_compiled_function_that_writes_beside_its_state_does_not_end_the_program():
+    """In a process of its own: unwatched, it ends by an abort of the memory's keeper, or with a result."""
+    done = subprocess.run([sys.executable, "-c", BEYOND], capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+    told = done.stdout.strip().split("|")
+    assert len(told) == 12
+    assert told[:4] == told[4:8] == told[8:]
+    assert told[0].startswith("IndexError")
+    assert [each.rsplit(" ", 1)[-1] for each in told[1:4]] == ["state[2]", "state[-1]", "measured[5]"]
+
+
+C_BESIDE = """
+int outputs_too(double time, const double *measured, const double *reference, double *state, double *outputs)
+{
+    for (int k = 0; k < 40; k++) outputs[k] = 5.0;
+    return 0;
+}
+int reads(double time, const double *measured, const double *reference, double *state, double *outputs)
+{
+    outputs[0] = 5.0 + 0.0 * state[12];
+    return 0;
+}
+"""
+
+
+def test_c_functions_that_leave_their_arrays_are_found(plain, library):
+    """What they write is noticed at the end of the run; what they read is no number."""
+    with pytest.raises(ControllerError) as error:
+        run(plain, own(library.outputs_too))
+    assert error.value.problems[0].received.endswith("outputs[1]")
+    assert len(error.value.run.time) == 400
+    with pytest.raises(ControllerError) as error:
+        run(plain, own(library.reads))
+    assert error.value.problems[0].where == "controller at 0 s"
+    assert "nan" in error.value.problems[0].received
 
 
 def test_c_functions_say_that_they_fail_by_a_number(plain, library):

@@ -8,7 +8,7 @@ It fills the outputs, may change its state, and returns 0; any other number ends
 from typing import Any
 
 from llvmlite import ir
-from numba import carray, cfunc, literal_unroll, types
+from numba import carray, cfunc, jit, literal_unroll, types
 from numba.extending import intrinsic
 
 NO_FUNCTION, GIVEN = 0, -1
@@ -47,9 +47,21 @@ call_function: Any = _call_function
 """As above: `call_function(address, time, measured, reference, state, outputs)`, in compiled code only."""
 
 
+def with_checked_indices(function: Any) -> Any:
+    """A jitted function compiled anew from its Python source, with an IndexError for an index out of range; itself if
+    it says by `boundscheck` what it wants. What it calls is compiled as it was."""
+    options = dict(function.targetoptions)
+    if options.pop("boundscheck", None) is not None:
+        return function
+    # Of a function with signatures of its own no others are compiled.
+    signatures = None if function._can_compile else function.nopython_signatures
+    return jit(signatures, boundscheck=True, locals=function.locals, **options)(function.py_func)
+
+
 def returned_type(function: Any) -> types.Type:
     """What a jitted function returns for `ARGUMENTS`. Raises numba's own errors where it does not compile for them."""
-    function.compile(ARGUMENTS)
+    if ARGUMENTS not in function.overloads:
+        function.compile(ARGUMENTS)
     return function.overloads[ARGUMENTS].signature.return_type
 
 

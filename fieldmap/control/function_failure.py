@@ -1,0 +1,118 @@
+"""What went wrong in a function that is a controller, in words: where it raised what, what it returned, what it wrote
+beside its arrays, and what numba says of it."""
+
+from __future__ import annotations
+
+import os
+import re
+import traceback
+from collections.abc import Sequence
+from typing import Protocol
+
+from fieldmap.control.guarded import overrun
+from fieldmap.errors import Problem
+from fieldmap.kernels.control.function import DONE, WRONG_LENGTH
+from fieldmap.typing import Array
+
+CALL = "function(time, measured, reference, state) -> outputs"
+_HERE = os.path.dirname(__file__)
+
+
+class BoundFunction(Protocol):
+    """A function as compiled loops call it: for one run."""
+
+    @property
+    def address(self) -> int:
+        """Of the C function."""
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        """The exception that the function raised when it was called with these, if any."""
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        """What it gave in the place of the outputs, as a text; "" where that is not known."""
+
+
+def reason(error: Exception) -> str:
+    """What numba says first that is about the function, and the line that it names."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    lines = [line.strip() for line in plain.splitlines() if line.strip()]
+    said = [line for line in lines if not line.startswith(("Failed in", "File ", "During:", "- Resolution"))]
+    named = re.search(r'File "([^"]+)", line (\d+)', plain)
+    first = said[0] if said else type(error).__name__
+    return first if named is None else f"{first} ({_shorter(named[1])}, line {named[2]})"
+
+
+def wrong_outputs(where: str, names: Sequence[str], received: str) -> Problem:
+    """Of a function whose outputs are not as many as these names."""
+    wanted = f"must return {len(names)} number{'s' * (len(names) > 1)}: {', '.join(names)}"
+    return Problem(where, wanted, received, "return them as a tuple or an array, or choose what it gives")
+
+
+def failure(
+    bound: BoundFunction,
+    names: Sequence[str],
+    answer: int,
+    outputs: Array,
+    given: tuple[float, Array, Array, Array],
+) -> tuple[Problem, BaseException | None]:
+    """What went wrong at a sample at which a function was given time, measured, reference and state, and returned
+    `answer`; outputs (m,): what it filled in."""
+    time, measured, reference, state = given
+    where = f"controller at {time:.6g} s"
+    about = f"measured {measured.tolist()}, reference {reference.tolist()} m, state {state.tolist()}"
+    if answer == DONE:
+        values = ", ".join(f"{name} {value:g}" for name, value in zip(names, outputs, strict=True))
+        remedy = (
+            f"look for a division by zero, a state that grows or an index out of range; it was given {about}"
+        )
+        return Problem(where, "must return finite numbers", values, remedy), None
+    shape = bound.shape(*given) if answer == WRONG_LENGTH else ""
+    if shape:
+        return wrong_outputs(where, names, shape), None
+    cause = bound.cause(*given)
+    if cause is None:
+        remedy = f"see what it means by that; it was given {about}"
+        return Problem(where, "must return 0", f"{answer}", remedy), None
+    at = _raised_at(cause)
+    received = f"{type(cause).__name__}: {cause}{at and f' ({at})'}"
+    remedy = "mend it" if not isinstance(cause, IndexError) else _more_state(len(state))
+    return Problem(
+        where, f"must be {CALL} and raise nothing", received, f"{remedy}; it was given {about}"
+    ), cause
+
+
+def _more_state(states: int) -> str:
+    return f"`state` has {states} numbers: give as many as it uses, FunctionController(function, state=N)"
+
+
+def _raised_at(error: BaseException) -> str:
+    """File and line of the function at which it raised an exception, "" where they are not known."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if os.path.dirname(frame.filename) != _HERE
+    ]
+    # The first is the function's own; below its last line in that file lie the libraries that it calls.
+    own = [frame for frame in frames if frame.filename == frames[0].filename]
+    return f"{_shorter(own[-1].filename)}, line {own[-1].lineno}" if own else ""
+
+
+def _shorter(file: str) -> str:
+    """A file as seen from the current folder where it lies below it."""
+    here = os.getcwd() + os.sep
+    return file[len(here) :] if file.startswith(here) else file
+
+
+def written_beside(time: float, state: Array, given: Array, outputs: Array) -> Problem | None:
+    """What a compiled function wrote beside its arrays by a time, s; None where it kept to them. All of `guarded`;
+    given (7,): reference and measured, and a number more."""
+    for name, array, first in (("state", state, 0), ("outputs", outputs, 0), ("measured", given, 3)):
+        index = overrun(array)
+        if index is not None:
+            size = len(array) if first == 0 else 3
+            must = f"must write within {name}, which has {size} numbers"
+            remedy = _more_state(size) if name == "state" else "look for the index that goes too far"
+            received = f"a write to {name}[{index - first}]"
+            where = f"controller, noticed at {time:.6g} s"
+            return Problem(where, must, received, f"{remedy}; the run does not hold")
+    return None
