@@ -155,6 +155,7 @@ def _check_files(
 def _function_in(text: str) -> "FunctionController":
     """The controller NAME of FILE.py, which is run as Python runs a script's imports. Raises InputError."""
     import importlib.util
+    import sys
 
     from fieldmap.control import FunctionController
     from fieldmap.errors import InputError, Problem
@@ -171,11 +172,16 @@ def _function_in(text: str) -> "FunctionController":
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    # What lies beside it is found, as it is by `python FILE.py`.
+    folder = str(path.resolve().parent)
+    sys.path.insert(0, folder)
     try:
         spec.loader.exec_module(module)
     except Exception as error:
         received, remedy = f"{type(error).__name__}: {error}", f"see what python {path} says"
         raise InputError(Problem("--controller", f"{path} must run", received, remedy)) from error
+    finally:
+        sys.path.remove(folder)
     if not hasattr(module, name):
         functions = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
         remedy = f"choose among {', '.join(functions) or 'none: write one'}"
@@ -233,15 +239,20 @@ def _page(
     scenario: str, written: list[Path], laid: "LaidLog | None", simulation: "Simulation"
 ) -> "Iterator[Section]":
     from fieldmap.cli.printing import assumption_lines, facts, heading
+    from fieldmap.control import FunctionController
 
-    yield heading(simulation.first.scenario.contents.title, scenario)
+    own = simulation.first.controller
+    where = (
+        f"{scenario}, with {own.name} as its controller" if isinstance(own, FunctionController) else scenario
+    )
+    yield heading(simulation.first.scenario.contents.title, where)
     for batch in simulation.batches:
         yield _facts(batch)
         yield _axes(batch)
     for batch in simulation.batches:
         yield _steps(batch)
     yield None if laid is None else _apart(laid)
-    yield facts(assumption_lines(simulation.first.machine.assumptions))
+    yield facts(assumption_lines(simulation.first.assumptions))
     yield facts([("written", str(path)) for path in written]) if written else None
 
 
@@ -275,6 +286,7 @@ def _facts(batch: "Batch") -> "Table":
         ),
     ]
     rows += [("events", text) for text in _events(batch)]
+    rows += [("settling", text) for text in _not_settled(batch)]
     lean = max(one.metrics.largest_lean_deg for one in batch.runs)
     current = max(one.metrics.largest_current_A for one in batch.runs)
     rows.append(("largest", f"lean {lean:.2f} degrees, current {current:.3f} A"))
@@ -292,6 +304,22 @@ def _iron(batch: "Batch") -> list[str]:
     lines = [f"solved at {solves} steps, {steps / solves:.2f} Newton steps each; {unsolved} did not converge"]
     if unsolved:
         lines.append(f"WARNING: at {unsolved} steps the iron stayed as it was at the step before")
+    return lines
+
+
+def _not_settled(batch: "Batch") -> list[str]:
+    """A line for each axis that does not come to rest after its step, of the runs that no event ended."""
+    import numpy as np
+
+    lines = []
+    whole = [one.metrics for one in batch.runs if not one.metrics.event]
+    for k, axis in enumerate(("x", "y", "depth")):
+        steps = [step for metrics in whole if (step := metrics.axes[k].step) is not None]
+        left = [step.steady_rms for step in steps if not np.isfinite(step.settling_time)]
+        if left:
+            runs = "" if len(whole) == 1 else f" in {len(left)} of {len(whole)} runs"
+            off = f"{float(np.mean(left)):.3g} mm RMS off over the last quarter"
+            lines.append(f"{axis} does not settle within 2 % of its step{runs}: {off}")
     return lines
 
 

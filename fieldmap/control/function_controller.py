@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,7 +39,7 @@ from fieldmap.kernels.control.function import (
     returned_type,
     with_checked_indices,
 )
-from fieldmap.records import Record
+from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
 
 GIVES = ("signals", "currents", "voltages")
@@ -101,6 +102,28 @@ class FunctionController(Record):
     def memory(self) -> Array:
         """(n,): the state that a run begins with."""
         return np.array(self.state)
+
+    @property
+    def name(self) -> str:
+        """Of the function, with its file where that is known."""
+        function = self.function
+        if self.form == "c":
+            named = getattr(function, "__name__", None)
+            return f"a C function {named}" if named else "a C function"
+        python = function.py_func if self.form == "numba" else function
+        named = getattr(python, "__name__", None) or type(python).__name__
+        code = getattr(python, "__code__", None) or getattr(type(python).__call__, "__code__", None)
+        return named if code is None else f"{named} of {os.path.basename(code.co_filename)}"
+
+    @property
+    def assumption(self) -> str:
+        """What a run with it rests on, in a line: function and file, state, outputs and their limits."""
+        form = {"python": " (Python)", "numba": " (numba)", "c": ""}[self.form]
+        low, high = (", ".join(f"{v:g}" for v in np.ravel(limit)) for limit in (self.lower, self.upper))
+        bounded = np.isfinite(np.ravel(self.lower)).any() or np.isfinite(np.ravel(self.upper)).any()
+        limits = f"limits {low} to {high}" if bounded else "no limits"
+        state = count_of(len(self.memory), "number", "numbers")
+        return f"controller: {self.name}{form}, which gives {self.gives}, {limits}; a state of {state}"
 
     def limits(self, outputs: int) -> Block:
         """Limits of so many outputs, as compiled loops take them: a block that holds nothing else."""

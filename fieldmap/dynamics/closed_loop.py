@@ -144,7 +144,8 @@ def simulate_closed_loop(
     if event == kernel.NOTHING:
         event = loop.go_on()
     run = run_of(machine, schedule, loop, event)
-    if bound is not None:
+    if isinstance(controller, FunctionController) and bound is not None:
+        run = replace(run, assumptions=(*run.assumptions, controller.assumption))
         room = loop.room
         problem = written_beside(loop.time, loop.moving.memory, room.signals, room.outputs)
         if problem is not None:

@@ -1,6 +1,7 @@
 """`fieldmap simulate`: what is run, written and refused."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -106,6 +107,65 @@ def test_a_function_of_a_file_is_the_controller(command, written, tmp_path):
     np.testing.assert_allclose(outputs[:, 0], 4.0 + 500.0 * (wanted[:, 2] - seen[:, 2]), rtol=1e-12)
 
 
+def test_the_output_names_the_function_and_its_limits(command, written, tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    words = (
+        "simulate",
+        written(),
+        "--controller",
+        f"{tmp_path / 'own.py'}:counted",
+        "--set",
+        "duration_s=0.02",
+    )
+    _, out, _ = command(*words)
+    assert "steady of own.py" in " ".join(out.split("at rest")[0].split())
+    _, out, _ = command(*words, "--json", "-o", tmp_path / "run.h5")
+    (told,) = [text for text in json.loads(out)["assumptions"] if "controller" in text]
+    assert all(part in told for part in ("steady of own.py", "(Python)", "10, 1, 1", "1 number"))
+    (run,), _ = read_runs(tmp_path / "run.h5")
+    assert told in run.about["assumptions"]
+    _, out, _ = command(*words[:2], *words[4:], "--json")
+    assert not any("controller" in text for text in json.loads(out)["assumptions"])
+
+
+def test_what_lies_beside_the_file_of_a_controller_is_found(command, written, tmp_path):
+    (tmp_path / "beside_the_controller.py").write_text("LIFT = 4.0")
+    own = "import beside_the_controller\n\ndef f(time, measured, reference, state):\n"
+    own += "    return beside_the_controller.LIFT, 0.0, 0.0\n"
+    (tmp_path / "own.py").write_text(own)
+    before = list(sys.path)
+    code, _, err = command(
+        "simulate", written(), "--controller", tmp_path / "own.py:f", "--set", "duration_s=0.02"
+    )
+    assert code == 0, err
+    assert sys.path == before
+    sys.modules.pop("beside_the_controller")
+
+
+def test_a_run_that_does_not_settle_says_so(command, written):
+    """Its magnet stays off its reference: by how much, from the samples themselves."""
+    path = written()
+    half = {"control.z.Kc": 0.4, "duration_s": 0.5}
+    run = simulate(path, half, seed=0)
+    step = run.metrics.axes[2].step
+    assert not np.isfinite(step.settling_time)
+    code, out, _ = command(
+        "simulate", path, "--seed", 0, *[w for k, v in half.items() for w in ("--set", f"{k}={v}")]
+    )
+    assert code == 0
+    after = run.time >= 0.2 + 0.75 * (run.time[-1] - 0.2) - 1e-9
+    (line,) = [line for line in out.splitlines() if line.startswith("settling")]
+    off = float(line.split(":")[1].split()[0])
+    wanted = 1e3 * np.sqrt(np.mean((run.sensed - run.references)[after, 2] ** 2))
+    assert off == pytest.approx(wanted, rel=5e-3)
+    # Left alone for longer, it settles.
+    code, out, _ = command(
+        "simulate", path, "--seed", 0, "--set", "duration_s=20.0", "--set", "noise.off=true"
+    )
+    assert code == 0
+    assert "settling " not in [line[:9] for line in out.splitlines()]
+
+
 @pytest.mark.parametrize(
     "name", ["own.py:none", "own.py", "no.py:steady", "broken.py:f", "own.py:steady", "own.py:late"]
 )
@@ -115,7 +175,9 @@ def test_a_controller_that_fails_is_bad_input(command, written, tmp_path, name):
     code, _, err = command("simulate", written(), "--controller", tmp_path / name)
     assert code == 2
     # `steady` writes to a state that it has not asked for.
-    assert {"own.py:late": "0.022 s", "own.py:steady": "IndexError"}.get(name, "--controller") in err
+    assert {"own.py:late": "own.py, line 10", "own.py:steady": "own.py, line 5"}.get(
+        name, "--controller"
+    ) in err
 
 
 def test_a_log_is_laid_over_the_run(command, written, tmp_path):

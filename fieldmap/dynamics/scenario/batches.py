@@ -72,7 +72,7 @@ class Simulation(Record):
             scenario=self.first.scenario.path.name,
             title=self.first.scenario.contents.title,
             batches=[batch.to_dict() for batch in self.batches],
-            assumptions=self.first.machine.assumptions,
+            assumptions=self.first.assumptions,
         )
 
 

@@ -57,6 +57,12 @@ class Experiment(Record):
         warn_renamed("Experiment.rest", "Experiment.operating_point")
         return self.operating_point
 
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What its runs rest on: the machine's, and a controller of the caller's own."""
+        own = self.controller
+        return (*self.machine.assumptions, *([own.assumption] if isinstance(own, FunctionController) else []))
+
     def warm(self) -> None:
         """One control period, so that what is timed after it is compiled."""
         first = replace(self.schedule, references=self.schedule.references[:1], feedforward=None, loads=None)
