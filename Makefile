@@ -30,6 +30,13 @@ mutants: $(VENV)/.installed-mutants
 	$(BIN)/python scripts/mutants.py --planted
 	$(BIN)/python scripts/mutants.py control currents dynamics interpolants iron levitation lookup sources
 
+# Both in environments of their own, which are deleted again (FOLDER=... keeps the second's files).
+oldest:
+	$(PYTHON) scripts/oldest.py
+
+release-check:
+	$(PYTHON) scripts/release_check.py $(if $(FOLDER),--folder $(FOLDER))
+
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 

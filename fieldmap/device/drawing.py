@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils import Coil
@@ -112,7 +111,7 @@ def source_outline(source: AirSource) -> Outline:
     else:
         points = _magnet_points(source)
         if len(points) > 3:
-            triangles = ConvexHull(points).simplices.astype(np.int64)
+            triangles = _hull_triangles(points)
     placed = points @ np.asarray(source.placement.rotation).T + source.placement.position
     return Outline(source.kind, "coil" if source.is_current else "magnet", placed, triangles)
 
@@ -165,16 +164,14 @@ def body_outlines(bodies: tuple[Body, ...], magnets: tuple[str, ...] = ()) -> tu
         kind = "magnet" if body.name in magnets else "iron"
         for points in map(part_points, body.parts):
             if len(points):
-                outlines.append(
-                    Outline(body.name, kind, points, ConvexHull(points).simplices.astype(np.int64))
-                )
+                outlines.append(Outline(body.name, kind, points, _hull_triangles(points)))
     return tuple(outlines)
 
 
 def box_outline(name: str, lower: Array, upper: Array) -> Outline:
     """The faces of an axis-parallel box."""
     corners = np.stack(np.meshgrid(*np.stack([lower, upper], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
-    return Outline(name, "map", corners, ConvexHull(corners).simplices.astype(np.int64))
+    return Outline(name, "map", corners, _hull_triangles(corners))
 
 
 def part_points(part: Part) -> Array:
@@ -225,7 +222,16 @@ def coil_points(coil: Coil) -> Array:
     return local @ np.asarray(coil.placement.rotation).T + coil.placement.position
 
 
+def _hull_triangles(points: Array) -> Index:
+    # Here: reading a device or a map, which are rarely drawn, would take longer.
+    from scipy.spatial import ConvexHull
+
+    return ConvexHull(points).simplices.astype(np.int64)
+
+
 def _hull(points: Array) -> Array:
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         return points[ConvexHull(points).vertices]
     except QhullError:

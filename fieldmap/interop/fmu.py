@@ -133,7 +133,7 @@ def write_fmu(
         numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
-        (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token))
+        (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token), encoding="utf-8")
         files = {
             "modelDescription.xml": _description(version, identifier, token, variables).encode(),
             "resources/map.fmap": flat.read_bytes(),

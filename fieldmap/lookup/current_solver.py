@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
@@ -46,6 +45,9 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         compiled_domain(model.domain, False),
         _TOLERANCE_OF_MIDDLE,
     )
+    # Here: opening any other map would take a third of a second longer.
+    from scipy.stats import qmc
+
     domain, middle = model.domain, model.domain.middle
     state = new_state(free)
     _check(kernels.solve(free, state, middle, free.tolerance), middle)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from fieldmap.currents import ROUNDING, TOLERANCE, LiftAndDirections
 from fieldmap.errors import InputError, Problem
@@ -94,6 +93,9 @@ def spline_table(
 ) -> tuple[Any, ...]:
     """What `table_weights` takes, of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
     (nu, nx, ny, 6, k). margin: share of the range by which currents may lie outside, for rounding."""
+    # Here: opening a map without a table would take longer.
+    from scipy.interpolate import make_interp_spline
+
     coefficients, knots = values, []
     for axis, nodes in enumerate(axes):
         spline = make_interp_spline(nodes, coefficients, k=3, axis=axis)

@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linprog
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.currents import IndependentCurrents
@@ -228,6 +227,9 @@ def reachable_share(
 
     A linear program: t, i with A i + c = t b, t largest; c (rows,): what is there without currents.
     """
+    # Here: opening a map would take longer.
+    from scipy.optimize import linprog
+
     size = np.linalg.norm(matrix, axis=1)
     rows = size > 0
     scale = size[rows]

@@ -78,7 +78,7 @@ class LiveState:
 
 def _read_states(path: Path) -> dict[str, dict[str, float]]:
     try:
-        content: Any = json.loads(path.read_text())
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         content, problem = None, str(error)
     else:

@@ -1,5 +1,8 @@
 """Sparse factors, and the air's operator that rests on them, against dense algebra."""
 
+import importlib.util
+import sys
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix, diags_array, eye_array, kron, random_array
@@ -12,7 +15,7 @@ from fieldmap.iron.elements.flux_elements import FluxElements
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.element_sums import ElementSums
-from fieldmap.iron.operators.sparse_cholesky import Elimination
+from fieldmap.iron.operators.sparse_cholesky import Elimination, nested_dissection
 
 
 def laplacian(n):
@@ -46,6 +49,23 @@ def test_factor_solves(matrix):
     x = elimination.factor(matrix.data).solve(right)
     assert x == pytest.approx(np.linalg.solve(matrix.toarray(), right), rel=1e-10)
     assert elimination.factor(matrix.data).solve(right[:, 0]) == pytest.approx(x[:, 0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "matrix", [random_matrix(), laplacian(9), laplacian(1), canonical(2.0 * eye_array(4))]
+)
+def test_without_metis_on_windows_the_order_is_of_minimum_degree(matrix, monkeypatch):
+    fill = Elimination.of(matrix).panel_start[-1]
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    order = nested_dissection(matrix)
+    assert (np.sort(order) == np.arange(matrix.shape[0])).all()
+    elimination = Elimination.of(matrix)
+    # A wrong direction of the order, or none, takes several times as many numbers.
+    assert elimination.panel_start[-1] <= 1.5 * fill
+    right = np.random.default_rng(1).random(matrix.shape[0])
+    assert matrix @ elimination.factor(matrix.data).solve(right) == pytest.approx(right, rel=1e-10)
 
 
 def test_one_analysis_serves_all_numbers_of_a_pattern():

@@ -154,7 +154,7 @@ def write_simulation(path: Path, simulation: Simulation) -> Path:
         if one.run is not None
     ]
     if path.suffix == ".csv":
-        path.write_text(as_csv(records[0]))
+        path.write_text(as_csv(records[0]), encoding="utf-8")
         return path
     scenario = simulation.first.scenario
     about = {

@@ -127,7 +127,7 @@ class Linearisation(Record):
             np.savez(path, **_arrays(self.points))  # type: ignore[arg-type]
         else:
             found = self.to_dict() | {"written": str(path)}
-            path.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
+            path.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         return path
 
 

@@ -2,6 +2,7 @@
 
 import math
 import os
+import sys
 from dataclasses import dataclass
 
 from fieldmap.errors import InputError, Problem
@@ -111,6 +112,8 @@ def _needed_bytes(mesh: IronMesh, surface: ChargedFaces, storage: str) -> int:
 
 def memory_bytes() -> float | None:
     """The memory that one solve may take; None where it is not known."""
+    if sys.platform == "win32":
+        return None
     try:
         return _MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
