@@ -195,6 +195,19 @@ class ConvexForm(Generic[E]):
         """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
         return np.ascontiguousarray((self._exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
 
+    def charges(self, potential: Array) -> Array:
+        """Charges (s, c) of the surface faces for potentials (n, c)."""
+        return self._exterior.charge(potential)
+
+    def smoothest(self, potential: Array) -> Array:
+        """The smoothest potentials (n, c) with the face means of these (n, c), see
+        `fieldmap.iron.operators.exterior`."""
+        return self._exterior.smoothest(self.elements.face_mean @ potential)
+
+    def assembled(self, vectors: Array) -> Array:
+        """Sum (n,) of element vectors (e, k)."""
+        return self._sums.vector(vectors)
+
     def by_charge_density(self, weights: Array) -> Array:
         """How sums of `charge_density` with weights (k, s) follow the potential: (n, k)."""
         shares = weights.T / self.iron.surface.areas[:, None]

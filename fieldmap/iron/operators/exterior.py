@@ -62,6 +62,11 @@ class Exterior:
         """Flux (s, c) that leaves through the surface faces into the air for mean potentials (s, c)."""
         return self._mutual.solve(means, refinements) - self._inward(means)
 
+    def smoothest(self, means: Array) -> Array:
+        """The smoothest potentials (n, c), in the norm of K, with these face means (s, c)."""
+        flux = self._inward(means)
+        return self._vacuum.solve(self._mean.T @ (self._weight * means + flux))
+
     def _inward(self, means: Array, steps: int = _STEPS) -> Array:
         """N^-1 m (s, c) for m (s, c)."""
         flux = np.zeros_like(means)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
-from fieldmap.kernels.iron.mutual_potential import mutual_potential
+from fieldmap.kernels.iron.mutual_potential import mutual_potential, mutual_product
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -18,6 +18,8 @@ _FAR_RADII = 8.0
 NEAR_RADII = 3.0
 _NEAR_DEGREE = 4
 _TOUCH_DEGREE = 8
+# Into which the rows of a product are divided for threads.
+_SHARES = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,6 +73,13 @@ class ChargedFaces(Record):
         block = np.empty((len(self.areas),) * 2) if out is None else out
         mutual_potential(one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
         return block
+
+    def mutual_product(self, charge: Array, first: int = 0) -> Array:
+        """Mean potentials (n,) of charges (n,), W q, without making W; those between two triangles that both stand
+        before `first` are left out."""
+        parts = np.empty((_SHARES, len(charge)))
+        mutual_product(self.kernel_geometry(), self._far(), NEAR_RADII, first, charge, parts)
+        return np.asarray(parts.sum(axis=0))
 
     def kernel_geometry(self) -> tuple[Array, ...]:
         """What the kernels of mutual potentials take of one set of triangles; last the points and weights of the outer

@@ -33,6 +33,7 @@ from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField
 from fieldmap.iron.quantities.air import refuse_inside
 from fieldmap.iron.sensitivity.changes import Change, Parameters, RigidMotion
+from fieldmap.iron.sensitivity.moved_bodies import Adjoint, FrozenState, MovedMesh
 from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
 from fieldmap.records import Record
@@ -85,13 +86,14 @@ def derivatives(
 ) -> Derivatives:
     """Derivatives of a quantity of a state of a device by keys; problem: None for coils without iron.
 
-    Raises InputError for points inside the iron and for keys that move or shape bodies, DeviceFileError for keys that
-    the device lacks, NotConverged.
+    Raises InputError for points inside the iron and for keys of joints, or that shape bodies in a way that their mesh
+    cannot follow (`fieldmap.iron.sensitivity.moved_bodies`), DeviceFileError for keys that the device lacks,
+    NotConverged.
     """
     parameters = Parameters(device)
     changes = [parameters.change(key) for key in keys]
     for change in changes:
-        _refuse_shapes(change)
+        _refuse_joints(change)
     points = quantity.points
     samples = _samples(state, quantity, points)
     value = np.asarray(quantity.of(samples), dtype=float)
@@ -104,7 +106,11 @@ def derivatives(
     if problem is not None:
         inside = _Inside(device, state, problem)
         # What the parameters make of the iron's magnetisation does not depend on the quantity.
-        follows = [inside.follow(change) for change in changes]
+        extent = float(np.ptp(problem.form.iron.mesh.points, axis=0).max())
+        follows = [
+            inside.follow(change, parameters.fine_change(change.key, extent) if change.has_shapes else None)
+            for change in changes
+        ]
         for start in range(0, len(rows), _AT_ONCE):
             batch = slice(start, start + _AT_ONCE)
             rows[batch] += inside.derivatives(points, _part(weights, batch), follows)
@@ -113,11 +119,10 @@ def derivatives(
     return Derivatives(value, by, solves)
 
 
-def _refuse_shapes(change: Change) -> None:
-    if change.has_shapes:
-        must_hold = "must be a number of coils, materials, background, or a current"
-        remedy = "take differences of two solutions"
-        raise InputError(Problem(f"derivative, {change.key}", must_hold, "a number of bodies", remedy))
+def _refuse_joints(change: Change) -> None:
+    if change.has_joints:
+        must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
+        raise InputError(Problem(f"derivative, {change.key}", must_hold, "a number of a joint", remedy))
 
 
 def _part(weights: Weights, batch: slice) -> Weights:
@@ -200,12 +205,13 @@ class _Direct:
 class _Follow(Record):
     """What follows a parameter in the iron, at the points of the elements (e, 4, 3), T: the applied field, by `applied`
     and by `currents` (c,) times the coils' own fields; mu0 M by the material alone, `polarisation`; and the unit fields
-    of `coils`, by number."""
+    of `coils`, by number. moved: the mesh, where bodies move."""
 
     currents: Array
     applied: Array | None
     polarisation: Array | None
     coils: Mapping[int, Array]
+    moved: MovedMesh | None
 
 
 class _Inside:
@@ -251,6 +257,8 @@ class _Inside:
                 out[:, p] += np.tensordot(turned, follow.applied, 3)
             if follow.polarisation is not None:
                 out[:, p] += np.tensordot(cover, follow.polarisation, 3)
+            if follow.moved is not None:
+                out[:, p] += follow.moved.derivative(Adjoint(adjoint, points, weights))
             for k, change in follow.coils.items():
                 linked = float(np.sum(self._share * self._polarisation * change))
                 out[:, p] += linked * linkage[:, k]
@@ -275,8 +283,8 @@ class _Inside:
         along = np.einsum("...eqd,eqd->...eq", vectors, self._direction) * (self._slope - self._chord)
         return (self._chord - 1)[..., None] * vectors + along[..., None] * self._direction
 
-    def follow(self, change: Change) -> _Follow:
-        """What follows a parameter in the iron."""
+    def follow(self, change: Change, fine: Change | None) -> _Follow:
+        """What follows a parameter in the iron; fine: where bodies move."""
         applied: Array | None = None
         currents = change.currents.copy()
         coils: dict[int, Array] = {}
@@ -293,7 +301,11 @@ class _Inside:
             above, below = (self._background(side) for side in change.sides)
             applied = _added(applied, (above - below) / change.width)
         polarisation = self._of_material(change) if change.has_materials else None
-        return _Follow(currents, applied, polarisation, coils)
+        moved: MovedMesh | None = None
+        if fine is not None:
+            state = FrozenState(self._device, self._currents, self._potential, self._material)
+            moved = MovedMesh(self._problem.form, state, fine)
+        return _Follow(currents, applied, polarisation, coils, moved)
 
     def _moved(self, change: Change, k: int) -> Array:
         """Change (e, 4, 3) of the unit field of a coil that moves, or otherwise changes its shape."""

@@ -28,6 +28,8 @@ from fieldmap.typing import Array
 _STEP = 1e-4
 _LEAST = {"mm": 1e-3, "deg": 1e-2}
 _LEAST_OF_ANY = 1e-6
+# Of what moves nodes: measured on a core of mu_r 2000, 6e-4 of error with 1e-4, 6e-6 with 1e-5.
+_FINE_STEP = 3e-6
 _CURRENT = "current."
 
 
@@ -78,8 +80,16 @@ class Change(Record):
 
     @property
     def has_shapes(self) -> bool:
-        """Whether bodies or joints follow it."""
-        return self._differs("bodies") or self._differs("joints")
+        """Whether places or shapes of bodies follow it. The sizes of their elements are no part of the machine."""
+        if self.above is None:
+            return False
+        above, below = ([body.parts for body in side.bodies] for side in self.sides)
+        return not same(above, below)
+
+    @property
+    def has_joints(self) -> bool:
+        """Whether joints follow it."""
+        return self._differs("joints")
 
     def _differs(self, name: str) -> bool:
         return self.above is not None and not same(getattr(self.above, name), getattr(self.below, name))
@@ -146,18 +156,32 @@ class Parameters:
                 raise InputError(Problem(f"derivative, {key}", must_hold, repr(name), "use one of these"))
             return Change(key, np.array([float(name in (one, "*")) for one in names]))
         value = self.value(key)
-        unit = next(
-            (least for end, least in _LEAST.items() if key.endswith(f"_{end}") or f"_{end}." in key), 0
-        )
-        width = step or max(_STEP * abs(value), unit or _LEAST_OF_ANY)
+        least = next((least for unit, least in _LEAST.items() if _has_unit(key, unit)), _LEAST_OF_ANY)
+        width = step or max(_STEP * abs(value), least)
         try:
             above, below = (self._with(key, value + side * width) for side in (1, -1))
         except DeviceFileError as error:
             raise InputError(*error.problems) from error
         return Change(key, np.zeros(len(names)), above, below, 2 * width)
 
+    def fine_change(self, key: str, extent: float) -> Change:
+        """The same by a smaller step, for the places of nodes in iron of an extent in m: where nodes move at a frozen
+        potential, the field strength changes by a share of the applied field, thousands of times its own size."""
+        value, size = abs(self.value(key)), 1.0
+        if _has_unit(key, "mm"):
+            size = 1e3 * extent
+        elif _has_unit(key, "deg"):
+            size = 60.0
+        elif value:
+            return self.change(key, _FINE_STEP * value)
+        return self.change(key, _FINE_STEP * min(max(value, 0.01 * size) if value else size, size))
+
     def _with(self, key: str, value: float) -> Device:
         return device_of(with_changes(self._document, {key: value}))
+
+
+def _has_unit(key: str, unit: str) -> bool:
+    return any(step.endswith(f"_{unit}") for step in key.split("."))
 
 
 def same(one: Any, other: Any) -> bool:

@@ -168,3 +168,25 @@ def entry(i, j, leaf, start, block_of_leaves, offset, data, x, y, z):
         return _INVERSE_36PI * _far_pair(a, b, x, y, z)
     columns = start[leaf[b] + 1] - start[leaf[b]]
     return float(data[offset[k] + (a - start[leaf[a]]) * columns + b - start[leaf[b]]])
+
+
+@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+def mutual_product(one, far, reach, first, charge, parts):
+    """Fill parts (t, n), whose sum over t is W q for charges q (n,), without the pairs of which both triangles are
+    before `first`; W is never in memory. Otherwise as `mutual_potential`."""
+    n, shares = one[2].size, parts.shape[0]
+    for t in prange(shares):
+        sums, beyond, row = np.empty(3 * n), np.empty(n), np.empty(n)
+        part = parts[t]
+        for j in range(n):
+            part[j] = 0.0
+        for i in range(first + np.int64(t), n, shares):
+            stop = i + 1
+            _far_row(i, far[0], far[0], sums[: 3 * stop])
+            _row_beyond(i, far[1], far[1], reach, beyond[:stop])
+            _fill_row(i, one, one, sums, beyond, row[:stop])
+            total = row[i] * charge[i]
+            for j in range(i):
+                total += row[j] * charge[j]
+                part[j] += row[j] * charge[i]
+            part[i] += total

@@ -1,0 +1,239 @@
+"""Derivatives of solved states by places and sizes of bodies: against whole solves on the mesh with moved nodes."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.errors import InputError
+from fieldmap.iron import FluxDensityAt, FluxLinkage, GradientAt, NonlinearSolver
+from fieldmap.iron.mesh.mesh import volumes
+from fieldmap.iron.operators import surface
+from fieldmap.iron.sensitivity.changes import Parameters
+from fieldmap.iron.sensitivity.moved_bodies import moved_points
+from fieldmap.iron.solvers import linear, nonlinear
+from tests.conftest import DEVICES
+
+DEVICE, COARSE = DEVICES / "core_and_magnet.toml", 0.5
+POINTS = np.array([[0.0, 0.001, -0.02], [0.01, 0.003, 0.033]])
+CURRENTS = (60.0, 20.0)
+QUANTITIES = {"field": FluxDensityAt(POINTS), "gradient": GradientAt(POINTS[1]), "linkage": FluxLinkage()}
+
+
+def turned(x, value):
+    """About the z axis through the block's middle, (-16, 0) mm, by value in degrees."""
+    cosine, sine, middle = np.cos(np.radians(value)), np.sin(np.radians(value)), np.array([-0.016, 0.0, 0.0])
+    return (x - middle) @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]) + middle
+
+
+# Key: its value, step of the difference, body, and where its points go.
+KEYS = {
+    "body.core.radius_mm": (5.0, 0.01, "core", lambda x, v: x * [v / 5, v / 5, 1]),
+    "body.core.height_mm": (30.0, 0.02, "core", lambda x, v: x * [1, 1, v / 30]),
+    "body.plate.size_mm.2": (10.0, 0.02, "plate", lambda x, v: x * [1, v / 10, 1]),
+    "body.plate.position_mm.3": (42.0, 0.02, "plate", lambda x, v: x + [0, 0, 1e-3 * (v - 42)]),
+    "body.magnet.position_mm.1": (12.0, 0.02, "magnet", lambda x, v: x + [1e-3 * (v - 12), 0, 0]),
+    "body.block.rotation_deg.3": (0.0, 0.2, "block", turned),
+}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def closed_form_between_all_faces():
+    """Beyond three radii the potential between two faces is a sum over points, and a pair that crosses that distance
+    jumps by what the sum is off. Differences over a small step see that as noise, 1e-4 of themselves; these tests take
+    the closed form for all pairs, in solutions and derivatives alike."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(surface, "NEAR_RADII", 1e3)
+    yield
+    patch.undo()
+
+
+@cache
+def base(linear_iron):
+    if linear_iron:
+        return fm.solve_linear(text(), tolerance=1e-6, symmetry="none", refinement=COARSE).at(CURRENTS)
+    return NonlinearSolver(text(), COARSE, symmetry="none").solve(CURRENTS, tolerance=1e-8)
+
+
+@cache
+def text():
+    block = 'name = "block"\n'
+    return DEVICE.read_text(encoding="utf-8").replace(block, f"{block}rotation_deg = [0, 0, 0]\n")
+
+
+@cache
+def found(linear_iron, name):
+    return base(linear_iron).derivative(QUANTITIES[name], list(KEYS))
+
+
+def solved_on(mesh, key, value, linear_iron, monkeypatch):
+    module = linear if linear_iron else nonlinear
+    monkeypatch.setattr(module, "generate_mesh", lambda *_: mesh)
+    device = fm.read_device(text(), {key: value})
+    if linear_iron:
+        return fm.solve_linear(device, tolerance=1e-6).at(CURRENTS)
+    return NonlinearSolver(device).solve(CURRENTS, tolerance=1e-8)
+
+
+def moved_state(key, shift, linear_iron, monkeypatch):
+    """The state with a key changed by a shift, on the mesh whose nodes are moved by this file's own formula."""
+    value, _, name, move = KEYS[key]
+    mesh = base(linear_iron).mesh
+    nodes = np.unique(mesh.tets[mesh.body == mesh.body_names.index(name)])
+    points = mesh.points.copy()
+    points[nodes] = move(points[nodes], value + shift)
+    return solved_on(replace(mesh, points=points), key, value + shift, linear_iron, monkeypatch)
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("linear_iron", [False, True])
+def test_against_differences_of_whole_solves(key, linear_iron, monkeypatch):
+    step = KEYS[key][1]
+    ahead, behind = (moved_state(key, side * step, linear_iron, monkeypatch) for side in (1, -1))
+    pairs = {
+        "field": (ahead.field(POINTS), behind.field(POINTS)),
+        "gradient": (ahead.gradient(POINTS[1]), behind.gradient(POINTS[1])),
+        # That in air does not follow the bodies.
+        "linkage": (ahead._iron_linkage, behind._iron_linkage),
+    }
+    for quantity, (one, other) in pairs.items():
+        difference = (one - other) / (2 * step)
+        error = np.abs(found(linear_iron, quantity)[key] - difference).max()
+        assert error <= 5e-5 * np.abs(difference).max(), quantity
+
+
+@pytest.mark.parametrize("key", ["body.magnet.position_mm.1", "body.core.radius_mm"])
+def test_taylor(key, monkeypatch):
+    """What is left over after the first order falls with the square of the step."""
+    derivative = found(False, "field")[key]
+    left = [
+        np.linalg.norm(
+            moved_state(key, step, False, monkeypatch).field(POINTS)
+            - base(False).field(POINTS)
+            - step * derivative
+        )
+        for step in (0.4, 0.2, 0.1)
+    ]
+    slope = np.log2(np.array(left[:-1]) / left[1:])
+    assert np.all(np.abs(slope - 2) < 0.25), slope
+
+
+WHOLE = """format = 1
+name = "whole"
+title = "A ball in a ring"
+
+[parameters]
+z = 0.0
+gauge = 1.0
+
+[material.iron]
+kind = "arctangent"
+mu_r = 500.0
+saturation_polarisation_T = 2.0
+
+[[body]]
+name = "ball"
+material = "iron"
+shape = "sphere"
+radius_mm = "= 4*gauge"
+mesh_size_mm = 4.0
+position_mm = [0.0, 0.0, "= z + 3"]
+
+[[body]]
+name = "ring"
+material = "iron"
+shape = "ring"
+inner_radius_mm = "= 8*gauge"
+outer_radius_mm = "= 10*gauge"
+height_mm = 3.0
+mesh_size_mm = 5.0
+position_mm = [0.0, 0.0, "= z"]
+
+[[coil]]
+name = "coil"
+kind = "circular"
+inner_radius_mm = 12.0
+outer_radius_mm = 14.0
+height_mm = 4.0
+turns = 500
+position_mm = [1.0, 0.0, "= z + 10"]
+"""
+
+
+@cache
+def whole():
+    return NonlinearSolver(WHOLE, 0.7, symmetry="none").solve([20.0], tolerance=1e-8)
+
+
+def test_a_machine_that_moves_as_a_whole_takes_its_field_along():
+    """The field at a fixed point changes by minus its gradient: coil and bodies follow the parameter together."""
+    points = np.array([[0.001, 0.002, -0.006], [0.006, 0.0, 0.004]])
+    result = whole().derivative(FluxDensityAt(points), ["parameters.z"])
+    expected = -1e-3 * whole().gradient(points)[:, :, 2]
+    np.testing.assert_allclose(result["parameters.z"], expected, atol=2e-5 * np.abs(expected).max())
+
+
+def test_nodes_follow_their_shapes():
+    """Spheres and rings: nodes stay on the surfaces, and the volume follows its formula."""
+    device, mesh = fm.read_device(WHOLE), whole().mesh
+    change = Parameters(device).change("parameters.gauge", 0.1)
+    above, _ = moved_points(mesh, device, change)
+    ring = np.unique(mesh.tets[mesh.body == 1])
+    distance = np.hypot(*above[ring, :2].T)
+    before = np.hypot(*mesh.points[ring, :2].T)
+    assert distance[np.isclose(before, 0.008)] == pytest.approx(0.0088)
+    assert distance[np.isclose(before, 0.010)] == pytest.approx(0.0110)
+    ball = mesh.body == 0
+    ratio = volumes(above, mesh.tets)[ball] / volumes(mesh.points, mesh.tets)[ball]
+    assert ratio == pytest.approx(1.1**3)
+
+
+def test_touching_bodies_move_together_or_not_at_all():
+    device = """format = 1
+name = "pair"
+title = "Two boxes that touch"
+[material.iron]
+kind = "linear"
+mu_r = 100.0
+[[body]]
+name = "one"
+material = "iron"
+shape = "box"
+size_mm = [4.0, 4.0, 4.0]
+mesh_size_mm = 4.0
+position_mm = [0.0, 1.0, 0.0]
+[[body]]
+name = "two"
+material = "iron"
+shape = "box"
+size_mm = [4.0, 4.0, 4.0]
+mesh_size_mm = 4.0
+position_mm = [4.0, 1.0, 0.0]
+[[coil]]
+name = "coil"
+kind = "circular"
+inner_radius_mm = 12.0
+outer_radius_mm = 14.0
+height_mm = 4.0
+turns = 500
+"""
+    state = fm.solve_linear(device, refinement=0.5).at([1.0])
+    quantity = FluxDensityAt([0.0, 0.0, -0.01])
+    both = state.derivative(quantity, ["body.*.position_mm.2"])
+    assert np.abs(both["body.*.position_mm.2"]).max() > 0
+    with pytest.raises(InputError) as caught:
+        state.derivative(quantity, ["body.one.position_mm.2"])
+    assert caught.value.problems[0].where == "derivative, body.one.position_mm.2"
+
+
+def test_a_product_with_w_is_that_of_the_matrix():
+    """And without the pairs of the first faces, which do not move."""
+    faces = whole().iron.faces
+    charge = np.random.default_rng(1).normal(size=len(faces.areas))
+    matrix = faces.mutual_potential()
+    np.testing.assert_allclose(faces.mutual_product(charge), matrix @ charge, rtol=1e-10)
+    first = len(charge) // 3
+    matrix[:first, :first] = 0.0
+    np.testing.assert_allclose(faces.mutual_product(charge, first), matrix @ charge, rtol=1e-10)
