@@ -118,12 +118,14 @@ class RunningMachine:
         if dt is None:
             return clock.per_period
         ratio = dt / clock.step
-        if not (abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= max(1, clock.delay)):
-            must = (
-                f"must be a whole number of mechanical steps of {clock.step:g} s, and no less than the delay, "
-                f"{clock.delay * clock.step:g} s"
-            )
-            raise InputError(Problem(f"{_WHERE}(dt)", must, f"{dt:g} s", f"take {self.schedule.period:g}"))
+        if not (
+            np.isfinite(ratio) and abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= max(1, clock.delay)
+        ):
+            late = f", and at least the delay of {clock.delay * clock.step:g} s" if clock.delay else ""
+            must = f"must be one or more whole mechanical steps of {clock.step:g} s{late}"
+            near = clock.step * max(round(ratio) if np.isfinite(ratio) else 1, 1, clock.delay)
+            remedy = f"take dt={near:g}, or leave it out for the period of {self.schedule.period:g} s"
+            raise InputError(Problem(f"{_WHERE}(dt)", must, f"{dt:g} s", remedy))
         return round(ratio)
 
     def _extend(self) -> None:

@@ -186,7 +186,9 @@ def _order(
         raise RecipeError(Problem("generate", must_hold, type(recipe).__name__, remedy))
     if said:
         names = ", ".join(said)
-        remedy = "write it into the recipe, or give a device in its place"
+        remedy = (
+            "write it into the recipe, or give a device in its place: generate(fm.read_device(NAME), ...)"
+        )
         raise RecipeError(Problem(f"generate, {names}", "belongs to a device, not a recipe", names, remedy))
     order = read_recipe(Path(recipe))
     return order, read_recipe_device(order, changes)

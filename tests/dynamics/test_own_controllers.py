@@ -254,7 +254,14 @@ def test_a_loop_by_hand_goes_on_beyond_its_schedule_and_at_steps_of_its_own(plai
 
 def test_steps_that_do_not_fit_are_refused(plain):
     machine = RunningMachine(plain, schedule(), state_of([0, 0, 0]), [2.0], 3)
-    for outputs, dt in (([1.0, 2.0], None), (np.nan, None), (1.0, 1.5e-4), (1.0, 3e-4), (1.0, 0.0)):
+    for outputs, dt in (
+        ([1.0, 2.0], None),
+        (np.nan, None),
+        (1.0, 1.5e-4),
+        (1.0, 3e-4),
+        (1.0, 0.0),
+        (1.0, np.nan),
+    ):
         with pytest.raises(InputError) as error:
             machine.step(outputs, dt)
         assert error.value.problems[0].where.startswith("RunningMachine.step")
