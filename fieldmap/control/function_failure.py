@@ -12,6 +12,7 @@ from typing import Protocol
 from fieldmap.control.guarded import overrun
 from fieldmap.errors import Problem
 from fieldmap.kernels.control.function import DONE, WRONG_LENGTH
+from fieldmap.records import count_of
 from fieldmap.typing import Array
 
 CALL = "function(time, measured, reference, state) -> outputs"
@@ -82,7 +83,8 @@ def failure(
 
 
 def _more_state(states: int) -> str:
-    return f"`state` has {states} numbers: give as many as it uses, FunctionController(function, state=N)"
+    numbers = count_of(states, "number", "numbers")
+    return f"`state` has {numbers}: give as many as it uses, FunctionController(function, state=N)"
 
 
 def _raised_at(error: BaseException) -> str:
@@ -110,7 +112,7 @@ def written_beside(time: float, state: Array, given: Array, outputs: Array) -> P
         index = overrun(array)
         if index is not None:
             size = len(array) if first == 0 else 3
-            must = f"must write within {name}, which has {size} numbers"
+            must = f"must write within {name}, which has {count_of(size, 'number', 'numbers')}"
             remedy = _more_state(size) if name == "state" else "look for the index that goes too far"
             received = f"a write to {name}[{index - first}]"
             where = f"controller, noticed at {time:.6g} s"
