@@ -136,7 +136,22 @@ def test_against_differences_of_whole_solves(case, key):
         assert np.abs(derivative - difference).max() <= 1e-4 * size + noise, name
 
 
-@pytest.mark.parametrize("key", ["coil.beside.position_mm.1", "material.iron.saturation_polarisation_T"])
+@pytest.mark.parametrize("key", ["coil.around.turns", "coil.beside.position_mm.1"])
+def test_flux_linkages_in_air(key):
+    """Of coils alone: a turn more, and a coil that moves, in the background."""
+    text = fm.read_device(DEVICE).replace(bodies=(), materials={}).to_toml()
+    value, step = {"coil.around.turns": (200.0, 0.5), "coil.beside.position_mm.1": (18.0, 0.05)}[key]
+    alone = fm.solve_linear(fm.read_device(text)).at(CASES["linear"])
+    derivative = alone.derivative(FluxLinkage(), [key])[key]
+    ahead, behind = (
+        fm.solve_linear(fm.read_device(text, {key: value + side * step})).at(CASES["linear"]).flux_linkage()
+        for side in (1, -1)
+    )
+    difference = (ahead - behind) / (2 * step)
+    assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("key", ["coil.around.turns", "material.iron.saturation_polarisation_T"])
 def test_flux_linkages(key):
     """In saturated iron; the linkage in air, which nothing here is to test, is known to 1e-4 only."""
     derivative = base("saturated").derivative(FluxLinkage(), [key])[key]

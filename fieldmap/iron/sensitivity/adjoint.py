@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.constants import mu_0
@@ -210,17 +211,43 @@ class _Direct:
 
     def _linkage(self, change: Change) -> Array:
         """Changes (c,) of the linkages in air."""
-        device = self._device
-        total = np.zeros(len(device.coils))
+        total = np.zeros(len(self._currents))
         if change.currents.any():
-            total += bare_inductance(device.coils) @ change.currents
+            total += self._inductance @ change.currents
+        if change.coils:
+            total += self._changed_inductance(change) @ self._currents
         if change.coils or change.has_background:
-            above, below = (
-                bare_inductance(side.coils) @ self._currents + background_linkage(side.coils, side.background)
-                for side in change.sides
-            )
+            above, below = (background_linkage(side.coils, side.background) for side in change.sides)
             total += (above - below) / change.width
         return total
+
+    @cached_property
+    def _inductance(self) -> Array:
+        return bare_inductance(self._device.coils)
+
+    def _changed_inductance(self, change: Change) -> Array:
+        """Change (c, c) of the inductances in air: of pairs of coils of which one changes, a second of work each."""
+        out = np.zeros((len(self._currents),) * 2)
+        above, below = (side.coils for side in change.sides)
+        moved = []
+        for k in change.coils:
+            turns = change.turns(k)
+            if turns is not None:
+                share = turns / self._device.coils[k].turns
+                out[k] += share * self._inductance[k]
+                out[:, k] += share * self._inductance[:, k]
+                continue
+            moved.append(k)
+            if change.motion(k) is None:
+                pair = (bare_inductance((coil,))[0, 0] for coil in change.coil_pair(k))
+                out[k, k] = (next(pair) - next(pair)) / change.width
+        for k in moved:
+            for j in range(len(above)):
+                if j == k or (j in moved and j < k):
+                    continue
+                one, other = (bare_inductance((side[k], side[j]))[0, 1] for side in (above, below))
+                out[k, j] = out[j, k] = (one - other) / change.width
+        return out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
