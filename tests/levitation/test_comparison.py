@@ -13,7 +13,7 @@ from fieldmap.device.measured import MeasuredMachine, MeasuredShift
 from fieldmap.device.model import Payload
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.field import BaseField, coil_currents
-from fieldmap.levitation import LiftAtHeight, fit_force, lift_by_height, shifts_beside_measured
+from fieldmap.levitation import LiftAtHeight, equilibrium_at, fit_force, lift_by_height, shifts_beside_measured
 
 MU, KNEE = 8.0, 4.0
 RING = np.array(
@@ -231,3 +231,22 @@ def test_where_the_currents_end_there_is_no_place():
     )
     assert np.isfinite(shift.constant_level).tolist() == [True, False]
     assert np.isfinite(shift.levels).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_one_point_of_the_path_in_a_few_newton_steps(held):
+    """Place and level by scipy's solver; Newton's method with the derivative of the force gets there in six steps, of
+    four states each where the level is sought too."""
+    height, level, signal = -0.075, 0.6, 0.2
+    asked = []
+
+    def path(u):
+        asked.append(u)
+        return divide_currents(u, signal, 0.0, N), height
+
+    scale = MASS * gravity / lift(height, level)
+    point, found = equilibrium_at(Field(), PAYLOAD, path, [0.0, 0.0], level, hold_height=held, field_scale=scale)
+    constant, follows, levels = (values[0] for values in at_rest([signal], level, height))
+    assert point.position[:2] == pytest.approx([follows if held else constant, 0.0], abs=2e-9)
+    assert found == pytest.approx(levels if held else level, rel=1e-7)
+    assert len(asked) <= (26 if held else 14)
