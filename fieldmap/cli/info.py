@@ -183,7 +183,18 @@ def _current_model(summary: "MapSummary") -> str:
         trained.append(f"{solver['corners_trained_on']} of them corners of the domain")
     if count > solved:
         trained.append(f"{count} with mirror images")
-    return "\n".join([text, *_corners(solver), ", ".join(trained)])
+    return "\n".join([text, *_missed(summary), *_corners(solver), ", ".join(trained)])
+
+
+def _missed(summary: "MapSummary") -> "Iterator[str]":
+    """What the recipe asked for, where the model is less accurate; files of before do not say."""
+    asked = summary.info.provenance.solver_report.get("accuracy_asked")
+    found = summary.accuracy.current_model
+    if asked is not None and found is not None and found.flux_density > asked:
+        yield (
+            f"the recipe asks for {100 * asked:.2g} % of B, which its states, modes and points do not reach: more "
+            "of them under [currents], or a smaller domain"
+        )
 
 
 def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":

@@ -143,7 +143,7 @@ def _train(
     middle = solver.solve(domain.middle, plan.training.tolerance, trained.snapshots.nearest(domain.middle))
     arrays = dict(trained.model.arrays)
     arrays |= {f"face_{name}": getattr(solver.surface, name) for name in _FACES}
-    about = _about(trained, states, middle.report) | spent.read()
+    about = {"accuracy_asked": plan.training.accuracy} | _about(trained, states, middle.report) | spent.read()
     return arrays | {"charge": trained.charge}, about
 
 

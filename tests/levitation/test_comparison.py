@@ -13,7 +13,13 @@ from fieldmap.device.measured import MeasuredMachine, MeasuredShift
 from fieldmap.device.model import Payload
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.field import BaseField, coil_currents
-from fieldmap.levitation import LiftAtHeight, equilibrium_at, fit_force, lift_by_height, shifts_beside_measured
+from fieldmap.levitation import (
+    LiftAtHeight,
+    equilibrium_at,
+    fit_force,
+    lift_by_height,
+    shifts_beside_measured,
+)
 
 MU, KNEE = 8.0, 4.0
 RING = np.array(
@@ -245,7 +251,9 @@ def test_one_point_of_the_path_in_a_few_newton_steps(held):
         return divide_currents(u, signal, 0.0, N), height
 
     scale = MASS * gravity / lift(height, level)
-    point, found = equilibrium_at(Field(), PAYLOAD, path, [0.0, 0.0], level, hold_height=held, field_scale=scale)
+    point, found = equilibrium_at(
+        Field(), PAYLOAD, path, [0.0, 0.0], level, hold_height=held, field_scale=scale
+    )
     constant, follows, levels = (values[0] for values in at_rest([signal], level, height))
     assert point.position[:2] == pytest.approx([follows if held else constant, 0.0], abs=2e-9)
     assert found == pytest.approx(levels if held else level, rel=1e-7)

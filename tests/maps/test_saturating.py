@@ -24,6 +24,7 @@ from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers import reduced
 from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.maps.training import training
 from fieldmap.maps.training.modes import SolvedModes, proper_modes
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted, sequence, training_signals
 from fieldmap.parallel import Common, Workers
@@ -118,9 +119,38 @@ def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):
     assert shares[-1] < 1.5e-3 < min(shares[:-1], default=1.0)
 
 
+def worst_share(errors):
+    return max(errors["flux_density_share"], errors["gradient_share"] / 2)
+
+
+def test_a_lucky_round_does_not_end_the_training(folder, monkeypatch):
+    """Every round is made to look perfect, so that the sequence pauses after each: states at random decide."""
+    true = training._round
+
+    def lucky(*arguments):
+        found = true(*arguments)
+        return replace(found, errors=replace(found.errors, flux_density_share=0.0, gradient_share=0.0))
+
+    monkeypatch.setattr(training, "_round", lucky)
+    (folder / "finer.toml").write_text(RECIPE.replace("1.5e-3", "2e-5").replace("250", "600"))
+    report = read_map(fm.generate(folder / "finer.toml", folder / "lucky.h5")).provenance.solver_report
+    assert 1 < len(report["rounds"]) < 9
+    assert worst_share(report["states_tried"]["at random"]) < 2.2e-5
+    # What was asked for once more is not counted twice.
+    assert report["states_solved"] == 3 + 4 * len(report["rounds"]) + 4 + 4
+
+
+def test_info_says_where_the_accuracy_is_not_reached(folder, monkeypatch, capsys):
+    recipe = RECIPE.replace("states = 40", "states = 5")
+    (folder / "few.toml").write_text(recipe)
+    print_summary(fm.generate(folder / "few.toml", folder / "few.h5"), False)
+    assert "asks for 0.15 % of B" in " ".join(capsys.readouterr().out.split())
+
+
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
     print_summary(folder / "map.h5", False)
     text = " ".join(capsys.readouterr().out.split())
+    assert "asks for" not in text
     tried = data.provenance.solver_report["states_tried"]
     largest = max(found["flux_density_share"] for found in tried.values())
     assert f"largest found {100 * largest:.2g} % of B" in text

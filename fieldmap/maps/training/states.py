@@ -236,6 +236,7 @@ class SolvedStates:
     computed: int = 0
     earlier_seconds: float = 0.0
     earlier_processor_seconds: float = 0.0
+    _counted: set[int] = field(default_factory=set)
 
     def known(self, number: int, currents: Array) -> TriedState | None:
         """The state of this number, or None if it was never tried, or with other currents than these (c,)."""
@@ -257,8 +258,9 @@ class SolvedStates:
         tell(k) is called once k of them are there and others are not.
         """
         found = [self.known(state.number, state.currents) for state in wanted]
-        for tried in found:
-            if tried is not None:
+        for state, tried in zip(wanted, found, strict=True):
+            # Asked for once more, a state of this run is neither earlier nor another.
+            if tried is not None and state.number not in self._counted:
                 self.earlier_seconds += tried.seconds
                 self.earlier_processor_seconds += tried.processor_seconds
         missing = [k for k, tried in enumerate(found) if tried is None]
@@ -292,10 +294,12 @@ class SolvedStates:
 
     def _state(self, state: Wanted, tried: TriedState | None) -> Solved | None:
         assert tried is not None
+        new = state.number not in self._counted
+        self._counted.add(state.number)
         if isinstance(tried.state, str):
             self.failed[state.number] = tried.state
             return None
-        self.count += 1
+        self.count += new
         return tried.state
 
 

@@ -1,7 +1,7 @@
 """From solved states of saturating iron to a reduced model, its fields' charges, and its errors on other states."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -114,47 +114,72 @@ class Round(Record):
     errors: Errors
 
 
-def solve_training(solving: Solving, domain: CurrentDomain) -> tuple[Snapshots, tuple[Round, ...]]:
-    """States to train on, of a sequence that fills the domain; no more once the model has predicted the last of them as
-    accurately as planned. They were not among those that it knew, so that they say how good it is."""
-    plan, training = solving.plan, Snapshots(solving.solver, domain.holds)
-    off = bool(solving.solver.device.fixed_sources)
-    signals = training_signals(domain, plan.states, solving.solver.images, off)
-    currents = domain.parametrisation.currents(signals)
-    directions = [reaches(domain, values) for values in signals]
-    needed = states_needed([], [], plan)
-    first = solving.training([Wanted(0, currents[0], None, directions[0])], needed)[0]
-    if first is not None:
-        training.add(currents[0], first)
-    # The others begin from the one in the middle, if there is any field in it, and follow its tangents.
-    span = domain.upper - domain.lower
+class TrainingSequence:
+    """The states to train on, of a sequence that fills the domain, solved as far as they are needed.
 
-    def begin(k: int) -> Array | None:
-        if first is None or not (off or currents[0].any()):
-            return None
-        steps = (signals[k] - signals[0]) / (REACH * span)
-        return np.asarray(first.potential + first.tangents @ steps)
+    training: those that are solved, with their images, and what is added to them. rounds: how well each four were
+    predicted by those before.
+    """
 
-    done = min(_FIRST, plan.states)
-    others = [Wanted(k, currents[k], begin(k), directions[k]) for k in range(1, done)]
-    for state, solved in zip(others, solving.training(others, needed), strict=True):
-        if solved is not None:
-            training.add(state.currents, solved)
-    rounds: list[Round] = []
-    while done < plan.states and training.solved:
-        count = min(_AT_ONCE, plan.states - done)
-        needed = states_needed([_share(found.errors) for found in rounds], [r.solved for r in rounds], plan)
-        if rounds:
-            # A round that is tried on the states before it tells that these were enough.
-            needed = min(needed + _AT_ONCE, plan.states)
-        new = slice(done, done + count)
-        found = _round(solving, training, currents[new], directions[new], done, needed)
-        done += count
-        if found is not None:
-            rounds.append(found)
-            if _share(found.errors) <= plan.accuracy:
-                break
-    return training, tuple(rounds)
+    def __init__(self, solving: Solving, domain: CurrentDomain) -> None:
+        plan = solving.plan
+        self.training = Snapshots(solving.solver, domain.holds)
+        self.rounds: list[Round] = []
+        self._solving, self._domain = solving, domain
+        self._off = bool(solving.solver.device.fixed_sources)
+        self._signals = training_signals(domain, plan.states, solving.solver.images, self._off)
+        self._currents = domain.parametrisation.currents(self._signals)
+        self._directions = [reaches(domain, values) for values in self._signals]
+        self._begin()
+
+    @property
+    def at_its_end(self) -> bool:
+        """Whether no more states may be solved."""
+        return self._done >= self._solving.plan.states or not self.training.solved
+
+    def go_on(self) -> None:
+        """Solve states until the model has predicted the last of them as accurately as planned, or at the end. They
+        were not among those that it knew, so that they say how good it is."""
+        plan = self._solving.plan
+        while not self.at_its_end:
+            count = min(_AT_ONCE, plan.states - self._done)
+            needed = states_needed(
+                [_share(found.errors) for found in self.rounds], [r.solved for r in self.rounds], plan
+            )
+            if self.rounds:
+                # A round that is tried on the states before it tells that these were enough.
+                needed = min(max(needed, self._done) + _AT_ONCE, plan.states)
+            new = slice(self._done, self._done + count)
+            found = _round(
+                self._solving, self.training, self._currents[new], self._directions[new], self._done, needed
+            )
+            self._done += count
+            if found is not None:
+                self.rounds.append(found)
+                if _share(found.errors) <= plan.accuracy:
+                    return
+
+    def _begin(self) -> None:
+        """Solve the state in the middle, and the two that begin from it and follow its tangents."""
+        plan, currents, signals = self._solving.plan, self._currents, self._signals
+        needed = states_needed([], [], plan)
+        first = self._solving.training([Wanted(0, currents[0], None, self._directions[0])], needed)[0]
+        if first is not None:
+            self.training.add(currents[0], first)
+        span = self._domain.upper - self._domain.lower
+
+        def begin(k: int) -> Array | None:
+            # If there is any field in it.
+            if first is None or not (self._off or currents[0].any()):
+                return None
+            steps = (signals[k] - signals[0]) / (REACH * span)
+            return np.asarray(first.potential + first.tangents @ steps)
+
+        self._done = min(_FIRST, plan.states)
+        others = [Wanted(k, currents[k], begin(k), self._directions[k]) for k in range(1, self._done)]
+        for state, solved in zip(others, self._solving.training(others, needed), strict=True):
+            if solved is not None:
+                self.training.add(state.currents, solved)
 
 
 def _round(
@@ -358,6 +383,12 @@ class CornersTried(Record):
     trained_on: int
     by_residual: bool
 
+    def and_again(self, later: "CornersTried") -> "CornersTried":
+        """What was done in both, the later one with a model that knew more states."""
+        return replace(
+            later, solved=max(self.solved, later.solved), trained_on=self.trained_on + later.trained_on
+        )
+
 
 def try_corners(
     solving: Solving, domain: CurrentDomain, training: Snapshots
@@ -480,19 +511,24 @@ def train(
     if no state at all could be solved."""
     trial = Trial(solver, points)
     solving = Solving(solver, states, trial, plan, forecast)
-    snapshots, rounds = solve_training(solving, domain)
-    require_states(states)
-    reduction, in_corners, corners = try_corners(solving, domain, snapshots)
-    reduced, modes = reduction.sampled, reduction.modes
-    tried = {"in corners": in_corners}
-    tried["at random"] = solve_tried(
-        solving,
-        reduction.potential,
-        held_out(domain, plan.held_out),
-        plan.states + corners.looked_at,
-        "random",
-        "at random",
-    )
+    sequence = TrainingSequence(solving, domain)
+    at_random = held_out(domain, plan.held_out)
+    of_corners: CornersTried | None = None
+    while True:
+        sequence.go_on()
+        require_states(states)
+        reduction, in_corners, corners = try_corners(solving, domain, sequence.training)
+        of_corners = corners if of_corners is None else of_corners.and_again(corners)
+        tried = {"in corners": in_corners}
+        tried["at random"] = solve_tried(
+            solving, reduction.potential, at_random, plan.states + corners.looked_at, "random", "at random"
+        )
+        # Four states that happen to be predicted well do not tell that all are: where some of those at random are not,
+        # the sequence goes on. They are never trained on.
+        off = _off(trial, reduction, tried["at random"])
+        if sequence.at_its_end or off.max(initial=0.0) <= plan.accuracy:
+            break
+    reduced, modes, snapshots = reduction.sampled, reduction.modes, sequence.training
     require_states(states)
     require_some(tried, states)
     forecast.at("modes", "fields of the modes")
@@ -507,9 +543,9 @@ def train(
         for name, found in tried.items()
         if found.solved
     }
-    of_corners = domain.parametrisation.currents(corner_signals(domain))
-    largest = _largest_weights(domain, reduced, output, np.concatenate([modes.currents, of_corners]))
-    return Trained(model, charge, snapshots, corners, rounds, errors, largest)
+    all_corners = domain.parametrisation.currents(corner_signals(domain))
+    largest = _largest_weights(domain, reduced, output, np.concatenate([modes.currents, all_corners]))
+    return Trained(model, charge, snapshots, of_corners, tuple(sequence.rounds), errors, largest)
 
 
 def _same_size(flux: Array, gradient: Array) -> Array:
