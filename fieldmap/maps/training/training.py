@@ -481,6 +481,15 @@ def _off(trial: Trial, reduction: Reduction, tried: Snapshots) -> Array:
     return _shares(trial.shares(tried.currents, charge + change, change))
 
 
+def _off_of_modes(solving: Solving, training: Snapshots, tried: Snapshots, number: int) -> float:
+    """Error at one of the tried states, as `_share`, of the modes of what is known, with the law at all points."""
+    solver, modes = solving.solver, _modes(solving, training)
+    potential = modes.basis @ modes.amplitude(tried.currents[number])
+    charge = solver.charge_density(np.column_stack([potential, tried.potentials[:, number] - potential]))
+    share = solving.trial.shares(tried.currents[number][None], charge.sum(axis=0)[None], charge[1][None])
+    return float(_shares(share)[0])
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trained(Record):
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
@@ -514,12 +523,21 @@ def train(
     sequence = TrainingSequence(solving, domain)
     at_random = held_out(domain, plan.held_out)
     of_corners: CornersTried | None = None
+    tried: dict[str, Snapshots] = {}
+    worst = -1
     while True:
         sequence.go_on()
         require_states(states)
+        # Sample points are dear: they are not chosen again before the modes hold the state that was worst.
+        while (
+            tried
+            and not sequence.at_its_end
+            and _off_of_modes(solving, sequence.training, tried["at random"], worst) > plan.accuracy
+        ):
+            sequence.go_on()
         reduction, in_corners, corners = try_corners(solving, domain, sequence.training)
         of_corners = corners if of_corners is None else of_corners.and_again(corners)
-        tried = {"in corners": in_corners}
+        tried["in corners"] = in_corners
         tried["at random"] = solve_tried(
             solving, reduction.potential, at_random, plan.states + corners.looked_at, "random", "at random"
         )
@@ -528,6 +546,7 @@ def train(
         off = _off(trial, reduction, tried["at random"])
         if sequence.at_its_end or off.max(initial=0.0) <= plan.accuracy:
             break
+        worst = int(off.argmax())
     reduced, modes, snapshots = reduction.sampled, reduction.modes, sequence.training
     require_states(states)
     require_some(tried, states)
