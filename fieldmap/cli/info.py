@@ -188,12 +188,12 @@ def _current_model(summary: "MapSummary") -> str:
 
 def _missed(summary: "MapSummary") -> "Iterator[str]":
     """What the recipe asked for, where the model is less accurate; files of before do not say."""
-    asked = summary.info.provenance.solver_report.get("accuracy_asked")
+    asked = summary.info.provenance.solver_report.get("held_out_within")
     found = summary.accuracy.current_model
     if asked is not None and found is not None and found.flux_density > asked:
         yield (
-            f"the recipe asks for {100 * asked:.2g} % of B, which its states, modes and points do not reach: more "
-            "of them under [currents], or a smaller domain"
+            f"the recipe asks for {100 * asked:.2g} % of B at these, which its states, modes and points do not reach: "
+            "more of them under [currents], or a smaller domain"
         )
 
 

@@ -159,7 +159,7 @@ class CurrentKeys(Table):
     )
     accuracy: Annotated[float, Field(gt=0, lt=1)] = Field(
         default=1e-3,
-        description="relative error of B at states held out at which training stops; twice that of the gradient",
+        description="relative error of B at new states at which training stops; twice that of the gradient",
     )
     modes: Annotated[int, Field(ge=2, le=200)] = Field(default=60, description="most amplitudes of the iron")
     points: Annotated[int, Field(ge=20, le=5000)] = Field(
@@ -261,9 +261,9 @@ class Plan(Record):
     """How a reduced model is trained.
 
     states: most that are solved to train it; accuracy: share of the largest flux density in the workspace (of the
-    largest gradient: twice that) within which the model must predict the last states that were solved and those
-    held out, so that no more are; modes: most amplitudes; points: most sample points; fields: most iron fields in the
-    map; held_out: states at random solved to measure the error; tolerance: of the solver.
+    largest gradient: twice that) within which the model must predict the last states that were solved, and within twice
+    that those held out, so that no more are; modes: most amplitudes; points: most sample points; fields: most iron
+    fields in the map; held_out: states at random solved to measure the error; tolerance: of the solver.
     """
 
     states: int

@@ -15,7 +15,7 @@ from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.training.states import SolvedStates
-from fieldmap.maps.training.training import Trained, train
+from fieldmap.maps.training.training import HELD_OUT, Trained, train
 from fieldmap.parallel import Common, Workers
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
@@ -143,7 +143,8 @@ def _train(
     middle = solver.solve(domain.middle, plan.training.tolerance, trained.snapshots.nearest(domain.middle))
     arrays = dict(trained.model.arrays)
     arrays |= {f"face_{name}": getattr(solver.surface, name) for name in _FACES}
-    about = {"accuracy_asked": plan.training.accuracy} | _about(trained, states, middle.report) | spent.read()
+    asked = {"held_out_within": HELD_OUT * plan.training.accuracy}
+    about = asked | _about(trained, states, middle.report) | spent.read()
     return arrays | {"charge": trained.charge}, about
 
 

@@ -132,6 +132,7 @@ def test_a_lucky_round_does_not_end_the_training(folder, monkeypatch):
         return replace(found, errors=replace(found.errors, flux_density_share=0.0, gradient_share=0.0))
 
     monkeypatch.setattr(training, "_round", lucky)
+    monkeypatch.setattr(training, "HELD_OUT", 1.0)
     (folder / "finer.toml").write_text(RECIPE.replace("1.5e-3", "2e-5").replace("250", "600"))
     report = read_map(fm.generate(folder / "finer.toml", folder / "lucky.h5")).provenance.solver_report
     assert 1 < len(report["rounds"]) < 9
@@ -144,7 +145,7 @@ def test_info_says_where_the_accuracy_is_not_reached(folder, monkeypatch, capsys
     recipe = RECIPE.replace("states = 40", "states = 5")
     (folder / "few.toml").write_text(recipe)
     print_summary(fm.generate(folder / "few.toml", folder / "few.h5"), False)
-    assert "asks for 0.15 % of B" in " ".join(capsys.readouterr().out.split())
+    assert "asks for 0.3 % of B" in " ".join(capsys.readouterr().out.split())
 
 
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):

@@ -38,6 +38,9 @@ from fieldmap.typing import Array
 
 # States to begin with, of a sequence that fills the domain; then so many at once.
 _FIRST, _AT_ONCE = 3, 4
+HELD_OUT = 2.0
+"""States held out may be off by so many times the accuracy: the rounds try the modes with the law at all points, these
+what sample points and the fields of the map make of them, and they are five times as many."""
 # States are solved so much better than they are wanted; the tolerance of the solver is a thousand times its residual.
 _SOLVED_BETTER = 10.0
 # What the modes may leave of a state and the sample points change it by, its energy's root as a share, and what the
@@ -532,7 +535,8 @@ def train(
         while (
             tried
             and not sequence.at_its_end
-            and _off_of_modes(solving, sequence.training, tried["at random"], worst) > plan.accuracy
+            and _off_of_modes(solving, sequence.training, tried["at random"], worst)
+            > HELD_OUT * plan.accuracy
         ):
             sequence.go_on()
         reduction, in_corners, corners = try_corners(solving, domain, sequence.training)
@@ -541,10 +545,10 @@ def train(
         tried["at random"] = solve_tried(
             solving, reduction.potential, at_random, plan.states + corners.looked_at, "random", "at random"
         )
-        # Four states that happen to be predicted well do not tell that all are: where some of those at random are not,
+        # Four states that happen to be predicted well do not tell that all are: where one of those at random is not,
         # the sequence goes on. They are never trained on.
         off = _off(trial, reduction, tried["at random"])
-        if sequence.at_its_end or off.max(initial=0.0) <= plan.accuracy:
+        if sequence.at_its_end or off.max(initial=0.0) <= HELD_OUT * plan.accuracy:
             break
         worst = int(off.argmax())
     reduced, modes, snapshots = reduction.sampled, reduction.modes, sequence.training
