@@ -28,6 +28,7 @@ from validation import (
     map_files,
     thesis_dynamics,
     thesis_statics,
+    thin_gaps,
 )
 from validation.row import Row
 
@@ -40,6 +41,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "cylinders": (closed_forms.cylinders, 2),
     "sphere_and_coil": (closed_forms.sphere_and_coil, 4),
     "joints": (joints.joints, 90),
+    "thin_gaps": (thin_gaps.thin_gaps, 120),
     "axisymmetric": (axisymmetric.linear, 110),
     "saturated": (axisymmetric.saturated, 30),
     "six_cores": (drive_units.six_cores, 220),

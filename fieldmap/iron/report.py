@@ -9,6 +9,7 @@ from fieldmap.deprecated import warn_renamed
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.operators.close_faces import thin_gap_warnings
 from fieldmap.records import Record, count_of
 
 
@@ -127,10 +128,20 @@ def report_of(
         residual=state.residuals[-1],
         matrix_bytes=iron.mutual.bytes,
         seconds=seconds,
-        assumptions=assumptions,
+        assumptions=(*assumptions, *_gap_notes(iron)),
         symmetry=iron.symmetry,
         storage=iron.mutual.storage,
     )
+
+
+def _gap_notes(iron: AssembledIron) -> tuple[str, ...]:
+    """Gaps of the drawing that are meshed as sheets, and warnings of other thin gaps."""
+    sheets = tuple(
+        f"gap of {1e3 * sheet.gap:.4g} mm between {sheet.name.replace(' | ', ' and ')}: meshed as a sheet"
+        for sheet in iron.mesh.sheets
+        if sheet.drawn
+    )
+    return (*sheets, *thin_gap_warnings(iron))
 
 
 Progress = Callable[[str, float], None]

@@ -23,6 +23,8 @@ from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coi
 from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.mesh import IronMesh, surface_outlines, volumes
+from fieldmap.iron.mesh.surface_mesh import IronSurface
+from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.iron.quantities.air import checked_points, containing_element, mean_over_body, refuse_inside
 from fieldmap.iron.quantities.forces import Magnetised, force_and_torque, magnetic_bodies
 from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
@@ -137,11 +139,10 @@ class SolvedState(BaseFieldAtCurrents):
     @property
     def pieces_of_iron(self) -> tuple[tuple[str, ...], ...]:
         """Names of the bodies of each connected piece of iron, in the order of the device."""
+        if self.iron is not None and self.iron.separated is not None:
+            return _pieces(self.iron.separated.surface.mesh, self.iron.separated.surface.faces)
         about = self._magnetised
-        if about.mesh is None or about.faces is None:
-            return ()
-        pieces, mesh = magnetic_bodies(about.mesh, about.faces), about.mesh
-        return tuple(dict.fromkeys(pieces.touched_by(mesh, body) for body in mesh.body_names))
+        return () if about.mesh is None or about.faces is None else _pieces(about.mesh, about.faces)
 
     def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
         """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
@@ -232,8 +233,17 @@ class SolvedState(BaseFieldAtCurrents):
         iron = self.iron
         if iron is None:
             return Magnetised(self.coils, self.currents, background=self.background)
-        density = self.weights @ iron.density
-        return Magnetised(self.coils, self.currents, self.mesh, iron.faces, density, self.background)
+        mesh, faces, of_sources = self.mesh, iron.faces, iron.density
+        if iron.separated is not None:
+            surface, of_sources = iron.separated.surface, iron.separated.density
+            mesh, faces = surface.mesh, surface.faces
+        density = self.weights @ of_sources
+        return Magnetised(self.coils, self.currents, mesh, faces, density, self.background)
+
+
+def _pieces(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> tuple[tuple[str, ...], ...]:
+    bodies = magnetic_bodies(mesh, faces)
+    return tuple(dict.fromkeys(bodies.touched_by(mesh, name) for name in mesh.iron_names))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

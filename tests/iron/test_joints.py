@@ -8,6 +8,7 @@ import fieldmap as fm
 from fieldmap.device.model import Body, Box, Device, ExtrudedPolygon, Part, RevolvedProfile, placed
 from fieldmap.errors import GeometryError, InputError
 from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
+from fieldmap.iron.geometry import thin_gaps
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.mesh.topology import build_faces
 from fieldmap.iron.quantities.air import containing_element
@@ -166,7 +167,13 @@ def joined():
     return fm.solve_linear(c_core(JOINT)).at([1.0])
 
 
-def test_a_joint_is_the_gap_that_it_stands_for():
+@pytest.fixture
+def gaps_as_air(monkeypatch):
+    """Thin drawn gaps are meshed as air, not as the sheets that they are otherwise."""
+    monkeypatch.setattr(thin_gaps, "THIN", 0.0)
+
+
+def test_a_joint_is_the_gap_that_it_stands_for(gaps_as_air):
     """The same core with the gap drawn, both meshed alike: 0.2 % of flux and inductance, linear and saturated."""
     drawn, joint = c_core(gap=0.5e-3, size=0.003, edge=0.0005), c_core(JOINT, size=0.003, edge=0.0005)
     states = [fm.solve_linear(device).at([1.0]) for device in (drawn, joint)]
@@ -175,7 +182,7 @@ def test_a_joint_is_the_gap_that_it_stands_for():
     assert states[1].flux_linkage() == pytest.approx(states[0].flux_linkage(), rel=2e-3)
 
 
-def test_a_saturated_joint_is_the_gap_that_it_stands_for():
+def test_a_saturated_joint_is_the_gap_that_it_stands_for(gaps_as_air):
     steel = fm.Froehlich("steel", 2000.0, 2.0)
     states = [
         fm.solve(c_core(joints, gap, 0.003, 0.0005, steel), [25.0])
@@ -183,7 +190,7 @@ def test_a_saturated_joint_is_the_gap_that_it_stands_for():
     ]
     flux, other = (state.section_flux("leg").flux for state in states)
     assert np.abs(states[0].element_flux_density).max() > 1.5
-    assert other == pytest.approx(flux, rel=3e-3)
+    assert other == pytest.approx(flux, rel=2e-3)
 
 
 def ring(gap, mu_r):

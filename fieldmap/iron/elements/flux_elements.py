@@ -15,6 +15,7 @@ from scipy.sparse import csr_matrix
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.chamber import MeshSymmetry
+from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.sparse_cholesky import nested_dissection
@@ -50,10 +51,16 @@ class FluxElements(Record):
         dofs = (3 * topology.tet_faces[:, :, None] + place).reshape(-1, 12)
         area = -3 * nodal.volume[:, None, None] * nodal.gradients
         count, faces = 3 * len(topology.nodes), topology.surface
-        columns = (3 * faces[:, None] + np.arange(3)).ravel()
-        rows = np.repeat(np.arange(len(faces)), 3)
-        mean = csr_matrix((np.full(rows.size, 1 / 3), (rows, columns)), shape=(len(faces), count))
+        mean = _means(faces, count)
         return cls(dofs, np.ascontiguousarray(area), nodal.volume, count, mean, nodal)
+
+    def mean_over(self, triangles: Index, topology: Faces) -> csr_matrix:
+        """Takes the unknowns to their means (k, n) over faces with these nodes (k, 3)."""
+        both = np.sort(np.concatenate([topology.nodes, triangles]), axis=1)
+        number = distinct_rows(both).number
+        face = np.empty(number.max() + 1, np.int64)
+        face[number[: len(topology.nodes)]] = np.arange(len(topology.nodes))
+        return _means(face[number[len(topology.nodes) :]], self.count)
 
     def elimination_order(self) -> Index:
         """Order (n,) in which the unknowns are eliminated: that of nested dissection for the faces, all three of one
@@ -122,3 +129,10 @@ class FluxElements(Record):
         """The arguments that all kernels begin with."""
         values = np.ascontiguousarray(potential)
         return values, field[source], kernel.SHAPE, self.area, self.volume, self.unknowns
+
+
+def _means(faces: Index, count: int) -> csr_matrix:
+    """Takes unknowns (count,) to their means over faces (k,)."""
+    columns = (3 * faces[:, None] + np.arange(3)).ravel()
+    rows = np.repeat(np.arange(len(faces)), 3)
+    return csr_matrix((np.full(rows.size, 1 / 3), (rows, columns)), shape=(len(faces), count))

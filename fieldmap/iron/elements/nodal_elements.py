@@ -88,19 +88,17 @@ class NodalElements(Record):
         edges, _, number, _ = distinct_rows(ends)
         nodes = np.column_stack([mesh.tets, corner_count + number.reshape(-1, 6)])
         triangles = faces.nodes[faces.surface]
-        sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]], axis=2)
-        key = edges[:, 0] * corner_count + edges[:, 1]
-        middles = corner_count + np.searchsorted(key, sides[..., 0] * corner_count + sides[..., 1])
-        # The mean of a second-order function over a triangle is that of its three midpoint values.
-        rows = np.repeat(np.arange(len(triangles)), 3)
-        shape = (len(triangles), corner_count + len(edges))
-        mean = csr_matrix((np.full(rows.size, 1 / 3), (rows, middles.ravel())), shape=shape)
+        middles, mean = _middles_and_means(triangles, edges, corner_count)
         surface = np.unique(np.concatenate([triangles.ravel(), middles.ravel()]))
         corners = mesh.points[mesh.tets]
         inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
         last = np.swapaxes(inverse, 1, 2)
         gradients = np.ascontiguousarray(np.concatenate([-last.sum(axis=1, keepdims=True), last], axis=1))
         return cls(mesh.points, nodes, gradients, volumes(mesh.points, mesh.tets), edges, surface, mean)
+
+    def mean_over(self, triangles: Index, topology: Faces) -> csr_matrix:
+        """Takes nodal values to their means (k, n) over faces with these nodes (k, 3)."""
+        return _middles_and_means(triangles, self.edges, len(self.points))[1]
 
     def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> CoilField:
         """t of flux densities field(points (n, 3)) -> (c, n, 3), in T; they must be free of curl in the iron.
@@ -232,3 +230,14 @@ class NodalElements(Record):
         """The arguments that all kernels begin with."""
         values = np.ascontiguousarray(potential)
         return values, field.constant[source], field.bubble[source], self.nodes, self.gradients
+
+
+def _middles_and_means(triangles: Index, edges: Index, corners: int) -> tuple[Index, csr_matrix]:
+    """Nodes (k, 3) in the middles of the sides of triangles (k, 3), and the means (k, n) over these."""
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]], axis=2)
+    key = edges[:, 0] * corners + edges[:, 1]
+    middles = corners + np.searchsorted(key, sides[..., 0] * corners + sides[..., 1])
+    # The mean of a second-order function over a triangle is that of its three midpoint values.
+    rows = np.repeat(np.arange(len(triangles)), 3)
+    shape = (len(triangles), corners + len(edges))
+    return middles, csr_matrix((np.full(rows.size, 1 / 3), (rows, middles.ravel())), shape=shape)

@@ -18,9 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from fieldmap.iron.elements.bh_law import LawTables, Magnetisation
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.separated import SeparatedFaces, SeparatedState
 from fieldmap.iron.elements.state import ElementField, IronState, PotentialField
+from fieldmap.iron.elements.vacuum import vacuum
+from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.exterior import Exterior
@@ -53,6 +56,10 @@ class Elements(Protocol):
 
     def elimination_order(self) -> NDArray[np.int64]:
         """Order (n,) in which the unknowns are eliminated."""
+        ...
+
+    def mean_over(self, triangles: NDArray[np.int64], topology: Faces) -> csr_matrix:
+        """Takes unknowns to their means (k, n) over faces with these nodes (k, 3)."""
         ...
 
     def no_field(self) -> Any:
@@ -95,15 +102,15 @@ class ConvexForm(Generic[E]):
         self.iron = iron
         self.elements = elements
         self._sums = ElementSums(elements.unknowns, elements.count, elements.elimination_order)
-        nothing, count = elements.no_field(), len(elements.volume)
-        vacuum = Magnetisation(np.zeros(count, np.int64), _unit_law(), np.zeros((1, count, 3)))
-        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, 0, vacuum)
+        nothing = elements.no_field()
+        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, 0, vacuum(iron))
         self._exterior = Exterior(elements.face_mean, iron.mutual, self._sums, stiffness)
         one = np.ones((elements.count, 1))
         # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
         capacity = float((one.T @ self._exterior.apply(one))[0, 0])
         mass = elements.face_mean.T @ iron.surface.areas
         self._capacity = mass * (capacity / mass.sum())
+        self._apart = SeparatedFaces.of(iron.mesh) if iron.mesh.drawn_sheets else None
 
     def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
         """All sources at once, for laws that are straight lines. Raises NotConverged."""
@@ -285,8 +292,16 @@ class ConvexForm(Generic[E]):
         density = self.charge_density(potential)
         mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
         inside = self._inside(potential, field, material)
-        state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside)
+        apart = self._separated(potential)
+        state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside, apart)
         return PotentialState(potential, largest, state)
+
+    def _separated(self, potential: Array) -> SeparatedState | None:
+        """The iron with air in drawn gaps, for potentials (n, c); None where there are none."""
+        if self._apart is None:
+            return None
+        means = self.elements.mean_over(self._apart.nodes, self.iron.topology)
+        return SeparatedState(self._apart, np.ascontiguousarray((means @ potential).T))
 
 
 class PotentialForm(ConvexForm[NodalElements]):
@@ -326,7 +341,3 @@ class PotentialForm(ConvexForm[NodalElements]):
 def _energy_norm(residual: Array, step: Array) -> float:
     """sqrt(R . K^-1 R) of a residual R and K^-1 R."""
     return float(np.sqrt(max(float(residual @ step), 0.0)))
-
-
-def _unit_law() -> LawTables:
-    return LawTables(np.array([0, 1]), np.zeros(1), np.array([[0.0, 0.0, 1.0, 0.0]]), np.full((2, 1), np.inf))

@@ -11,6 +11,7 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_values
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.separated import SeparatedState
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
@@ -35,7 +36,8 @@ class IronState(Record):
 
     faces: the m charged faces; density (c, m) in T: mu0 times magnetic charge per area; flux_density (c, e, 3):
     mean of every element, T; iterations: steps of the solver; residuals: its history, relative, worst column;
-    inside: the field within elements, None for states that were read back from a file.
+    inside: the field within elements, None for states that were read back from a file; separated: the same iron with
+    air in thin drawn gaps, where the mesh has sheets in them.
     """
 
     faces: ChargedFaces
@@ -44,6 +46,7 @@ class IronState(Record):
     iterations: int
     residuals: tuple[float, ...]
     inside: ElementField | None = None
+    separated: SeparatedState | None = None
 
     def flux_density_at(self, element: Index, barycentric: Array) -> Array:
         """B (c, n, 3) at points (n, 4) of elements (n,), see `ElementField`; where that is not kept, their means."""

@@ -37,9 +37,9 @@ _ONE_PLANE = 0.05
 _FAR = 0.5
 # First layer of elements at the rim of a sheet, over its thickness.
 _RIM_LAYER = 0.25
-# Share of the flux through a gap that the air around its rim may pass unseen. No gap is known better; with half
-# of it the drive unit has 21 586 faces in the place of 14 994.
-_UNSEEN = 2e-2
+# Share of the flux through a gap that the air around its rim may pass unseen. No gap is known better; with less than
+# half of it the drive unit has 21 586 faces in the place of 12 802.
+_UNSEEN = 2.5e-2
 _MOST_UNSEEN = 20.0
 # Near its rim the sheet has layers up to these shares of its thickness, as far as this many elements from the rim. A
 # core with a gap of a twentieth of its width: 0.8 % of the flux is missing with one layer, 0.1 % with these.
@@ -105,22 +105,30 @@ def rim_edges(tets: Index, faces: ContactFaces, walls: Mask | None = None) -> In
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sheet(Record):
-    """The joint of two bodies: its name, the numbers of the bodies, thickness in m, relative permeability."""
+    """The joint of two bodies: its name, the numbers of the bodies, thickness in m, relative permeability; drawn: a gap
+    of the device's drawing, thin against the elements, that was closed for the mesher."""
 
     name: str
     bodies: Pair
     gap: float
     mu_r: float
+    drawn: bool = False
 
 
-def sheets_between(device: Device, pairs: Sequence[Pair]) -> tuple[Sheet, ...]:
-    """The joints of the pairs of bodies of a device that touch, in their order."""
+def sheets_between(
+    device: Device, pairs: Sequence[Pair], drawn: Mapping[Pair, float] | None = None
+) -> tuple[Sheet, ...]:
+    """The joints of the pairs of bodies of a device that touch, in their order; drawn: gaps in m that were closed."""
     sheets = []
     for pair in pairs:
         first, second = (device.bodies[number].name for number in pair)
+        name = f"{first} | {second}"
+        if drawn is not None and pair in drawn:
+            sheets.append(Sheet(name, pair, drawn[pair], 1.0, drawn=True))
+            continue
         joint = joint_of(device.joints, first, second)
         if joint is not None:
-            sheets.append(Sheet(f"{first} | {second}", pair, joint.gap, joint.mu_r))
+            sheets.append(Sheet(name, pair, joint.gap, joint.mu_r))
     return tuple(sheets)
 
 
@@ -213,9 +221,10 @@ def open_sheets(
     sheets: Sequence[Sheet],
     count: int,
     walls: Mask | None = None,
+    moves: Array | None = None,
 ) -> OpenedMesh:
     """Lay the sheets between bodies. points (n, 3) in m, tets (m, 4), body (m,) among `count` bodies; walls as for
-    `rim_edges`.
+    `rim_edges`; moves (b, 3): what had closed drawn gaps, m, and is undone: whole bodies move back.
 
     Where a third body bridges a joint's rim the sheet ends there without thickness.
     """
@@ -223,7 +232,8 @@ def open_sheets(
     faces, parent = contact_faces(tets, body).of(gaps), np.arange(len(tets))
     if len(faces.nodes) == 0:
         return OpenedMesh(points, tets, body, parent)
-    gap = np.array([gaps[pair] for pair in faces.pair_of_each])
+    drawn = {sheet.bodies for sheet in sheets if sheet.drawn}
+    gap = np.array([0.0 if pair in drawn else gaps[pair] for pair in faces.pair_of_each])
     rows = np.arange(len(gap))
     edges, rim = rim_edges(tets, faces, walls), np.zeros(len(points), dtype=bool)
     rim[edges] = True
@@ -233,6 +243,10 @@ def open_sheets(
     moving, staying = (_corners_in(tets, opened, faces, owner) for owner in (inner, outer))
     shift = _shifts(len(source), moving, staying, _normals(points, tets, faces, inner), gap)
     moved = _displaced(points[source], opened, body, shift)
+    if moves is not None:
+        back = np.zeros((len(source), 3))
+        back[opened] = moves[body][:, None]
+        moved -= back
     number = {sheet.bodies: count + k for k, sheet in enumerate(sheets)}
     # Layers within the sheet are of use where elements at its rim are as thin.
     fine = {pair for pair, layer in _rim_layers(points, faces, edges, gaps).items() if layer < gaps[pair]}

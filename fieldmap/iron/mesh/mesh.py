@@ -22,6 +22,7 @@ from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.extras import needs
 from fieldmap.iron.geometry.own_meshes import joined, own_mesh
 from fieldmap.iron.geometry.solids import glue_bodies
+from fieldmap.iron.geometry.thin_gaps import ClosedGaps, closed_gaps
 from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, chamber_contacts, glue_chamber, on_walls
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
@@ -49,6 +50,8 @@ _CURVATURE_SAFETY = 2.4
 _GRADING = 0.3
 # Ratio of one layer's thickness to the next at sharp edges.
 LAYER_RATIO = 0.4
+# Moves of bodies that differ by less, m, are the same: far below the thinnest gap.
+_SAME_MOVE = 1e-10
 SYMMETRIES = ("auto", "none")
 
 
@@ -75,6 +78,19 @@ class IronMesh(Record):
         """Names of the bodies without the sheets between them."""
         return self.body_names[: len(self.body_names) - len(self.sheets)]
 
+    @property
+    def drawn_sheets(self) -> tuple[int, ...]:
+        """Numbers, among the bodies, of the sheets that lie in gaps of the drawing."""
+        first = len(self.body_names) - len(self.sheets)
+        return tuple(first + k for k, sheet in enumerate(self.sheets) if sheet.drawn)
+
+    def without_drawn_sheets(self) -> "IronMesh":
+        """The iron alone, with air in the drawn gaps; the same points and numbers of bodies."""
+        if not self.drawn_sheets:
+            return self
+        kept = ~np.isin(self.body, self.drawn_sheets)
+        return IronMesh(self.points, self.tets[kept], self.body[kept], self.body_names, sheets=self.sheets)
+
 
 def generate_mesh(
     device: Device, refinement: float = 1.0, symmetry: str = "none", local: LocalSizes | None = None
@@ -97,28 +113,46 @@ def generate_mesh(
     if own:
         return _with_own_meshes(device, own, refinement)
     chamber = _chamber(device) if symmetry == "auto" and local is None else None
+    closed = closed_gaps(device)
+    if closed is not None:
+        device = closed.device
+        chamber = chamber if chamber is not None and _is_kept(chamber, closed) else None
     shape = None if chamber is None else glue_chamber(device, chamber)
     copied = None
     if chamber is not None and shape is not None:
-        copied = _copied_chamber(device, chamber, shape, refinement)
-    return _meshed_whole(device, refinement, local) if copied is None else copied
+        copied = _copied_chamber(device, chamber, shape, refinement, closed)
+    return _meshed_whole(device, refinement, local, closed) if copied is None else copied
 
 
-def _meshed_whole(device: Device, refinement: float, local: LocalSizes | None) -> IronMesh:
+def _is_kept(chamber: Chamber, closed: ClosedGaps) -> bool:
+    """Whether operations map bodies that were moved to close gaps onto each other as they do the drawn ones."""
+    return all(
+        np.abs(one.matrix @ closed.moves[k] - closed.moves[image]).max() < _SAME_MOVE
+        for one in chamber.group.operations
+        for k, image in enumerate(one.bodies)
+    )
+
+
+def _meshed_whole(
+    device: Device, refinement: float, local: LocalSizes | None, closed: ClosedGaps | None
+) -> IronMesh:
     points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement, local)
     sharp = sharp_edges(points, tets, edges, midpoints)
     points = equal_volume_vertices(points, tets, body, *midpoints)
     layer = _first_layers(device, refinement)[body]
     first = layer if local is None else local.first_layer(points[tets].mean(axis=1))
-    sheets = sheets_between(device, contact_faces(tets, body).pairs)
+    gaps, moves = (None, None) if closed is None else (closed.gaps, closed.moves)
+    sheets = sheets_between(device, contact_faces(tets, body).pairs, gaps)
     sharp, first = with_rims(points, tets, body, sheets, sharp, first)
     graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
-    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies))
+    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), moves=moves)
     cells = MesherCells.of(points, tets, parent[opened.parent])
     return _iron_mesh(device, opened, sheets, cells)
 
 
-def _copied_chamber(device: Device, chamber: Chamber, shape, refinement: float) -> IronMesh | None:
+def _copied_chamber(
+    device: Device, chamber: Chamber, shape, refinement: float, closed: ClosedGaps | None
+) -> IronMesh | None:
     """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
     points, tets, body, edges, midpoints = _netgen_mesh(shape, device, refinement)
     operations = chamber.group.operations
@@ -129,12 +163,13 @@ def _copied_chamber(device: Device, chamber: Chamber, shape, refinement: float) 
         return None
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
     pairs = images_of_pairs(contact_faces(tets, body).pairs, [one.bodies for one in operations])
-    sheets = sheets_between(device, pairs)
+    gaps, moves = (None, None) if closed is None else (closed.gaps, closed.moves)
+    sheets = sheets_between(device, pairs, gaps)
     first = _first_layers(device, refinement)[body]
     sharp, first = with_rims(points, tets, body, sheets, sharp, first, on_walls(chamber, points))
     graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
     walls = on_walls(chamber, graded)
-    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), walls)
+    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), walls, moves)
     copies = ChamberCopies(chamber, opened.points)
     tets = copies.tets(oriented(copies.points, opened.tets))
     numbers = copies.bodies(opened.body, [sheet_images(sheets, one.bodies) for one in operations])
