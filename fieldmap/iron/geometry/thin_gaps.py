@@ -5,16 +5,18 @@ should face each other across the gap do not. Bodies that touch have common elem
 sides of a thin gap are moved together as a whole, meshed, and moved back.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from netgen import occ
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fieldmap.device.model import Device
+from fieldmap.iron.geometry.cad_kernel import occ
 from fieldmap.iron.geometry.contacts import (
     CONTACT_DISTANCE,
     NamedSolid,
