@@ -40,7 +40,7 @@ PRINTED: dict[str, list[tuple[str, str, tuple[int, ...], str]]] = {
 
 def thesis_dynamics() -> Iterator[Row]:
     """Needs the map of `fieldmap map division`. The worst line of each table, in units of its last printed digit: half
-    a unit is rounding."""
+    a unit is rounding, the other half is what a map made anew may differ by."""
     for part, lines in PRINTED.items():
         result = compute_part(part)
         worst = 0.0
@@ -48,7 +48,7 @@ def thesis_dynamics() -> Iterator[Row]:
             for text, ours in zip(printed(heading, line, columns), _of(result, name), strict=True):
                 worst = max(worst, abs(float(text) - ours) / _unit(text))
         what = "largest distance of the page's numbers from the run, units of the last digit"
-        yield Row(result.title, what, worst, 0.51, "docs/thesis_dynamics.md", cpu_seconds=result.seconds)
+        yield Row(result.title, what, worst, 1.0, "docs/thesis_dynamics.md", cpu_seconds=result.seconds)
 
 
 def printed(heading: str, line: str, columns: tuple[int, ...]) -> list[str]:
