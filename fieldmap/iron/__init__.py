@@ -8,7 +8,7 @@ from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
 from fieldmap.iron.report import SolverReport
-from fieldmap.iron.sensitivity.adjoint import Derivatives, Spread
+from fieldmap.iron.sensitivity.derivatives import Derivatives, Spread
 from fieldmap.iron.sensitivity.quantities import (
     DipoleForce,
     FieldFunction,

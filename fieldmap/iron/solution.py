@@ -35,7 +35,7 @@ from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
 
 if TYPE_CHECKING:
-    from fieldmap.iron.sensitivity.adjoint import Derivatives
+    from fieldmap.iron.sensitivity.derivatives import Derivatives
     from fieldmap.iron.sensitivity.quantities import Quantity
 
 

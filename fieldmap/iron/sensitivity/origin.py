@@ -16,7 +16,8 @@ from fieldmap.iron.elements.state import PotentialField
 from fieldmap.iron.materials import body_properties, materials_on
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.sensitivity.adjoint import Derivatives, IronProblem, derivatives
+from fieldmap.iron.sensitivity.adjoint import IronProblem, derivatives
+from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.iron.sensitivity.quantities import Quantity
 from fieldmap.iron.solution import SolvedState
 from fieldmap.records import shortened
