@@ -259,7 +259,7 @@ def test_without_meshio(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "meshio", None)
     problem = problem_of(lambda: fm.VolumeMesh.from_file(tmp_path / "block.msh"))
     assert problem.where == str(tmp_path / "block.msh")
-    assert ".[mesh]" in problem.remedy
+    assert "fieldmap[mesh]" in problem.remedy
 
 
 # ---- tetrahedra that fill no solid ----
