@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import scipy.constants
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_matrix, check_not_negative, check_positive, check_signal
@@ -15,6 +14,7 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
+from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
@@ -67,7 +67,7 @@ class LumpedMagnet(Record):
     length: float
     mass: float
     damping: float = 0.0
-    gravity: float = scipy.constants.g
+    gravity: float = GRAVITY
 
     def __post_init__(self) -> None:
         check_positive(
@@ -114,7 +114,7 @@ def lumped_magnet_from_lift_currents(
     slope: float,
     mass: float,
     damping: float = 0.0,
-    gravity: float = scipy.constants.g,
+    gravity: float = GRAVITY,
 ) -> LumpedMagnet:
     """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured.
 

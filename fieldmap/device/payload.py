@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.constants import mu_0
 
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
 from fieldmap.device.placement import Placement
+from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
 
@@ -175,7 +175,7 @@ class Payload(Made):
         # No numbers: told when a device is made of it.
         with contextlib.suppress(TypeError, ValueError, AttributeError, OverflowError):
             if self.moment == 0.0 and isinstance(self.magnet, Magnet):
-                object.__setattr__(self, "moment", self.magnet.volume * self.magnet.remanence / mu_0)
+                object.__setattr__(self, "moment", self.magnet.volume * self.magnet.remanence / MU0)
             elif self.moment == 0.0 and self.pieces:
                 object.__setattr__(self, "moment", float(np.linalg.norm(_moment_of(self.pieces))))
 
@@ -226,7 +226,7 @@ def _moment_of(pieces: tuple[PayloadPiece, ...]) -> Array:
     for piece in pieces:
         if isinstance(piece.shape, Magnet):
             along = np.asarray(piece.placement.rotation, dtype=float)[:, 2]
-            total += piece.shape.volume * piece.shape.remanence / mu_0 * along
+            total += piece.shape.volume * piece.shape.remanence / MU0 * along
     return total
 
 

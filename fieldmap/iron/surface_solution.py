@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.constants import mu_0
 
 from fieldmap.device.drawing import Outline, source_outline, winding_outline
 from fieldmap.device.model import Section
@@ -26,6 +25,7 @@ from fieldmap.iron.quantities.air import checked_points
 from fieldmap.iron.quantities.forces import Magnetised
 from fieldmap.iron.quantities.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
 from fieldmap.iron.solution import FluxDensitySamples, LinearSolution, LinearState
+from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.iron.containment import solid_angle_sums
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
@@ -336,4 +336,4 @@ def iron_linkages(solved: SurfacePotential, coils: int) -> Array:
         applied = -(of.side.normal_derivative(own) * of.side.surface.faces.areas[:, None]).T
         mean = applied @ of.side.surface.faces.centres
         total = total + np.outer(mean @ of.region.remanence, solved.magnets)
-    return total / mu_0
+    return total / MU0

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pyvista as pv
-from scipy.constants import mu_0
 
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
 from fieldmap.iron import IronMesh, SolvedState
 from fieldmap.iron.elements.state import IronState
+from fieldmap.kernels.constants import MU0
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, PathLike
 
@@ -62,8 +62,8 @@ def iron_grid(state: SolvedState, device: Device | None = None) -> pv.Unstructur
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.tets}, mesh.points)
     flux = state.element_flux_density
     polarisation = iron.mean_polarisation(np.arange(len(mesh.tets)), state.weights)
-    strength = (flux - polarisation) / mu_0
-    size = mu_0 * np.linalg.norm(strength, axis=1)
+    strength = (flux - polarisation) / MU0
+    size = MU0 * np.linalg.norm(strength, axis=1)
     mu_r = np.linalg.norm(flux, axis=1) / np.maximum(size, 1e-300)
     grid.cell_data["B_T"] = flux
     grid.cell_data["J_T"] = polarisation

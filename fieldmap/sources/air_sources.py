@@ -17,7 +17,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.constants import mu_0
 from scipy.spatial.transform import Rotation
 
 from fieldmap.device.air_sources import OTHER, AirSource
@@ -25,6 +24,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.extras import needs
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
+from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.typing import Array, Index
@@ -78,7 +78,7 @@ def segments_of(source: AirSource) -> tuple[Array, Array]:
 
 def _polyline(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     start, end = segments_of(source)
-    factor = mu_0 * source.amperes / (4 * np.pi)
+    factor = MU0 * source.amperes / (4 * np.pi)
     field = np.zeros(points.shape)
     gradient = np.zeros((len(points), 3, 3)) if both else _None
     rows = max(1, _ROWS // max(len(start), 1))
@@ -172,7 +172,7 @@ def _sheet(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     field, gradient = np.zeros(points.shape), np.zeros((len(points), 3, 3)) if both else _None
     on_sheet = _on_triangles(points, corners, normals)
     for axis in range(3):
-        charge = np.ascontiguousarray(mu_0 * density[:, axis] / (4 * np.pi))
+        charge = np.ascontiguousarray(MU0 * density[:, axis] / (4 * np.pi))
         unit = np.eye(3)[axis]
         if both:
             e, slope = triangles_field_and_gradient(points, corners, normals, charge)
@@ -277,7 +277,7 @@ def _dipole_of(moment: Array, points: Array, both: bool) -> tuple[Array, Array]:
 
 
 def _dipole(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
-    return _dipole_of(mu_0 * np.asarray(source.moment, dtype=float), points, both)
+    return _dipole_of(MU0 * np.asarray(source.moment, dtype=float), points, both)
 
 
 def _sphere(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
@@ -296,7 +296,7 @@ def _cylinder(source: AirSource, points: Array, both: bool) -> tuple[Array, Arra
     if polarisation[:2].any():
         return _by_magpylib(source, points, both)
     diameter, height = np.asarray(source.dimension, dtype=float)
-    turns = polarisation[2] * height / mu_0
+    turns = polarisation[2] * height / MU0
     if not both:
         return turns * sheet_flux_density(points, 0.5 * diameter, height), _None
     field, gradient = sheet_flux_density_and_gradient(points, 0.5 * diameter, height)

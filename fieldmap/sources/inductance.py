@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.constants import mu_0
 from scipy.spatial.distance import cdist
 
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
+from fieldmap.kernels.constants import MU0
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.line_currents import (
     flux_elements_of_lines,
@@ -81,4 +81,4 @@ def _neumann(one: WindingRule, other: WindingRule) -> float:
         rows = slice(start, start + _ROWS)
         potential = (1 / cdist(one.points[rows], other.points)) @ other.vectors
         total += float(np.sum(potential * one.vectors[rows]))
-    return mu_0 / (4 * np.pi) * total
+    return MU0 / (4 * np.pi) * total

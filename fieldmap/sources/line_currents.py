@@ -8,12 +8,12 @@ its section from itself (Rosa, Bull. Bureau of Standards 4 (1908) 301), for a mu
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.constants import mu_0
 from scipy.special import ellipe, ellipk
 
 from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils import Coil
 from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.sources.air_sources import segments_of
 from fieldmap.sources.winding_rules import WindingRule, graded
@@ -107,7 +107,7 @@ def _potential(source: AirSource, points: Array, mean_distance: float) -> Array:
         across = np.linalg.norm(points - start - place[:, None] * along, axis=1)
         distance = np.maximum(np.hypot(across, mean_distance), 1e-12 * length)
         total += (np.arcsinh((length - place) / distance) + np.arcsinh(place / distance))[:, None] * along
-    return mu_0 / (4 * np.pi) * source.amperes * total
+    return MU0 / (4 * np.pi) * source.amperes * total
 
 
 def _potential_of_loop(source: AirSource, points: Array, mean_distance: float) -> Array:
@@ -123,7 +123,7 @@ def _potential_of_loop(source: AirSource, points: Array, mean_distance: float) -
     )
     # Near the axis (2 - m) K - 2 E = pi m^2 / 16.
     small = np.pi / 16 * m * np.sqrt(4 * radius**2 / ((radius + rho) ** 2 + height))
-    size = mu_0 * source.amperes / (2 * np.pi) * np.where(near_axis, small, full)
+    size = MU0 * source.amperes / (2 * np.pi) * np.where(near_axis, small, full)
     inverse = np.divide(1.0, rho, out=np.zeros_like(rho), where=rho > 0)
     return np.asarray(
         size[:, None] * inverse[:, None] * np.column_stack([-points[:, 1], points[:, 0], np.zeros(len(rho))]),

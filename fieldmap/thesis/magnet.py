@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-import scipy.constants
 
 from fieldmap.control import lumped_magnet_from_lift_currents
 from fieldmap.device import read_device
+from fieldmap.kernels.constants import MU0
 
 
 def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
 
 def _moment(remanence: float, volume: float) -> float:
     """(2-12), A m^2."""
-    return remanence * volume / scipy.constants.mu_0
+    return remanence * volume / MU0
 
 
 def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:

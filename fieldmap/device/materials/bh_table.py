@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
-from scipy.constants import mu_0
 
 from fieldmap.device.materials.base import (
     SAMPLES,
@@ -20,13 +19,14 @@ from fieldmap.device.materials.base import (
     SaturatingMaterial,
 )
 from fieldmap.inputs.tables import Positive, Table, Text, broken, read_only
+from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
 # Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
-SMALLEST_SLOPE = 0.99 * mu_0
+SMALLEST_SLOPE = 0.99 * MU0
 # Device files keep to the slope of free space. The solver bears less: formulas in B, such as the law of
 # tests/reference/axisymmetric_saturated.csv, dip to 0.62 of it.
-_SMALLEST_SLOPE_OF_A_LAW = 0.5 * mu_0
+_SMALLEST_SLOPE_OF_A_LAW = 0.5 * MU0
 STRAIGHT_LINE = "straight line to the origin"
 TOWARDS_SATURATION = "towards saturation"
 
@@ -52,7 +52,7 @@ class BHTable(SaturatingMaterial):
     def __post_init__(self) -> None:
         if self.initial_mu_r == 0.0:
             with contextlib.suppress(TypeError, ValueError, LookupError, ArithmeticError):
-                object.__setattr__(self, "initial_mu_r", float(self.b[0] / (mu_0 * self.h[0])))
+                object.__setattr__(self, "initial_mu_r", float(self.b[0] / (MU0 * self.h[0])))
 
     @property
     def initial_slope(self) -> str:  # type: ignore[override]
@@ -62,13 +62,13 @@ class BHTable(SaturatingMaterial):
     @property
     def largest_polarisation(self) -> float:
         """That of the table or of its continuation, T."""
-        reached = float(np.max(self.b - mu_0 * self.h))
+        reached = float(np.max(self.b - MU0 * self.h))
         return reached if self.saturation is None else max(reached, self.saturation)
 
     @property
     def field_range(self) -> tuple[float, float]:
         """mu0 H of the first and last point, T."""
-        return mu_0 * float(self.h[0]), mu_0 * float(self.h[-1])
+        return MU0 * float(self.h[0]), MU0 * float(self.h[-1])
 
     def fault(self) -> tuple[str, str] | None:
         """See `SaturatingMaterial.fault`."""
@@ -85,7 +85,7 @@ class BHTable(SaturatingMaterial):
             text = "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A"
             return text, f"{slope[k]:.4g} T m/A up to point {k + 1}"
         if self.saturation is not None:
-            polarisation = b[-2:] - mu_0 * h[-2:]
+            polarisation = b[-2:] - MU0 * h[-2:]
             if not polarisation[0] < polarisation[1] < self.saturation:
                 text = "B - mu0 H must rise at the table's end and end below the saturation polarisation"
                 return text, f"{polarisation[0]:.4g} and {polarisation[1]:.4g} T before {self.saturation:g} T"
@@ -95,7 +95,7 @@ class BHTable(SaturatingMaterial):
         """A straight line from the origin, the table, and an end that is saturated or on its way there."""
         from scipy.interpolate import PchipInterpolator
 
-        field = mu_0 * np.concatenate([[0.0], self.h])
+        field = MU0 * np.concatenate([[0.0], self.h])
         polarisation = np.concatenate([[0.0], self.b]) - field
         secant = np.diff(polarisation) / np.diff(field)
         tail = _tail(field, polarisation, self.saturation)
@@ -253,14 +253,14 @@ class _ExtensionKeys(MaterialKeys):
         return value
 
     def _table(self, name: str, h: list[float], b: list[float]) -> BHTable:
-        initial_mu_r = b[0] / (mu_0 * h[0])
+        initial_mu_r = b[0] / (MU0 * h[0])
         saturation = self.saturation_polarisation_T
         return BHTable(name, read_only(h), read_only(b), self.below, self.above, initial_mu_r, saturation)
 
 
 def require_room_to_saturate(h: list[float], b: list[float], saturation: float) -> None:
     """Raise unless the polarisation still rises at the table's end, and ends below its saturation."""
-    before, end = (b[k] - mu_0 * h[k] for k in (-2, -1))
+    before, end = (b[k] - MU0 * h[k] for k in (-2, -1))
     if end >= saturation:
         raise broken(
             f"saturation_polarisation_T must be above B - mu0 H of the table's last point, {end:.4g} T",

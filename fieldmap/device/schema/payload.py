@@ -3,7 +3,6 @@
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import Field, Tag, ValidationInfo, field_validator
-from scipy.constants import mu_0
 
 from fieldmap.device import payload as model
 from fieldmap.device.parts import Driver
@@ -21,6 +20,7 @@ from fieldmap.inputs.tables import (
     chosen_by,
     chosen_with,
 )
+from fieldmap.kernels.constants import MU0
 
 GRAM_SQUARE_MILLIMETRE = 1e-9
 Inertia = Annotated[list[Positive], Field(min_length=3, max_length=3)]
@@ -222,7 +222,7 @@ class PayloadWithMagnet(_PayloadKeys):
     def to_model(self) -> model.Payload:
         """In SI."""
         magnet = self.magnet.to_model()
-        return self._payload(magnet.volume * magnet.remanence / mu_0, magnet)
+        return self._payload(magnet.volume * magnet.remanence / MU0, magnet)
 
 
 class PayloadWithMoment(_PayloadKeys):

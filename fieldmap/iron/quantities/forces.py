@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.constants import mu_0
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -17,6 +16,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.surface_mesh import IronSurface
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.winding_rules import current_elements
@@ -117,7 +117,7 @@ def _on_charges(device: Magnetised, mine: _Share):
             continue
         faces = _subset(chosen, part)
         points, weights = faces.rule_points(degree)
-        charge = np.outer(density[part] * faces.areas / mu_0, weights).reshape(-1, 1)
+        charge = np.outer(density[part] * faces.areas / MU0, weights).reshape(-1, 1)
         points = points.reshape(-1, 3)
         yield points, charge * _field(device, mine.others(), points)
 

@@ -1,12 +1,12 @@
 """Flux linkage and co-energy of the iron, from the fields inside it: docs/theory/forces.md (4), (5)."""
 
 import numpy as np
-from scipy.constants import mu_0
 
 from fieldmap.iron.elements.bh_law import Magnetisation, law_slopes, law_values
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField, shape_gradients
+from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.typing import Array
 
@@ -20,7 +20,7 @@ def linkage_and_coenergy(
     field of their coils alone; unit (c, e, 4, 3): field of one ampere in each of c coils. The linkage is the exact
     derivative of the discrete co-energy, so both agree on any mesh.
     """
-    share = (0.25 * volume / mu_0)[:, None]
+    share = (0.25 * volume / MU0)[:, None]
     linkage, coenergy = np.zeros((len(unit), len(strength))), np.zeros(len(strength))
     per_coil = unit.reshape(len(unit), int(np.prod(unit.shape[1:])))
     for s, (h, t) in enumerate(zip(strength, coils, strict=True)):
@@ -51,7 +51,7 @@ def iron_differential_inductance(
     for shape, tangent, weight, t in _points(inside, unit):
         h = t - np.einsum("eia,eic->cea", shape, response[inside.elements.nodes])
         out += np.einsum("e,kea,jea->kj", weight, t, np.einsum("eab,jeb->jea", tangent, h) - h, optimize=True)
-    return out / mu_0
+    return out / MU0
 
 
 def _points(inside: PotentialField, unit: CoilField):

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.constants import mu_0
 
 from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
@@ -38,6 +37,7 @@ from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.iron.sensitivity.moved_bodies import Adjoint, FrozenState, MovedMesh
 from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
+from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import bare_inductance, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage
@@ -254,7 +254,7 @@ class _Inside:
     def derivatives(self, points: Array, weights: Weights, follows: Sequence[_Follow]) -> Array:
         """What the iron adds to derivatives (k, p)."""
         adjoint = self._adjoint(points, weights)
-        elements, linkage = self._elements, weights.linkage / mu_0
+        elements, linkage = self._elements, weights.linkage / MU0
         cover = np.stack(list(elements.point_gradients(adjoint)), axis=2)
         cover += np.tensordot(linkage, self._unit, 1)
         cover *= self._share
@@ -285,7 +285,7 @@ class _Inside:
             linked = CoilField(
                 np.einsum("kc,ced->ked", weights.linkage, unit.constant), weights.linkage @ unit.bubble
             )
-            right -= form.source_response(self._potential, self._field, self._material, linked) / mu_0
+            right -= form.source_response(self._potential, self._field, self._material, linked) / MU0
         return form.solve_tangent(self._potential[:, None], self._field, self._material, right, _TOLERANCE)
 
     def _susceptible(self, vectors: Array) -> Array:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.constants import mu_0
 
 from fieldmap.arguments import check_count, check_not_negative
 from fieldmap.deprecated import warn_renamed
@@ -22,6 +21,7 @@ from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
+from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array
@@ -163,7 +163,7 @@ class HysteresisSolver:
             law,
             law_tables(materials),
             remanence[law][None],
-            mu_0 * soft[:, None] * self.pinning.fields,
+            MU0 * soft[:, None] * self.pinning.fields,
             self.pinning.weights,
             np.zeros((len(law), 4, self.pinning.cells, 3)),
         )
@@ -224,7 +224,7 @@ class HysteresisSolver:
             state,
             self._linkage(polarisation),
             IronMemory(after, state.potential[:, 0], currents),
-            before.dissipated(after, elements.volume) / mu_0,
+            before.dissipated(after, elements.volume) / MU0,
             state.iron.iterations,
             bounds=self.device.bounds,
         )
@@ -232,5 +232,5 @@ class HysteresisSolver:
     def _linkage(self, polarisation: Array) -> Array:
         """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (5)."""
         unit = self._form.elements.coil_field_at_points(self._unit)
-        weight = 0.25 * self._form.elements.volume / mu_0
+        weight = 0.25 * self._form.elements.volume / MU0
         return np.einsum("e,ceqd,eqd->c", weight, unit, polarisation, optimize=True)
