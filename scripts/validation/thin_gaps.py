@@ -84,8 +84,10 @@ def _with_force(unit: LinearSolution) -> SolvedState:
 
 
 def _pads() -> Iterator[Row]:
-    """A pad of soft iron, 2 mm thick, below the magnet, against a finer mesh. At 0.01 mm the force still rises by 2 % up
-    to elements 2.5 times finer, at 0.001 mm by 0.3 %."""
+    """A pad of soft iron, 2 mm thick, below the magnet, against a finer mesh.
+
+    At 0.01 mm the force still rises by 2 % up to elements 2.5 times finer, at 0.001 mm by 0.3 %.
+    """
     for gap in (1e-5, 1e-6):
         device = magnet_above_plate(gap)
         pad = Body("plate", "iron", (Part(Box((SIDE, SIDE, 2e-3)), placed((0, 0, -2e-3))),), 2e-3, 2.5e-4)
