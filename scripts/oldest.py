@@ -50,13 +50,14 @@ def oldest(extras: list[str]) -> list[str]:
         *project["dependencies"],
         *(one for name in extras for one in project["optional-dependencies"][name]),
     ]
-    exact = []
+    exact: dict[str, str] = {}
     for one in wanted:
         found = re.fullmatch(r"([\w.-]+)>=([\w.]+)(,<[\w.]+)?(;.*)?", one)
         if found is None:
             raise ValueError(f"{one}: no lower bound")
-        exact.append(f"{found[1]}=={found[2]}{found[4] or ''}")
-    return exact
+        # An extra may need more of a library than the core: extras come last.
+        exact[found[1]] = f"{found[1]}=={found[2]}{found[4] or ''}"
+    return list(exact.values())
 
 
 def main() -> int:
