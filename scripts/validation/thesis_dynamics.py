@@ -1,4 +1,4 @@
-"""The numbers that docs/thesis_dynamics.md prints as ours, against the runs of the rows S18 that they are of."""
+"""Numbers that docs/thesis_dynamics.md prints as ours, against the runs of the rows S16 and S18 that they are of."""
 
 import re
 from collections.abc import Iterator
@@ -13,6 +13,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "thesis_dynamics.md"
 # Part -> (heading of the table, line, columns, name of the numbers).
 STEP = ("peak time, s", "rise time, 10 to 90 %, s", "settling time, s", "overshoot, %")
 PRINTED: dict[str, list[tuple[str, str, tuple[int, ...], str]]] = {
+    "S16_records": [
+        ("Table 5-2", gain, (4,), f"zero[{k}]") for k, gain in enumerate(("0.5", "0.334", "0.2"))
+    ],
     "S18_vertical": [
         ("Table 7-1", line, (2,), name)
         for line, name in (

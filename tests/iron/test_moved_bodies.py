@@ -191,27 +191,24 @@ def test_nodes_follow_their_shapes():
 
 
 def test_touching_bodies_move_together_or_not_at_all():
-    device = """format = 1
+    boxes = "".join(
+        f'''[[body]]
+name = "{name}"
+material = "iron"
+shape = "box"
+size_mm = [4.0, 4.0, 4.0]
+mesh_size_mm = 4.0
+position_mm = [{x}, 1.0, 0.0]
+'''
+        for name, x in (("one", 0.0), ("two", 4.0))
+    )
+    device = f"""format = 1
 name = "pair"
 title = "Two boxes that touch"
 [material.iron]
 kind = "linear"
 mu_r = 100.0
-[[body]]
-name = "one"
-material = "iron"
-shape = "box"
-size_mm = [4.0, 4.0, 4.0]
-mesh_size_mm = 4.0
-position_mm = [0.0, 1.0, 0.0]
-[[body]]
-name = "two"
-material = "iron"
-shape = "box"
-size_mm = [4.0, 4.0, 4.0]
-mesh_size_mm = 4.0
-position_mm = [4.0, 1.0, 0.0]
-[[coil]]
+{boxes}[[coil]]
 name = "coil"
 kind = "circular"
 inner_radius_mm = 12.0

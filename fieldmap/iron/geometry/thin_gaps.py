@@ -57,11 +57,11 @@ def closed_gaps(device: Device) -> ClosedGaps | None:
     """
     if THIN == 0 or len(device.bodies) < 2 or any(body.has_own_mesh for body in device.bodies):
         return None
-    near = _near_pairs(device)
-    if not any(distance > CONTACT_DISTANCE for distance in near.values()):
-        return None
     source = device_label(device)
     solids = [body_solid(body, source) for body in device.bodies]
+    near = _near_pairs(device, solids)
+    if not any(distance > CONTACT_DISTANCE for distance in near.values()):
+        return None
     piece = _pieces(len(solids), [pair for pair, distance in near.items() if distance <= CONTACT_DISTANCE])
     steps = {
         pair: step
@@ -87,11 +87,10 @@ def closed_gaps(device: Device) -> ClosedGaps | None:
     return ClosedGaps(moved, moves / MILLIMETRES, widths)
 
 
-def _near_pairs(device: Device) -> dict[Pair, float]:
+def _near_pairs(device: Device, solids: Sequence[occ.TopoDS_Shape]) -> dict[Pair, float]:
     """Distances, mm, of bodies that touch or have a thin gap between them."""
-    source, found = device_label(device), {}
+    found = {}
     sizes = [(body.mesh_size or 0.0) * MILLIMETRES for body in device.bodies]
-    solids = [body_solid(body, source) for body in device.bodies]
     for a, b in combinations(range(len(solids)), 2):
         limit = THIN * min(sizes[a], sizes[b]) - _SAME
         if not bounds_nearer_than(solids[a], solids[b], limit):
