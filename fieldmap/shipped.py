@@ -4,6 +4,7 @@ Devices and recipes lie in fieldmap/shipped/ in an installed wheel; in a checkou
 beside the package.
 """
 
+import os
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
@@ -18,6 +19,16 @@ def shipped_folder(kind: str) -> Path:
     return installed if installed.is_dir() else PACKAGE.parent / kind
 
 
+def is_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is at a path that somebody wrote; False where it can be none: too long, or out of reach.
+
+    >>> is_file(__file__), is_file("x" * 5000), is_file("no\\x00name")
+    (True, False, False)
+    """
+    # Path.is_file raises for names that are too long and folders that may not be entered.
+    return os.path.isfile(path)
+
+
 def shipped_file(kind: str, name: str) -> Path | None:
     """Path of a shipped file, or None. `name` is relative to the folder; ".toml" may be left out.
 
@@ -26,7 +37,7 @@ def shipped_file(kind: str, name: str) -> Path | None:
     """
     folder = shipped_folder(kind)
     for candidate in (folder / name, folder / f"{name}.toml"):
-        if candidate.is_file() and candidate.resolve().is_relative_to(folder):
+        if is_file(candidate) and candidate.resolve().is_relative_to(folder):
             return candidate
     return None
 

@@ -23,6 +23,7 @@ from validation import (
     convergence,
     current_maps,
     drive_units,
+    fuzz,
     joints,
     mag_manip_program,
     map_files,
@@ -55,6 +56,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),
     "killed_workers": (map_files.killed_workers, 400),
+    "fuzz": (fuzz.fuzz, 400),
     "mag_manip": (mag_manip_program.mag_manip, 240),
     "thesis_dynamics": (thesis_dynamics.thesis_dynamics, 60),
     "thesis_statics": (thesis_statics.thesis_statics, 900),
@@ -95,9 +97,21 @@ def show(rows: list[Row], console: Console) -> None:
         cost = (f"{row.faces}", f"{row.steps}", f"{row.seconds:.0f} ({row.cpu_seconds:.0f})")
         table.add_row(row.case, row.quantity, *numbers, *cost, row.note or row.source)
     console.print(table)
+    for study in dict.fromkeys(row.study for row in rows if row.figures):
+        console.print(_figures(study, [row.figures for row in rows if row.study == study and row.figures]))
     verdicts = ("pass", "FAIL", "NOT RUN", "skipped")
     count = {verdict: sum(row.verdict == verdict for row in rows) for verdict in verdicts}
     console.print(", ".join(f"{number} {verdict}" for verdict, number in count.items()), highlight=False)
+
+
+def _figures(study: str, rows: list[dict[str, str]]) -> Table:
+    """Rows that are told by several numbers."""
+    table = Table(title=study)
+    for number, heading in enumerate(rows[0]):
+        table.add_column(heading, justify="right" if number else "left")
+    for row in rows:
+        table.add_row(*row.values())
+    return table
 
 
 def main() -> int:

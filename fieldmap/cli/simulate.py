@@ -159,10 +159,11 @@ def _function_in(text: str) -> "FunctionController":
 
     from fieldmap.control import FunctionController
     from fieldmap.errors import InputError, Problem
+    from fieldmap.shipped import is_file
 
     file, sign, name = text.rpartition(":")
     path = Path(file)
-    if not (sign and name and path.suffix == ".py" and path.is_file()):
+    if not (sign and name and path.suffix == ".py" and is_file(path)):
         must, remedy = (
             "must be FILE.py:NAME with a file that is there",
             "write for example my_loop.py:control",

@@ -12,6 +12,7 @@ from fieldmap.device.materials import keys_of_table
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import dotted, matches, tables
 from fieldmap.records import count_of
+from fieldmap.shipped import is_file
 
 
 def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> list[Finding]:
@@ -143,7 +144,7 @@ def _missing_files(data: dict[str, Any], folder: Path) -> Iterator[Finding]:
         for part_location, part in [(location, body), *_parts(location, body)]:
             name = part.get("file")
             kind = {"step_file": "STEP", "mesh_file": "mesh"}.get(str(part.get("shape")))
-            if kind is not None and isinstance(name, str) and not (folder / name).is_file():
+            if kind is not None and isinstance(name, str) and not is_file(folder / name):
                 yield Finding(
                     (*part_location, "file"),
                     f"the {kind} file must exist; its path is relative to the device file",

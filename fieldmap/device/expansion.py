@@ -19,7 +19,7 @@ from fieldmap.inputs.document import Document, parse
 from fieldmap.inputs.expressions import ExpressionError, Value, evaluate, is_expression
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import Location, matches
-from fieldmap.shipped import shipped_file
+from fieldmap.shipped import is_file, shipped_file
 
 TABLES = ("body", "coil")
 """Arrays of tables that are repeated, mirrored and have defaults."""
@@ -80,7 +80,7 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
         document = replace(document, data=_with_files_from(document.data, document.path.parent, folder))
     for name in names:
         beside = document.path.parent / name
-        path = beside if beside.is_file() else shipped_file("geometry", name)
+        path = beside if is_file(beside) else shipped_file("geometry", name)
         fault = None
         if path is None:
             fault = "must be an existing file, beside this one or among the shipped ones", "correct the path"
@@ -109,7 +109,7 @@ def _with_files_from(data: Any, folder: Path, main: Path) -> Any:
         return data
     named = {key: _with_files_from(one, folder, main) for key, one in data.items()}
     file = named.get("file")
-    if isinstance(file, str) and (folder / file).is_file() and not (main / file).is_file():
+    if isinstance(file, str) and is_file(folder / file) and not is_file(main / file):
         named["file"] = os.path.relpath(folder / file, main)
     return named
 

@@ -22,7 +22,7 @@ from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import dotted
 from fieldmap.records import FrozenDict
-from fieldmap.shipped import shipped_file, shipped_names
+from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
 TEXT = "device text"
@@ -89,7 +89,7 @@ def _named_files(data: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _beside_or_shipped(folder: Path, file: str) -> Path | None:
     beside = folder / file
-    return beside if beside.is_file() else shipped_file("geometry", file)
+    return beside if is_file(beside) else shipped_file("geometry", file)
 
 
 _File = TypeVar("_File", bound=BaseModel)

@@ -62,6 +62,9 @@ def evaluate(text: str, names: Mapping[str, Value]) -> Value:
     shown = f'"{text[:60]}"'
     if len(plain) > LONGEST:
         raise ExpressionError(f"an expression has at most {LONGEST} characters", f"{len(plain)} characters")
+    # Python would pass over a remark, and with it over what somebody took for a part of the sum.
+    if "#" in plain:
+        raise ExpressionError(f"must be {_GRAMMAR}", shown, "write remarks behind the closing quote")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -13,7 +13,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.findings import closest, one_of
 from fieldmap.records import Record
-from fieldmap.shipped import shipped_file, shipped_names
+from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
 # Packages that register kinds. They are imported only to say what a file is that the reader at work does not know.
@@ -50,7 +50,7 @@ class FileKind(Record, Generic[Contents]):
     def find(self, path_or_name: PathLike) -> Path:
         """The file at a path, or the shipped one of that name; raises `error` if there is neither."""
         path = Path(path_or_name)
-        if path.is_file():
+        if is_file(path):
             return path
         shipped = shipped_file(self.folder, str(Path(self.subfolder) / path))
         if shipped is not None:

@@ -105,6 +105,11 @@ def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> C
     return Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
 
 
+def is_number(value: Any) -> bool:
+    """Whether a raw value is a number that can be computed with: none of NaN, infinity, true, or beyond 1e30."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
+
+
 def read_only(values: Sequence[float] | Sequence[Sequence[float]], scale: float = 1.0) -> Array:
     """Array of the scaled values that nobody can change by accident."""
     array = np.ascontiguousarray(np.asarray(values, dtype=np.float64) * scale)

@@ -14,6 +14,7 @@ from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.field import AnyField, Bounds, Currents, Field, as_field, coil_currents
 from fieldmap.records import Record
+from fieldmap.shipped import is_file
 from fieldmap.store import map_path
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -194,7 +195,7 @@ def _opened(field: Field) -> Field:
 
 def refuse_directory(name: PathLike) -> None:
     """Raise InputError for a directory: a missing file is reported by its reader."""
-    if Path(name).is_dir():
+    if os.path.isdir(name):
         raise InputError(Problem(str(name), "must be a file", "a directory", "name the file inside it"))
 
 
@@ -205,7 +206,7 @@ def is_map_file(name: PathLike) -> bool:
     path = map_path(name)
     if path.suffix.lower() in _MAP_SUFFIXES:
         return True
-    if not path.is_file():
+    if not is_file(path):
         return False
     with path.open("rb") as stream:
         return stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE
@@ -215,10 +216,10 @@ def existing_map(name: PathLike) -> Path:
     """The path of an existing HDF5 file. Raises MapFileError."""
     path = map_path(name)
     if not is_map_file(name):
-        received = "no such file" if not path.exists() else "a file that is not HDF5"
+        received = "no such file" if not os.path.exists(path) else "a file that is not HDF5"
         must_hold, remedy = "must be a map file made by `fieldmap map`", "make one: fieldmap map RECIPE"
         raise MapFileError(Problem(str(name), must_hold, received, remedy))
-    if not path.is_file():
+    if not is_file(path):
         remedy = "check the name, or make the map: fieldmap map RECIPE"
         raise MapFileError(Problem(str(name), "must be an existing file", "no such file", remedy))
     return path

@@ -1,7 +1,6 @@
 """Map recipes: what a file may hold, how it is read, and the grid and the currents that it asks for."""
 
 import itertools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +20,9 @@ from fieldmap.errors import RecipeError
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind, register
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Point, Positive, Table, Text, broken
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Point, Positive, Table, Text, broken, is_number
 from fieldmap.records import Record
-from fieldmap.shipped import shipped_file, shipped_names
+from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.store import Grid
 from fieldmap.typing import Array
 
@@ -38,7 +37,7 @@ MILLI = 1e-3
 def _three_spacings(value: Any) -> Any:
     """One number for all axes, or three."""
     numbers = value if isinstance(value, list) else [value] * 3
-    good = len(numbers) == 3 and all(_is_number(n) and 0 < n <= LARGEST_LENGTH_MM for n in numbers)
+    good = len(numbers) == 3 and all(is_number(n) and 0 < n <= LARGEST_LENGTH_MM for n in numbers)
     if not good:
         must_hold = "one positive number, or three for x, y and z"
         raise broken(must_hold, shown(value), "write for example spacing_mm = 4.0 or [4.0, 4.0, 2.0]")
@@ -47,7 +46,7 @@ def _three_spacings(value: Any) -> Any:
 
 def _permeability(value: Any) -> Any:
     """The word "initial", or a number."""
-    if value == "initial" or (_is_number(value) and value > 0):
+    if value == "initial" or (is_number(value) and value > 0):
         return value
     must_hold = '"initial" (the initial slope of the device\'s B-H table) or a positive relative permeability'
     raise broken(must_hold, shown(value), 'write for example mu_r = "initial" or mu_r = 4000')
@@ -67,14 +66,10 @@ def _amperes(value: Any) -> Any:
     if value is None:
         return value
     numbers = value if isinstance(value, list) else [value]
-    if not numbers or not all(_is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers):
+    if not numbers or not all(is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers):
         must_hold = f"a current in A of at most {LARGEST_CURRENT_A:g}, or a list of one per coil"
         raise broken(must_hold, shown(value), "write for example lower_A = 1.0")
     return value
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 class BoxKeys(Table):
@@ -103,9 +98,13 @@ class IronKeys(Table):
 
 def _range(value: Any) -> Any:
     """Two numbers, the first the smaller."""
-    good = isinstance(value, list) and len(value) == 2 and all(_is_number(n) for n in value)
-    if not good or not value[0] < value[1]:
-        raise broken("a range [smallest, largest]", shown(value), "write for example x = [-0.4, 0.4]")
+    good = isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+    if not good or not -LARGEST_CURRENT_A <= value[0] < value[1] <= LARGEST_CURRENT_A:
+        raise broken(
+            f"a range [smallest, largest] of at most {LARGEST_CURRENT_A:g}",
+            shown(value),
+            "write for example x = [-0.4, 0.4]",
+        )
     return [float(n) for n in value]
 
 
@@ -378,7 +377,7 @@ def _plain(value: Any, unit: float) -> Any:
         value = value.tolist()
     if isinstance(value, list | tuple):
         return [_plain(one, unit) for one in value]
-    return in_unit(float(value), unit) if _is_number(value) and unit != 1.0 else value
+    return in_unit(float(value), unit) if is_number(value) and unit != 1.0 else value
 
 
 def _recipe(document: Document, contents: RecipeFile) -> Recipe:
@@ -451,7 +450,7 @@ def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None)
     Raises RecipeError if there is none, and DeviceFileError if its file is wrong.
     """
     beside = recipe.path.parent / recipe.device
-    if beside.is_file():
+    if is_file(beside):
         return read_device(beside, changes)
     shipped = shipped_file("geometry", recipe.device)
     if shipped is not None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections, parametrisation_from_json
 from fieldmap.errors import InputError, MapFileError, Problem
-from fieldmap.shipped import shipped_file
+from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.grid import Array, Grid
 from fieldmap.store.map_data import MapData, MapInfo
@@ -123,7 +123,7 @@ def read_info(path: str | os.PathLike[str]) -> MapInfo:
 def map_path(path: str | os.PathLike[str]) -> Path:
     """The path itself; of a name without folder and ending that is no file, the shipped map of this name, if any."""
     given = Path(path)
-    if given.exists() or given.name != str(path) or given.suffix:
+    if is_file(given) or given.name != str(path) or given.suffix:
         return given
     return shipped_file("maps", f"{given}.h5") or given
 
@@ -132,7 +132,7 @@ def map_path(path: str | os.PathLike[str]) -> Path:
 def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     """The file, its seal verified before HDF5 opens it; whatever is wrong inside the block becomes a MapFileError."""
     where, path = str(path), map_path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise MapFileError(Problem(where, "an existing map file", "no such file", REMAKE))
     try:
         if path.name.endswith(SUFFIX):

@@ -17,6 +17,7 @@ from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding
 from fieldmap.inputs.key_paths import Location, dotted, matches
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
+from fieldmap.shipped import is_file
 from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
 from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile, VaryKeys
 from fieldmap.studies.study import Axis, CurrentSet, IronModel, Record, Study, Value, Variant, setting_words
@@ -237,7 +238,7 @@ def _recipe(contents: StudyFile, study_file: Document) -> Recipe | None:
         return None
     beside = study_file.path.parent / contents.recipe
     try:
-        return read_recipe(beside if beside.is_file() else contents.recipe)
+        return read_recipe(beside if is_file(beside) else contents.recipe)
     except RecipeError as error:
         raise StudyError(*_placed("recipe", error.problems, study_file)) from error
 
@@ -249,7 +250,7 @@ def _device_document(contents: StudyFile, recipe: Recipe | None, study_file: Doc
         return DEVICE.load(source)
     beside = study_file.path.parent / str(contents.device)
     try:
-        return DEVICE.load(beside if beside.is_file() else DEVICE.find(str(contents.device)))
+        return DEVICE.load(beside if is_file(beside) else DEVICE.find(str(contents.device)))
     except DeviceFileError as error:
         raise StudyError(*_placed("device", error.problems, study_file)) from error
 

@@ -1,6 +1,5 @@
 """What a study file may hold: the tables of the TOML file, with their rules."""
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
@@ -8,7 +7,7 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 from fieldmap.errors import StudyError
 from fieldmap.inputs.findings import one_of, shown
 from fieldmap.inputs.kinds import FileKind, register
-from fieldmap.inputs.tables import Format, Name, Point, Positive, Table, Text, broken
+from fieldmap.inputs.tables import Format, Name, Point, Positive, Table, Text, broken, is_number
 from fieldmap.studies.quantities import GROUPS, TAKEN
 
 LARGEST_CURRENT_A = 1e6
@@ -16,13 +15,9 @@ LARGEST_CURRENT_A = 1e6
 AxisName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_]*$")]
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _value(value: Any) -> Any:
     """A number or a text: what a key of a device file can be set to."""
-    if not _is_number(value) and not (isinstance(value, str) and value):
+    if not is_number(value) and not (isinstance(value, str) and value):
         raise broken("must be a finite number or a text", shown(value), "list plain values of the key")
     return value
 
@@ -32,7 +27,7 @@ def _amperes(value: Any) -> Any:
     if value is None:
         return value
     numbers = value if isinstance(value, list) else [value]
-    good = bool(numbers) and all(_is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers)
+    good = bool(numbers) and all(is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers)
     if not good or not any(numbers):
         must_hold = "one number for all coils, or a list of one per coil, not all of them 0"
         raise broken(must_hold, shown(value), "write for example amperes_A = 1.5")
@@ -40,7 +35,7 @@ def _amperes(value: Any) -> Any:
 
 
 def _permeability(value: Any) -> Any:
-    if value == "initial" or (_is_number(value) and value > 0):
+    if value == "initial" or (is_number(value) and value > 0):
         return value
     must_hold = '"initial" (the initial slope of the device\'s B-H table) or a positive relative permeability'
     raise broken(must_hold, shown(value), 'write for example mu_r = "initial" or mu_r = 4000')

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -18,7 +18,8 @@ class Row:
 
     faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: of the solve behind the number, wall
     clock and processor time of all threads. value is NaN for what could not be measured; `note` says why. skipped: what
-    it needs cannot be had here, which is no failure.
+    it needs cannot be had here, which is no failure. figures: of rows that are told by more than one number, by
+    heading; they make a table of their own.
     """
 
     case: str
@@ -33,6 +34,7 @@ class Row:
     note: str = ""
     study: str = ""
     skipped: bool = False
+    figures: dict[str, str] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:

@@ -19,7 +19,7 @@ from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.field import Field
 from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
 from fieldmap.lookup import FieldMap, magnetic_body, open_map
-from fieldmap.shipped import shipped_file
+from fieldmap.shipped import is_file, shipped_file
 
 MILLI = 1e-3
 
@@ -58,13 +58,13 @@ def device_and_map(
 
 def _beside(scenario: Scenario, name: str) -> str | Path:
     beside = scenario.path.parent / name
-    if beside.is_file():
+    if is_file(beside):
         return beside
     shipped = shipped_file("geometry", name)
     if shipped is not None:
         return shipped
     # Of a shipped scenario, given on the command line.
-    if Path(name).is_file():
+    if is_file(name):
         return Path(name)
     must = "a file relative to the scenario, or the name of a shipped one"
     raise scenario.error("device", must, f'"{name}"', "correct the name")
@@ -75,7 +75,7 @@ def _map_path(scenario: Scenario) -> Path:
     name = scenario.contents.map
     folder = Path("maps") / "out"
     for path in (scenario.path.parent / name, Path(name), folder / name, folder / f"{name}.h5"):
-        if path.is_file():
+        if is_file(path):
             return path
     must = "must be a map file relative to the scenario, or the name of one in maps/out"
     raise scenario.error("map", must, f'"{name}"', f"make it: fieldmap map {Path(name).stem}, or give --map")

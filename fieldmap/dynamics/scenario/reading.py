@@ -14,6 +14,7 @@ from fieldmap.errors import Problem, ScenarioError
 from fieldmap.inputs.document import Document, schema_findings
 from fieldmap.inputs.toml_lines import line_numbers
 from fieldmap.records import Record
+from fieldmap.shipped import is_file
 
 # Tables and files that had another name, which still is read.
 _OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
@@ -88,7 +89,7 @@ def find_scenario(path_or_name: str | Path) -> Path:
         )
     given = Path(path_or_name)
     new = _OLDER_FILES.get(given.name.removesuffix(".toml"))
-    if new is not None and given == Path(given.name) and not given.is_file():
+    if new is not None and given == Path(given.name) and not is_file(given):
         # For whoever runs it, so no DeprecationWarning, which only developers see.
         message = f"scenario {path_or_name} is now {new}; the old name goes with {REMOVAL}"
         warnings.warn(message, FutureWarning, stacklevel=2)

@@ -22,6 +22,10 @@ from fieldmap.inputs.tables import (
 from fieldmap.instruments.amplifier import USUAL_RANGE
 
 ASSUMED_MM_PER_V = 2.0
+MOST_PERIODS = 5_000_000
+"""Of a run, which then takes some 2.5 GB."""
+MOST_STEPS = 1_000_000
+"""Of the mechanics in one control period."""
 """Of the sensors' outputs in a scenario that has a converter and does not say: an assumption, of one rig."""
 Count = Annotated[int, Field(ge=1)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -190,6 +194,10 @@ class ControlKeys(Table):
             received = ", ".join(given + (["coupled"] if self.coupled is not None else [])) or "none"
             must = "must have either z, x and y, or coupled"
             raise broken(must, received, "give every axis a controller, or one for all")
+        steps = self.period_ms / self.step_ms
+        if steps > MOST_STEPS:
+            must = f"step_ms must be at least a part of {MOST_STEPS} of period_ms"
+            raise broken(must, f"{self.step_ms:g} of {self.period_ms:g}", "take a larger step")
         return self
 
 
@@ -215,7 +223,7 @@ class StepKeys(Table):
     axis: Literal["x", "y", "depth"] = Field(description="whose reference")
     at_s: NotNegative = Field(description="when")
     by_mm: float = Field(description="by how much")
-    times: Annotated[int, Field(ge=1)] = Field(default=1, description="how many of them")
+    times: Annotated[int, Field(ge=1, le=MOST_PERIODS)] = Field(default=1, description="how many of them")
     every_s: Positive = Field(default=1.0, description="time from one to the next")
 
 
@@ -309,7 +317,9 @@ class DisturbanceKeys(Table):
 class RecordKeys(Table):
     """What is recorded of a run."""
 
-    every: Annotated[int, Field(ge=1)] = Field(default=1, description="control periods from row to row")
+    every: Annotated[int, Field(ge=1, le=MOST_PERIODS)] = Field(
+        default=1, description="control periods from row to row"
+    )
 
 
 class NoiseKeys(Table):
@@ -344,6 +354,14 @@ class ScenarioFile(Table):
     disturbance: list[DisturbanceKeys] = Field(default=[], description="forces on the body")
     noise: NoiseKeys = Field(default=NoiseKeys(), description="where noise comes from")
     record: RecordKeys = Field(default=RecordKeys(), description="what is recorded")
+
+    @model_validator(mode="after")
+    def _of_bounded_length(self) -> "ScenarioFile":
+        periods = 1e3 * self.duration_s / self.control.period_ms
+        if periods > MOST_PERIODS:
+            must = f"a run has at most {MOST_PERIODS} control periods: duration_s over control.period_ms"
+            raise broken(must, f"{periods:.4g}", "shorten the run")
+        return self
 
 
 SCENARIO = register(

@@ -1,0 +1,45 @@
+"""Hostile input: 1000 mutations of each kind of file and argument, and what came of them."""
+
+from collections.abc import Iterator
+
+from validation.fuzzing.table import figures
+from validation.row import Row
+
+MUTATIONS = 1000
+SEED = 20261123
+# As `fuzzing.kinds` has them; that module imports what it needs to make and read all of them.
+KINDS = (
+    "device files",
+    "map recipes",
+    "scenarios",
+    "studies",
+    "planar devices",
+    "B-H curves",
+    "expressions",
+)
+
+
+def fuzz() -> Iterator[Row]:
+    """One row a kind: how many mutations were answered wrongly, by an error that is not ours, too slowly, with too much
+    memory, by reading what they must not, or by a crash."""
+    for kind in KINDS:
+        found = figures(kind, MUTATIONS, SEED)
+        counts = found.counts
+        others = ("wrong", "traceback", "slow", "memory", "reached out", "crash")
+        yield Row(
+            f"{MUTATIONS} mutations, {kind}",
+            "not read as before and not refused",
+            float(sum(counts[other] for other in others)),
+            0,
+            f"{counts['refused']} refused, {counts['read']} read; at most {found.seconds:.2g} s, "
+            f"{found.megabytes:.0f} MB",
+            seconds=found.wall,
+            note="; ".join(found.faults[:3]),
+            figures={
+                "kind": kind,
+                "mutations": f"{sum(counts.values())}",
+                **{what: f"{counts[what]}" for what in ("read", "refused", *others)},
+                "slowest s": f"{found.seconds:.2f}",
+                "most MB": f"{found.megabytes:.0f}",
+            },
+        )

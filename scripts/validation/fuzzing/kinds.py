@@ -1,0 +1,17 @@
+"""Every kind of input that is tried."""
+
+from validation.fuzzing import toml_kinds
+from validation.fuzzing.case import Kind
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        toml_kinds.DEVICES,
+        toml_kinds.RECIPES,
+        toml_kinds.SCENARIOS,
+        toml_kinds.STUDIES,
+        toml_kinds.PLANAR,
+        toml_kinds.CURVES,
+        toml_kinds.EXPRESSIONS,
+    )
+}
