@@ -91,6 +91,21 @@ class NotConverged(FieldmapError):  # noqa: N818 - a name fixed by the public in
         self.residuals = residuals
 
 
+class ToleranceNotReached(NotConverged):
+    """Meshes were refined, and the estimated error is still larger than was asked for.
+
+    report: how the run went, which part of which body would have to be refined, and what that would cost
+    (`fieldmap.iron.error.tolerance.ToleranceReport`); solution: the best so far. Both None if no mesh has an estimate.
+    """
+
+    def __init__(
+        self, *problems: Problem, residuals: tuple[float, ...] = (), report: Any = None, solution: Any = None
+    ) -> None:
+        super().__init__(*problems, residuals=residuals)
+        self.report = report
+        self.solution = solution
+
+
 class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
     """No point with balanced forces was found; `problems` says where it was looked for."""
 

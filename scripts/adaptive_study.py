@@ -18,6 +18,7 @@ import numpy as np
 import fieldmap as fm
 from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.iron.error.estimate import estimate_error, workspace_surface
+from fieldmap.iron.error.tolerance import Tolerance
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
@@ -31,7 +32,9 @@ HEAD = "| mesh | faces | tetrahedra | error of B | of the gradient | shares of f
 def solved(device: Device, mesh: IronMesh, mu_r: float | None, tolerance: float) -> Level:
     """Both forms on one mesh."""
     points, properties = workspace_surface(device), body_properties(device, mu_r)
-    return Level.solved(device, assemble(mesh), properties, points, tolerance, Stages(None))
+    return Level.solved(
+        device, assemble(mesh), properties, points, tolerance, Stages(None), Tolerance(tolerance)
+    )
 
 
 def row(name: str, level: Level, truth, seconds: float) -> str:
@@ -56,7 +59,7 @@ def study(device: Device, chosen: argparse.Namespace) -> None:
     begin = time.process_time()
     for number in range(chosen.levels):
         level = solved(device, generate_mesh(device, START, local=sizes), chosen.mu_r, chosen.tolerance)
-        sizes = level.next_sizes(chosen.tolerance)
+        sizes = level.next_sizes(max(1.5, 1.6 * level.own_excess))
         print(row(f"adaptive {number + 1}", level, truth, time.process_time() - begin), flush=True)
 
 

@@ -30,6 +30,7 @@ from validation import (
     thesis_dynamics,
     thesis_statics,
     thin_gaps,
+    to_tolerance,
 )
 from validation.row import Row
 
@@ -43,6 +44,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "sphere_and_coil": (closed_forms.sphere_and_coil, 4),
     "joints": (joints.joints, 90),
     "thin_gaps": (thin_gaps.thin_gaps, 120),
+    "to_tolerance": (to_tolerance.to_tolerance, 400),
     "axisymmetric": (axisymmetric.linear, 110),
     "saturated": (axisymmetric.saturated, 30),
     "six_cores": (drive_units.six_cores, 220),

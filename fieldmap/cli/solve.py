@@ -214,6 +214,8 @@ def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
     if report.refinement:
         meshes = (f"{100 * error:.2g} % at {faces:,}" for faces, error in report.refinement)
         yield "refinement", f"estimates of B: {', '.join(meshes)} surface faces"
+    if report.tolerance is not None:
+        yield "tolerance", str(report.tolerance)
     yield "matrix", f"{report.matrix_bytes / 1e6:,.0f} MB, {report.storage or 'none'}"
     seconds = ", ".join(f"{step} {seconds:.1f}" for step, seconds in report.seconds.items())
     yield "seconds", f"{report.total_seconds:.1f}: {seconds}"

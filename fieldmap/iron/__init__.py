@@ -4,6 +4,7 @@ from fieldmap.deprecated import renamed
 from fieldmap.device.model import Section
 from fieldmap.iron.beyond_saturation import BodyBeyondSaturation, bodies_beyond_saturation
 from fieldmap.iron.design import DesignFigures, design_figures
+from fieldmap.iron.error.tolerance import Tolerance, ToleranceReport
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
 from fieldmap.iron.quantities.sections import SectionFlux
@@ -47,6 +48,8 @@ __all__ = [
     "SolvedState",
     "SolverReport",
     "Spread",
+    "Tolerance",
+    "ToleranceReport",
     "bodies_beyond_saturation",
     "check_geometry",
     "design_figures",

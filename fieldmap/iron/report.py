@@ -8,6 +8,7 @@ from typing import Any
 from fieldmap.deprecated import warn_renamed
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
+from fieldmap.iron.error.tolerance import ToleranceReport
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.close_faces import thin_gap_warnings
 from fieldmap.records import Record, count_of
@@ -26,7 +27,7 @@ class SolverReport(Record):
     lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made;
     continuation: shares of the currents that had to be solved on the way, because Newton's method failed at all of
     them at once; symmetry: what of the iron's symmetry was found and used, in words; refinement: surface faces and
-    estimated error of B of every mesh that was estimated on the way to a tolerance.
+    estimated error of B of every mesh that was estimated on the way to a tolerance; tolerance: how that went.
     """
 
     form: str
@@ -48,13 +49,15 @@ class SolverReport(Record):
     symmetry: str = "none"
     storage: str = ""
     refinement: tuple[tuple[int, float], ...] = ()
+    tolerance: ToleranceReport | None = None
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "SolverReport":
-        """The report that `dataclasses.asdict` has made plain, also after JSON; without its error estimate."""
+        """The report that `dataclasses.asdict` has made plain, also after JSON; without its error estimate and
+        the report of a run to a tolerance."""
         lists = {name: tuple(plain[name]) for name in ("assumptions", "continuation")}
         steps = tuple((int(count), float(error)) for count, error in plain["refinement"])
-        return cls(**{**plain, **lists, "refinement": steps, "error": None})
+        return cls(**{**plain, **lists, "refinement": steps, "error": None, "tolerance": None})
 
     @property
     def total_seconds(self) -> float:

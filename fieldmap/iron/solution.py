@@ -327,6 +327,11 @@ class LinearSolution(BaseField):
         constant = " and ".join(name for name, there in fixed if there)
         return (*coils, constant) if constant else coils
 
+    @property
+    def iron_points(self) -> Array:
+        """Points (m, 3) all over the surface of the iron: the centres of its faces, m; none without iron."""
+        return np.zeros((0, 3)) if self.state is None else self.state.faces.centres
+
     def at(self, currents: Currents) -> LinearState:
         """The state at these currents. Raises InputError for currents that do not fit the coils."""
         amperes = np.array(coil_currents(currents, self.coil_names))

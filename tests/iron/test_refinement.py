@@ -146,8 +146,8 @@ def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
     # All of the error on one side of the disk.
     share = np.where(surface.centres[:, 0] > 0.02, surface.areas, 0.0)
     none = np.zeros(len(share))
-    shares = FaceShares(none, share / share.sum(), none > 0, 1.0)
-    sizes = next_sizes(mesh, topology, surface, shares, np.zeros(len(mesh.tets)), 1e-3)
+    shares = FaceShares(none, share / share.sum(), none > 0, np.ones(1))
+    sizes = next_sizes(mesh, topology, surface, shares, np.zeros(len(mesh.tets)), 4.0)
     ratio, x = sizes.sizes / mesh.cells.sizes, sizes.points[:, 0]
     assert ratio[x > 0.024].max() < 0.9
     assert np.median(ratio[x < 0.01]) > 1.2

@@ -6,7 +6,13 @@ norm the mean of the two is half their distance from the truth (Prager and Synge
 half the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
 constant on each, shows between two meshes, of which the estimate is for the coarser; where the shares of all faces in
 the error are known (`fieldmap.iron.error.refinement`), their sum is an estimate for the finer one. The smaller of
-these two counts. The estimate is the larger of that and the gap.
+these two counts. The estimate is the larger of that and the gap, for each source by itself.
+
+Relative errors of B are those of its largest value in the workspace. A gradient may vanish, in a shield or in the
+middle of a symmetric machine; its errors are relative to the larger of its own largest value and |B| / L. L is half the
+diagonal of the workspace, or the distance from its middle to the nearest iron where that is longer: an error e of the
+gradient then adds at most e times |B| to the field between the middle and the corners, and a small workspace far from
+the iron does not loosen the scale.
 """
 
 from dataclasses import dataclass
@@ -28,7 +34,11 @@ from fieldmap.typing import Array
 # The mean of two complementary solutions is off by half their distance.
 _GAP_SHARE = 0.5
 _POINTS_PER_EDGE = 5
-ENOUGH_GROWTH = 0.3
+# True errors of shells and spheres are up to 2.6 times the sum of the shares, those of other devices below it.
+_SHARES_SHORT = 2.0
+# Errors fall like the number of faces, at least: over fewer more of them a change is only a part of the error.
+ENOUGH_GROWTH = 1.0
+QUANTITIES = ("B", "gradient")
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,12 +61,43 @@ class Bracket(Record):
 
 
 @dataclass(frozen=True, repr=False)
+class LargestError(Record):
+    """The largest estimated error of one quantity, "B" or "gradient", of one source in the workspace.
+
+    error, size: in T or T/m, of 1 A in a coil; what relative errors are relative to is `size`. at (3,): where it is
+    largest, m.
+    """
+
+    quantity: str
+    source: str
+    at: tuple[float, float, float]
+    error: float
+    size: float
+
+    @property
+    def relative(self) -> float:
+        """error / size; 0 where there is no field."""
+        return self.error / self.size if self.size > 0 else 0.0
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{1e3 * x:.4g}" for x in self.at)
+        unit, scale = ("mT", 1e3) if self.quantity == "B" else ("T/m", 1.0)
+        return (
+            f"{self.quantity} of {self.source} at ({place}) mm: {scale * self.error:.2g} {unit}, "
+            f"{100 * self.relative:.2g} % of {scale * self.size:.3g} {unit}"
+        )
+
+
+@dataclass(frozen=True, repr=False)
 class ErrorEstimate(Record):
-    """Relative to the largest |B| and |grad B| in the workspace, for the worst source: a coil, or the magnets.
+    """Relative to the largest |B| in the workspace and to the scale of the gradient (see above), for the worst source:
+    a coil, or the magnets.
 
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
     (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
     workspace, or None if only one form can be used; shares: sum of the shares of all faces in the error of B, or None.
+    by_source: the largest errors of B, one for each source, then those of the gradient, in T and T/m and with their
+    places; length: the L of the gradient's scale, m.
     """
 
     flux_density: float
@@ -65,6 +106,13 @@ class ErrorEstimate(Record):
     gap: tuple[float, float] | None
     bracket: Bracket | None = None
     shares: float | None = None
+    by_source: tuple[LargestError, ...] = ()
+    length: float | None = None
+
+    def worst(self, quantity: str) -> LargestError | None:
+        """That of the source with the largest relative error of "B" or "gradient"; None if no places were kept."""
+        found = [one for one in self.by_source if one.quantity == quantity]
+        return max(found, key=lambda one: one.relative, default=None)
 
     def __str__(self) -> str:
         words = []
@@ -87,6 +135,11 @@ class Solution(Protocol):
     @property
     def sources(self) -> tuple[str, ...]:
         """What each source is, in words."""
+        ...
+
+    @property
+    def iron_points(self) -> Array:
+        """Points (m, 3) all over the surface of the iron, m."""
         ...
 
     def source_fields(self, points: Array) -> tuple[Array, Array]:
@@ -114,37 +167,93 @@ def workspace_surface(device: Device) -> Array:
     return lower + grid[on_surface] * (upper - lower)
 
 
+def gradient_length(points: Array, iron: Array) -> float:
+    """The length L (m) of the gradient's scale: the larger of half the diagonal of the box of points (n, 3), and of the
+    distance from its middle to the nearest of the points of the iron (m, 3).
+
+    >>> corners = np.array([[-3.0, -4.0, 0.0], [3.0, 4.0, 0.0]])
+    >>> gradient_length(corners, np.array([[0.0, 0.0, 2.0]])), gradient_length(corners, np.array([[0.0, 0.0, 9.0]]))
+    (5.0, 9.0)
+    """
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    distance = np.linalg.norm(iron - 0.5 * (lower + upper), axis=1).min(initial=np.inf)
+    half = 0.5 * float(np.linalg.norm(upper - lower))
+    return max(half, float(distance)) if np.isfinite(distance) else half
+
+
 def estimate_error(
     points: Array,
     solution: Solution,
     coarser: Solution | None,
     complement: Solution | None,
-    shares: float | None = None,
+    shares: Array | None = None,
     growth: float = 1.0,
 ) -> ErrorEstimate:
     """Estimate at points (n, 3) from the same problem on a coarser mesh and in the other form; not without both.
 
-    shares: sum of the shares of all faces in the error of B, where known. growth: how many more faces this mesh has
-    than the coarser one, relative to it; meshes that hardly differ agree whatever their error, so that a change over
-    less than `ENOUGH_GROWTH` is taken for that part of the change over it. The bracket is that of the point in the
-    middle of all points.
+    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: how many more
+    faces this mesh has than the coarser one, relative to it; meshes that hardly differ agree whatever their error, so
+    that a change over less than `ENOUGH_GROWTH` is taken for that part of the change over it. The bracket is that of
+    the point in the middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     places = np.vstack([points, middle])
     fields = solution.source_fields(places)
+    length = gradient_length(points, solution.iron_points)
+    sizes = _sizes(fields, length)
     change = gap = bracket = None
-    estimate = np.zeros(2)
+    nothing = np.zeros((2, len(fields[0]), len(places)))
+    changed, apart = nothing, nothing
     if coarser is not None:
-        change = _difference(fields, coarser.source_fields(places))
-        estimate = np.array(change) * max(1.0, ENOUGH_GROWTH / max(growth, 1e-3))
+        changed = _distances(fields, coarser.source_fields(places))
+        change = _relative(changed, sizes)
+        changed = changed * max(1.0, ENOUGH_GROWTH / max(growth, 1e-3))
         if shares is not None:
-            estimate[0] = min(estimate[0], shares)
+            most = _SHARES_SHORT * shares * sizes[0]
+            changed[0] *= np.minimum(1.0, most / np.maximum(changed[0].max(axis=1), 1e-300))[:, None]
     if complement is not None:
         others = complement.source_fields(places)
-        gap = _difference(fields, others)
-        estimate = np.maximum(estimate, _GAP_SHARE * np.array(gap))
+        apart = _distances(fields, others)
+        gap = _relative(apart, sizes)
         bracket = _bracket(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
-    return ErrorEstimate(float(estimate[0]), float(estimate[1]), change, gap, bracket, shares)
+    by_source = _largest_errors(np.maximum(changed, _GAP_SHARE * apart), sizes, places, solution.sources)
+    flux_density, gradient = (
+        max((one.relative for one in by_source if one.quantity == name), default=0.0) for name in QUANTITIES
+    )
+    total = None if shares is None else float(shares.max(initial=0.0))
+    return ErrorEstimate(flux_density, gradient, change, gap, bracket, total, by_source, length)
+
+
+def _sizes(fields: tuple[Array, Array], length: float) -> Array:
+    """What errors of B and gradient (2, c) are relative to, T and T/m."""
+    b = np.linalg.norm(fields[0], axis=-1).max(axis=1)
+    g = np.linalg.norm(fields[1], axis=(-2, -1)).max(axis=1)
+    return np.stack([b, np.maximum(g, b / length)])
+
+
+def _distances(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+    """Of B (c, n, 3) and gradient (c, n, 3, 3) at every point: (2, c, n), T and T/m."""
+    field, gradient = one[0] - other[0], one[1] - other[1]
+    return np.stack([np.linalg.norm(field, axis=-1), np.linalg.norm(gradient, axis=(-2, -1))])
+
+
+def _relative(distances: Array, sizes: Array) -> tuple[float, float]:
+    """The largest of the distances (2, c, n) of B and of the gradient, each source relative to its size (2, c)."""
+    values = distances.max(axis=2) / np.where(sizes > 0, sizes, np.inf)
+    return float(values[0].max(initial=0.0)), float(values[1].max(initial=0.0))
+
+
+def _largest_errors(
+    errors: Array, sizes: Array, places: Array, sources: tuple[str, ...]
+) -> tuple[LargestError, ...]:
+    """Of errors (2, c, n) at places (n, 3)."""
+    out = []
+    for quantity, values, size in zip(QUANTITIES, errors, sizes, strict=True):
+        for k, source in enumerate(sources):
+            at = int(values[k].argmax())
+            x, y, z = (float(value) for value in places[at])
+            out.append(LargestError(quantity, source, (x, y, z), float(values[k, at]), float(size[k])))
+    return tuple(out)
 
 
 def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> Bracket:
@@ -156,16 +265,6 @@ def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -
     low, high = sorted((float(one[worst, component]), float(other[worst, component])))
     x, y, z = (float(value) for value in place)
     return Bracket("B" + "xyz"[component], (x, y, z), sources[worst], low, high)
-
-
-def _difference(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[float, float]:
-    """Largest difference of B (c, n, 3) and gradient (c, n, 3, 3), each source relative to its own largest value."""
-    values = []
-    for a, b, axes in ((one[0], other[0], (-1,)), (one[1], other[1], (-2, -1))):
-        size = np.linalg.norm(a, axis=axes).max(axis=1)
-        difference = np.linalg.norm(a - b, axis=axes).max(axis=1)
-        values.append(float(np.max(difference / np.where(size > 0, size, np.inf), initial=0.0)))
-    return values[0], values[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +280,11 @@ class _StateFields:
     def sources(self) -> tuple[str, ...]:
         """There is one: all currents together."""
         return ("these currents",)
+
+    @property
+    def iron_points(self) -> Array:
+        """Centres (m, 3) of the charged faces."""
+        return self.iron.faces.centres
 
     def source_fields(self, points: Array) -> tuple[Array, Array]:
         """Field (1, n, 3) and gradient (1, n, 3, 3) at points (n, 3)."""

@@ -21,7 +21,7 @@ from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.materials import BodyProperties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
-from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.mesh.mesh import LAYER_RATIO, IronMesh
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
@@ -75,6 +75,10 @@ _SAWTOOTH = 0.2015
 _BEND = 3.7
 # Energy per area and height of a strip at an edge whose charge, of mean 1, is r^(-1/3), over that of the mean alone.
 _TIP = 0.0156
+# Standard deviation of a charge r^(-1/3) over a strip at an edge, over its mean.
+_TIP_DEVIATION = 0.58
+# Faces farther than about twice their radius from a place see the dipole there well enough.
+_NEAR = 0.015
 # Faces that meet at more than this angle (radians) have charges of their own; coarse polygons are kinked by less.
 _SHARP_ANGLE = 1.0
 _SIDES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -83,7 +87,7 @@ _SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 @dataclass(frozen=True, eq=False, repr=False)
 class FaceShares(Record):
     """Shares of the surface faces (s,) for the worst source and dipole: `across` their shorter axis, for want of layers
-    at sharp edges, and the rest. total: of all faces, for the source and dipole with the largest sum.
+    at sharp edges, and the rest. totals (c,): of all faces, for every source, with the dipole of the largest sum.
 
     at_edge (s,): whether the face touches a sharp edge.
     """
@@ -91,17 +95,31 @@ class FaceShares(Record):
     across: Array
     rest: Array
     at_edge: NDArray[np.bool_]
-    total: float
+    totals: Array
+
+    @property
+    def total(self) -> float:
+        """That of the source with the largest sum."""
+        return float(self.totals.max(initial=0.0))
 
 
 def face_indicators(
-    surface: ChargedFaces, triangles: Index, charge: Array, dual_charge: Array, size: Array, fixed: Array
+    surface: ChargedFaces,
+    triangles: Index,
+    charge: Array,
+    dual_charge: Array,
+    size: Array,
+    fixed: Array,
+    places: Array | None = None,
 ) -> FaceShares:
     """Shares of the surface faces, relative to the largest fields size (c,) of the sources, for the worst of them and
     of the dipoles. charge (c, s), dual_charge (k, s): densities, T; triangles (s, 3): the nodes of the faces.
 
     fixed (c, k, s): remanence of each source times flux density of each dipole below the face, T^2. What flat faces cut
     off a magnet lacks in proportion, although it bears no charges in the field of a dipole at mu_r = 1.
+
+    places (n, 3): of the air, where errors count. Faces that are larger than their distance from one of them cannot
+    tell the charge that a dipole there leaves on them; what they err by there is that of their own charge, directly.
     """
     neighbours = smooth_neighbours(triangles, surface.normals)
     slopes = _slopes(surface, neighbours)
@@ -122,16 +140,36 @@ def face_indicators(
     at_edge = np.asarray(edge[triangles].any(axis=1), bool)
     tip = np.where(at_edge, _TIP * surface.areas * heights(surface.corners), 0.0)
     dual_slopes, across, rest = slopes_of(dual_charge), np.zeros(len(weight)), np.zeros(len(weight))
-    total = 0.0
+    totals, worst_near, of_place = [], np.zeros(len(weight)), np.zeros((1, len(weight)))
+    if places is not None:
+        of_place = near_kernels(surface, places)
     for values, work in zip(charge / size[:, None], np.abs(fixed) / size[:, None, None], strict=True):
+        own = (np.abs(slopes_of(values[None])[0]) * deviation).sum(axis=1)
+        own = np.where(at_edge, np.maximum(own, _TIP_DEVIATION * np.abs(values)), own)
+        near = of_place * own
+        worst_near = np.maximum(worst_near, near.max(axis=0))
         shares, level = np.abs(slopes_of(values[None]) * dual_slopes) * weight, np.abs(values * dual_charge)
         short, other = (
             np.maximum(shares[:, :, 0], level * tip),
             shares[:, :, 1] + level * bend + work * cut_off,
         )
-        total = max(total, float((short + other).sum(axis=1).max()))
+        totals.append(float((short + other).sum(axis=1).max()) + float(near.sum(axis=1).max()))
         across, rest = np.maximum(across, short.max(axis=0)), np.maximum(rest, other.max(axis=0))
-    return FaceShares(across, rest, at_edge, total)
+    return FaceShares(across, rest + worst_near, at_edge, np.array(totals))
+
+
+def near_kernels(surface: ChargedFaces, places: Array) -> Array:
+    """What a charge of mean 0 and deviation 1 T on each face adds to B at places (n, 3), T, at most: (n, s); it matters
+    near the face alone, and falls with the fourth power of the distance."""
+    radius = np.sqrt(surface.areas / np.pi)
+    out = np.zeros((len(places), len(radius)))
+    for row, place in zip(out, places, strict=True):
+        offset = surface.centres - place
+        above = np.abs(np.einsum("sd,sd->s", offset, surface.normals))
+        distance = np.maximum(np.maximum(np.linalg.norm(offset, axis=1) - radius, above), 1e-12)
+        row[:] = np.minimum(0.5, 0.25 * (radius / distance) ** 2) * np.minimum(1.0, radius / distance) ** 2
+    out[out < _NEAR] = 0.0
+    return out
 
 
 def element_indicators(
@@ -210,6 +248,8 @@ _FLATTEST = 0.02
 # One step lowers the predicted error by no more than this factor.
 _STEP = 4.0
 _NEIGHBOURS = 6
+# Steps of the logarithm of the common share towards a mesh that grows enough.
+_TRY, _MOST_TRIES = 0.1, 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,9 +279,11 @@ def next_sizes(
     surface: ChargedFaces,
     faces: FaceShares,
     elements: Array,
-    tolerance: float,
+    reduction: float,
+    least_growth: float = 1.0,
 ) -> LocalSizes:
-    """Sizes and layers for a predicted error of half the tolerance, from the shares of faces and of elements (e,)."""
+    """Sizes and layers that divide the predicted error by `reduction`, at most 4, from the shares of faces and of
+    elements (e,); smaller ones where these would not give `least_growth` times as many surface faces."""
     cells = mesh.cells
     if cells is None:
         raise ValueError("a mesh copied from a chamber has no cells")
@@ -260,16 +302,42 @@ def next_sizes(
             faces.across[tips][near_tips].mean(axis=1), _LAYER_ORDER, _LAYER_ORDER, _LAYER_COST, tip_limits
         ),
     )
-    # The shares of all faces add up to more than the total, because each is for its own worst source.
     now = sum(float(part.shares.sum()) for part in parts)
-    own_worst = float((faces.across + faces.rest).sum()) / max(faces.total, 1e-300)
-    aim = max(0.5 * tolerance * own_worst, now / _STEP)
-    common = _common_share(parts, aim)
+    common = _common_share(parts, now / min(reduction, _STEP))
     old = np.exp(np.log(cells.sizes)[near].mean(axis=1))
-    sizes = old * np.minimum(parts[0].factors(common), parts[1].factors(common))
     thickness = np.exp(np.log(heights(surface.corners[tips]))[near_tips].mean(axis=1))
-    layers = np.maximum(thickness * parts[2].factors(common), _FLATTEST * sizes[below[tips]])
-    return LocalSizes(cells.centres, sizes, surface.centres[tips], layers)
+
+    def sizes_at(common: float) -> LocalSizes:
+        sizes = old * np.minimum(parts[0].factors(common), parts[1].factors(common))
+        layers = np.maximum(thickness * parts[2].factors(common), _FLATTEST * sizes[below[tips]])
+        return LocalSizes(cells.centres, sizes, surface.centres[tips], layers)
+
+    found = sizes_at(common)
+    for _ in range(_MOST_TRIES):
+        if expected_growth(mesh, topology, surface, faces.at_edge, found)[0] >= least_growth:
+            break
+        common -= _TRY
+        found = sizes_at(common)
+    return found
+
+
+def expected_growth(
+    mesh: IronMesh, topology: Faces, surface: ChargedFaces, at_edge: NDArray[np.bool_], sizes: LocalSizes
+) -> tuple[float, float]:
+    """How many times as many surface faces and tetrahedra the sizes of `next_sizes` are expected to give; at_edge (s,):
+    whether faces touch a sharp edge."""
+    cells = mesh.cells
+    if cells is None:
+        raise ValueError("a mesh copied from a chamber has no cells")
+    factor = sizes.sizes / cells.sizes
+    below = cells.number[topology.owner[topology.surface, 0]]
+    faces = factor[below] ** -2
+    # Along an edge there are more; across it, each layer more is one more.
+    layers = np.maximum(
+        0.0, np.log(heights(surface.corners[at_edge]) / sizes.layers) / np.log(1 / LAYER_RATIO)
+    )
+    faces[at_edge] = factor[below[at_edge]] ** -1 * (1 + layers)
+    return float(faces.mean()), float((factor[cells.number] ** -3).mean())
 
 
 def _common_share(parts: tuple[_Shares, ...], aim: float) -> float:

@@ -36,7 +36,7 @@ from fieldmap.iron.mesh.joints import (
     sheets_between,
     with_rims,
 )
-from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
+from fieldmap.iron.mesh.local_sizes import GRADING, LocalSizes, MesherCells
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.symmetry.chamber import Chamber, mirror_chamber
 from fieldmap.records import Record
@@ -46,8 +46,6 @@ _STRAIGHT = 1e-6
 _MILLIMETRE = 1e-3
 # A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.
 _CURVATURE_SAFETY = 2.4
-# Ratio of neighbouring element sizes where a fine body meets a coarse one.
-_GRADING = 0.3
 # Ratio of one layer's thickness to the next at sharp edges.
 LAYER_RATIO = 0.4
 # Moves of bodies that differ by less, m, are the same: far below the thinnest gap.
@@ -146,7 +144,8 @@ def _meshed_whole(
     sharp, first = with_rims(points, tets, body, sheets, sharp, first)
     graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
     opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), moves=moves)
-    cells = MesherCells.of(points, tets, parent[opened.parent])
+    largest = np.array([one.mesh_size or np.inf for one in device.bodies])[body] / refinement
+    cells = MesherCells.of(points, tets, parent[opened.parent], largest, local)
     return _iron_mesh(device, opened, sheets, cells)
 
 
@@ -357,7 +356,7 @@ def generated(
         solid.maxh = sizes[solid.name]
     until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
     wanted = MeshingParameters(
-        maxh=max(sizes.values()), grading=_GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement, **until
+        maxh=max(sizes.values()), grading=GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement, **until
     )
     if local is not None:
         for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):

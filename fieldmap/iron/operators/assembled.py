@@ -17,6 +17,8 @@ from fieldmap.records import Record
 STORAGES = ("auto", "dense", "compressed")
 # Double matrix and double factor, where a single one is not positive definite; else 13 at peak, 12 kept.
 _BYTES_PER_PAIR = 16
+# About, compressed.
+_COMPRESSED_PER_FACE = 12e3
 # Part of the machine's memory that one solve may take.
 _MEMORY_SHARE = 0.8
 # Without symmetry one linear solve of the drive unit takes the same processor time either way at 12 700 faces, dense
@@ -108,6 +110,13 @@ def _needed_bytes(mesh: IronMesh, surface: ChargedFaces, storage: str) -> int:
     if storage == "compressed":
         return predicted_bytes(surface)
     return _BYTES_PER_PAIR * len(surface.areas) ** 2 // _operations(mesh)
+
+
+def expected_bytes(faces: float) -> float:
+    """Memory that the mutual potentials of so many faces without symmetry will take."""
+    if chosen_storage(round(faces), 1) == "dense":
+        return _BYTES_PER_PAIR * faces**2
+    return _COMPRESSED_PER_FACE * faces
 
 
 def memory_bytes() -> float | None:

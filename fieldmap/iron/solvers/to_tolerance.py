@@ -1,8 +1,14 @@
-"""Linear iron on a mesh that is refined until the estimated error is small enough."""
+"""Linear iron on a mesh that is refined until the estimated error is small enough.
+
+A run cannot wander: every mesh that follows is to divide the error by a factor of 1.5 at least, wherever the shares say
+that this costs least; the run ends when the estimate is within the tolerance, when two meshes in a row were not better
+than the best by a tenth, when the next mesh does not fit into memory, or after a stated number of meshes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import time
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,22 +16,32 @@ import numpy as np
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import InputError, Problem, ToleranceNotReached
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
+from fieldmap.iron.error.estimate import ErrorEstimate, LargestError, estimate_error, workspace_surface
 from fieldmap.iron.error.refinement import (
     FaceShares,
     WorkspaceDipoles,
     element_indicators,
+    expected_growth,
     face_indicators,
     next_sizes,
+)
+from fieldmap.iron.error.tolerance import (
+    ErrorShare,
+    ExpectedCost,
+    MeshStep,
+    Tolerance,
+    ToleranceReport,
+    expected_cost,
+    faces_within,
 )
 from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.materials import BodyProperties, body_properties
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.operators.assembled import AssembledIron, assemble, fits_into_memory
+from fieldmap.iron.operators.assembled import AssembledIron, assemble, expected_bytes, fits_into_memory
 from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.sensitivity.origin import Origin
 from fieldmap.iron.solution import LinearSolution
@@ -42,27 +58,54 @@ from fieldmap.typing import Array, PathLike
 
 # Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
 START = 0.7
-_MOST_LEVELS = 8
+MOST_MESHES = 10
+# The next mesh is to divide the error by no less; the first knows no estimate, and its shares may be too small.
+_LEAST_REDUCTION, _LEAST_FROM_FIRST = 1.5, 2.0
+# Meshes that hardly differ tell little of their error.
+_LEAST_GROWTH = 2.0
+# Aim below the tolerance by this factor, so that the estimate need not be met exactly.
+_MARGIN = 1.6
+# What a source of which any error is allowed counts less than others.
+_UNASKED = 1e6
+# Estimates have to fall to this part of the best within `_PATIENCE` meshes.
+_BETTER, _PATIENCE = 0.9, 3
 
 
 def solve_to_tolerance(
     device: Device | PathLike,
-    tolerance: float = 1e-3,
+    tolerance: float | Tolerance = 1e-3,
     mu_r: float | None = None,
     progress: Progress | None = None,
     gradient_tolerance: float | None = None,
+    most_meshes: int = MOST_MESHES,
 ) -> LinearSolution:
     """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
 
     tolerance: of the flux density, relative to its largest value in the workspace, for each coil and for the permanent
-    magnets; gradient_tolerance: of the gradient, 3 x tolerance if None. Elements get smaller where the field in the
-    workspace depends on it (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the
-    last, and adds up what flat faces of constant charge leave out (`fieldmap.iron.error.estimate`);
-    `report.refinement` tells the faces and estimates of all meshes. Raises NotConverged with the estimates so far when
-    the next mesh would not fit into memory, otherwise as `solve_linear`.
+    magnets; gradient_tolerance: of the gradient, 3 x tolerance if None, relative to the larger of its largest value and
+    of |B| over a length (`fieldmap.iron.error.estimate`). A `Tolerance` in place of the number says it for each
+    quantity, relative or absolute. Elements get smaller where the field in the workspace depends on it
+    (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the last, and adds up what flat
+    faces of constant charge leave out.
+
+    `report.tolerance` says how the run went: all meshes, the place of the largest error, the share of every body.
+    Raises ToleranceNotReached, with the best solution and the same report, when the estimate falls no further, when
+    the next mesh would not fit into memory, and after `most_meshes`: its text says which part of which body would have
+    to be refined and what that would cost. Otherwise raises as `solve_linear`.
+
+    >>> import fieldmap as fm
+    >>> solution = fm.solve_to_tolerance(fm.read_device("sphere_in_field"), 0.02)
+    >>> solution.report.error.flux_density < 0.02, solution.report.tolerance.ended
+    (True, 'reached')
+    >>> print(solution.report.error.worst("B").source)
+    the background
     """
     device = read_device(device)
-    check_arguments(tolerance, 1.0, "auto")
+    _check_most_meshes(most_meshes)
+    if not isinstance(tolerance, Tolerance):
+        check_arguments(tolerance, 1.0, "auto")
+    asked = Tolerance.of(tolerance, gradient_tolerance)
+    _check_currents(asked, device)
     _require_shapes(device)
     check_geometry(device)
     points = workspace_surface(device)
@@ -70,29 +113,154 @@ def solve_to_tolerance(
     if not device.bodies:
         return coils_alone(device, {})
     require_source(device, properties)
-    limit = 3 * tolerance if gradient_tolerance is None else gradient_tolerance
-    stages, history, sizes = Stages(progress), [], None
-    coarser: LinearSolution | None = None
-    for number in range(_MOST_LEVELS):
-        stages.next(f"mesh {number + 1}", number / _MOST_LEVELS)
-        mesh = generate_mesh(device, START, local=sizes)
-        if not fits_into_memory(mesh):
-            break
-        iron = assemble(mesh)
-        level = Level.solved(device, iron, properties, points, tolerance, stages)
-        if coarser is not None:
-            shares = level.face_shares.total
-            growth = len(iron.surface.areas) / coarser.report.surface_faces - 1
-            error = estimate_error(points, level.solution, coarser, level.complement, shares, growth)
-            history.append((len(iron.surface.areas), error))
-            if error.flux_density <= tolerance and error.gradient <= limit:
-                stages.done(str(error))
-                return replace(_with_error(level.solution, error, history), origin=Origin(device, True, mu_r))
-        so_far = f"{history[-1][1].flux_density:.2g} at" if history else "none yet at"
-        message = f"estimate {so_far} {len(iron.surface.areas)} faces; where they must be smaller"
-        stages.next(message, (number + 0.7) / _MOST_LEVELS)
-        sizes, coarser = level.next_sizes(min(tolerance, limit / 3)), level.solution
-    raise _not_converged(device, tolerance, limit, history)
+    run = _Run(device, asked, points, properties, most_meshes, Stages(progress))
+    return replace(run.solution(), origin=Origin(device, True, mu_r))
+
+
+def _check_most_meshes(most_meshes: int) -> None:
+    if most_meshes < 2:
+        must_hold = "must be 2 or more, because the estimate compares two"
+        raise InputError(
+            Problem("solve_to_tolerance, most_meshes", must_hold, repr(most_meshes), f"try {MOST_MESHES}")
+        )
+
+
+def _check_currents(asked: Tolerance, device: Device) -> None:
+    if asked.currents is not None and len(asked.currents) != len(device.coils):
+        must_hold = f"must have one entry for each of the {len(device.coils)} coils"
+        raise InputError(Problem("Tolerance, currents", must_hold, repr(asked.currents), "in their order"))
+
+
+@dataclass(eq=False)
+class _Run:
+    """Meshes of one device, each from the shares of the one before, and how they went."""
+
+    device: Device
+    asked: Tolerance
+    points: Array
+    properties: BodyProperties
+    most_meshes: int
+    stages: Stages
+    steps: list[MeshStep] = field(default_factory=list)
+    best: tuple[float, LinearSolution, ErrorEstimate] | None = None
+    without_progress: int = 0
+
+    def solution(self) -> LinearSolution:
+        """The first within the tolerance. Raises ToleranceNotReached."""
+        coarser: LinearSolution | None = None
+        level: Level | None = None
+        sizes: LocalSizes | None = None
+        for number in range(self.most_meshes):
+            self.stages.next(f"mesh {number + 1}", number / self.most_meshes)
+            begin = time.perf_counter()
+            mesh = generate_mesh(self.device, START, local=sizes)
+            if not fits_into_memory(mesh):
+                raise self._not_reached("memory", level, sizes)
+            iron = assemble(mesh)
+            level = Level.solved(
+                self.device, iron, self.properties, self.points, self.asked.solving, self.stages, self.asked
+            )
+            error = self._estimate(level, coarser)
+            excess = None if error is None else self.asked.excess(error, len(self.device.coils))
+            self.steps.append(_step(level.solution, time.perf_counter() - begin, error, excess))
+            if error is not None and excess is not None:
+                self._keep(level.solution, error, excess)
+                if excess <= 1.0:
+                    self.stages.done(str(error))
+                    return self._answer(self._report("reached", level, None))
+            reduction = self._reduction(level, error, excess)
+            self.stages.next(self._so_far(error, level), (number + 0.7) / self.most_meshes)
+            sizes = level.next_sizes(reduction)
+            if self.without_progress >= _PATIENCE:
+                raise self._not_reached("stalled", level, sizes)
+            coarser = level.solution
+        raise self._not_reached("meshes", level, sizes)
+
+    def _estimate(self, level: Level, coarser: LinearSolution | None) -> ErrorEstimate | None:
+        if coarser is None:
+            return None
+        growth = level.solution.report.surface_faces / coarser.report.surface_faces - 1
+        return estimate_error(
+            self.points, level.solution, coarser, level.complement, level.relative_shares, growth
+        )
+
+    def _keep(self, solution: LinearSolution, error: ErrorEstimate, excess: float) -> None:
+        if self.best is None or excess < _BETTER * self.best[0]:
+            self.without_progress = 0
+        else:
+            self.without_progress += 1
+        if self.best is None or excess < self.best[0]:
+            self.best = excess, solution, error
+
+    def _reduction(self, level: Level, error: ErrorEstimate | None, excess: float | None) -> float:
+        """By what the next mesh is to divide the error."""
+        if error is None or excess is None:
+            return max(_LEAST_FROM_FIRST, _MARGIN * level.own_excess)
+        return max(_LEAST_REDUCTION, _MARGIN * excess)
+
+    def _so_far(self, error: ErrorEstimate | None, level: Level) -> str:
+        so_far = "none yet at" if error is None else f"{error.flux_density:.2g} at"
+        return f"estimate {so_far} {level.solution.report.surface_faces} faces; where they must be smaller"
+
+    def _report(self, ended: str, level: Level, sizes: LocalSizes | None) -> ToleranceReport:
+        worst = None if self.best is None else self.asked.worst(self.best[2], len(self.device.coils))
+        shares = level.shares_of_bodies(sizes)
+        following, whole = (None, None) if sizes is None else self._costs(level, sizes)
+        largest = None if worst is None else worst[0]
+        return ToleranceReport(self.asked, ended, tuple(self.steps), largest, shares, following, whole)
+
+    def _costs(self, level: Level, sizes: LocalSizes) -> tuple[ExpectedCost, ExpectedCost | None]:
+        """Of the next mesh, and of one within the tolerance."""
+        last = self.steps[-1]
+        faces, tetrahedra = (
+            factor * count
+            for factor, count in zip(level.growth(sizes), (last.faces, last.tetrahedra), strict=True)
+        )
+
+        def cost(faces: float, tetrahedra: float) -> ExpectedCost:
+            return expected_cost(self.steps, faces, tetrahedra, expected_bytes(faces))
+
+        enough = faces_within(self.steps)
+        if enough is None:
+            return cost(faces, tetrahedra), None
+        return cost(faces, tetrahedra), cost(enough, last.tetrahedra * (enough / last.faces) ** 1.5)
+
+    def _answer(self, report: ToleranceReport) -> LinearSolution:
+        """The best solution with its estimate and the report of the run."""
+        assert self.best is not None
+        _, solution, error = self.best
+        steps = tuple((step.faces, step.flux_density) for step in self.steps if step.flux_density is not None)
+        told = replace(solution.report, error=error, refinement=steps, tolerance=report)
+        return replace(solution, report=told)
+
+    def _not_reached(self, ended: str, level: Level | None, sizes: LocalSizes | None) -> ToleranceNotReached:
+        must_hold = f"the estimated error must fall to {self.asked}"
+        where = f"device '{self.device.name}'"
+        if level is None:
+            remedy = "give the bodies larger mesh sizes"
+            return ToleranceNotReached(
+                Problem(where, f"{must_hold} on a mesh that fits into memory", "no estimate", remedy)
+            )
+        report = self._report(ended, level, sizes)
+        estimates = tuple(step.flux_density for step in self.steps if step.flux_density is not None)
+        received = "no estimate" if self.best is None else f"{report!s}"
+        remedy = "loosen the tolerance, allow an absolute error, or give that part smaller mesh sizes and others larger"
+        return ToleranceNotReached(
+            Problem(where, must_hold, received, remedy),
+            residuals=estimates,
+            report=report,
+            solution=None if self.best is None else self._answer(report),
+        )
+
+
+def _step(
+    solution: LinearSolution, seconds: float, error: ErrorEstimate | None, excess: float | None
+) -> MeshStep:
+    report = solution.report
+    counts = (report.surface_faces, report.tetrahedra, report.matrix_bytes, seconds)
+    if error is None:
+        return MeshStep(*counts)
+    return MeshStep(*counts, error.flux_density, error.gradient, excess)
 
 
 def _require_shapes(device: Device) -> None:
@@ -104,38 +272,18 @@ def _require_shapes(device: Device) -> None:
         raise InputError(Problem(where, must_hold, "a mesh", remedy))
 
 
-def _not_converged(
-    device: Device, tolerance: float, limit: float, history: list[tuple[int, ErrorEstimate]]
-) -> NotConverged:
-    return NotConverged(
-        Problem(
-            f"device '{device.name}'",
-            f"the estimated error must fall to {tolerance:g} (gradient {limit:g}) on a mesh that fits into memory",
-            ", ".join(f"{error.flux_density:.2g}" for _, error in history) or "no estimate",
-            "loosen the tolerance, or give the bodies that matter smaller mesh sizes and the others larger ones",
-        ),
-        residuals=tuple(error.flux_density for _, error in history),
-    )
-
-
-def _with_error(
-    solution: LinearSolution, error: ErrorEstimate, history: list[tuple[int, ErrorEstimate]]
-) -> LinearSolution:
-    refinement = tuple((faces, estimate.flux_density) for faces, estimate in history)
-    return replace(solution, report=replace(solution.report, error=error, refinement=refinement))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Level(Record):
     """One mesh, solved: shares in the error, and sizes for the next mesh.
 
     forms, solutions: the chosen form first, then the complementary one, where it may be used; points (n, 3): of the
-    air, where errors count."""
+    air, where errors count; asked: what is allowed there."""
 
     properties: BodyProperties
     points: Array
     forms: tuple[ConvexForm[Any], ...]
     solutions: tuple[LinearSolution, ...]
+    asked: Tolerance
 
     @classmethod
     def solved(
@@ -146,12 +294,13 @@ class Level(Record):
         points: Array,
         tolerance: float,
         stages: Stages,
+        asked: Tolerance,
     ) -> Level:
         """Solve for all sources in both forms, or in the flux form alone where there are flux barriers."""
         names = ("potential", "flux") if chosen_form("auto", properties) == "potential" else ("flux",)
         forms = tuple(form_on(iron, name) for name in names)
         solutions = tuple(solved_in_form(device, form, properties, tolerance, stages) for form in forms)
-        return cls(properties, points, forms, solutions)
+        return cls(properties, points, forms, solutions, asked)
 
     @property
     def solution(self) -> LinearSolution:
@@ -169,8 +318,21 @@ class Level(Record):
         iron, state = self.forms[0].iron, self._states[0]
         triangles = iron.topology.nodes[iron.topology.surface]
         return face_indicators(
-            iron.surface, triangles, state.density, self._dual.density, self._size, self._fixed
+            iron.surface, triangles, state.density, self._dual.density, self._size, self._fixed, self.points
         )
+
+    @property
+    def relative_shares(self) -> Array:
+        """Sums (c,) of the shares of all faces in the error of B, relative to its largest value of every source."""
+        return self.face_shares.totals * self._size / self._largest
+
+    @property
+    def own_excess(self) -> float:
+        """What this mesh alone tells of the error of B over what is allowed: shares of its faces, and the gap."""
+        error = estimate_error(self.points, self.solution, None, self.complement)
+        coils = len(self.solution.coils)
+        shares = np.divide(self.face_shares.totals * self._size, self._allowed)
+        return max(float(shares.max(initial=0.0)), self.asked.excess(error, coils))
 
     @property
     def _fixed(self) -> Array:
@@ -184,15 +346,60 @@ class Level(Record):
             fixed[-1] = work
         return fixed
 
-    def next_sizes(self, tolerance: float) -> LocalSizes:
-        """Element sizes for the next mesh."""
+    def next_sizes(self, reduction: float) -> LocalSizes:
+        """Element sizes for the next mesh, which is to divide the error by `reduction`, 4 at most."""
         iron = self.forms[0].iron
-        elements = np.zeros(len(iron.mesh.tets))
-        if self.complement is not None:
-            other = self._dipoles.magnetise(self.forms[1], self.properties)
-            mu_r, volume = self.properties.on(iron.mesh).mu_r[iron.mesh.body], self.forms[0].elements.volume
-            elements = element_indicators(volume, mu_r, self._states, (self._dual, other), self._size)
-        return next_sizes(iron.mesh, iron.topology, iron.surface, self.face_shares, elements, tolerance)
+        return next_sizes(
+            iron.mesh,
+            iron.topology,
+            iron.surface,
+            self.face_shares,
+            self.element_shares,
+            reduction,
+            _LEAST_GROWTH,
+        )
+
+    @cached_property
+    def element_shares(self) -> Array:
+        """What the elements (e,) share in the error of B; 0 where there is one form alone."""
+        iron = self.forms[0].iron
+        if self.complement is None:
+            return np.zeros(len(iron.mesh.tets))
+        other = self._dipoles.magnetise(self.forms[1], self.properties)
+        mu_r, volume = self.properties.on(iron.mesh).mu_r[iron.mesh.body], self.forms[0].elements.volume
+        return element_indicators(volume, mu_r, self._states, (self._dual, other), self._size)
+
+    def growth(self, sizes: LocalSizes) -> tuple[float, float]:
+        """How many times as many surface faces and tetrahedra the next mesh is expected to have."""
+        iron = self.forms[0].iron
+        return expected_growth(iron.mesh, iron.topology, iron.surface, self.face_shares.at_edge, sizes)
+
+    def shares_of_bodies(self, sizes: LocalSizes | None = None) -> tuple[ErrorShare, ...]:
+        """What every body shares in the error of B, the largest first; sizes: of the next mesh."""
+        iron, cells = self.forms[0].iron, self.forms[0].iron.mesh.cells
+        assert cells is not None
+        below = iron.topology.owner[iron.topology.surface, 0]
+        own = self.face_shares.across + self.face_shares.rest
+        count = len(cells.sizes)
+        of_cell = np.bincount(cells.number[below], own, count)
+        of_cell += np.bincount(cells.number, self.element_shares, count)
+        body = np.zeros(count, np.int64)
+        body[cells.number] = iron.mesh.body
+        at_edge = np.bincount(cells.number[below], np.where(self.face_shares.at_edge, own, 0.0), count)
+        whole, shares = max(float(of_cell.sum()), 1e-300), []
+        for number, name in enumerate(iron.mesh.body_names):
+            mine = np.where(body == number, of_cell, -1.0)
+            worst = int(mine.argmax())
+            if mine[worst] <= 0:
+                continue
+            x, y, z = (float(value) for value in cells.centres[worst])
+            size, layer = float(cells.sizes[worst]), None
+            wanted = size if sizes is None else float(sizes.sizes[worst])
+            if sizes is not None and at_edge[worst] > 0.5 * of_cell[worst]:
+                layer = float(sizes.first_layer(cells.centres[worst : worst + 1])[0])
+            share = float(of_cell[body == number].sum()) / whole
+            shares.append(ErrorShare(name, share, (x, y, z), size, wanted, layer))
+        return tuple(sorted(shares, key=lambda one: -one.share))
 
     @cached_property
     def _dipoles(self) -> WorkspaceDipoles:
@@ -203,10 +410,27 @@ class Level(Record):
         return self._dipoles.magnetise(self.forms[0], self.properties)
 
     @cached_property
-    def _size(self) -> Array:
+    def _largest(self) -> Array:
         """Largest flux density (c,) of every source: of each coil, and of what no current drives."""
         fields = self.solution.source_fields(self.points)[0]
         return np.maximum(np.linalg.norm(fields, axis=2).max(axis=1), 1e-300)
+
+    @property
+    def _allowed(self) -> Array:
+        """Allowed errors of B (c,), T; those of the gradient over a length where B may have any."""
+        coils, out = len(self.solution.coils), []
+        for number, (name, size) in enumerate(zip(self.solution.sources, self._largest, strict=True)):
+            allowed = self.asked.allowed(LargestError("B", name, (0, 0, 0), 0.0, float(size)), number, coils)
+            out.append(allowed)
+        return np.array(out)
+
+    @cached_property
+    def _size(self) -> Array:
+        """What shares are relative to (c,), T: allowed errors over the smallest of them relative to the field."""
+        relative = self._allowed / self._largest
+        if not np.isfinite(relative).any():
+            return self._largest
+        return self._largest * np.minimum(relative / relative.min(), _UNASKED)
 
     @property
     def _states(self) -> tuple[IronState, ...]:

@@ -1,0 +1,272 @@
+"""Runs to a tolerance end within it by the truth, or say where the error is and what more would cost."""
+
+import pickle
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.device.model import (
+    Background,
+    Body,
+    Box,
+    Device,
+    LinearMaterial,
+    Part,
+    Sphere,
+    WorkspaceBox,
+    placed,
+)
+from fieldmap.errors import InputError, ToleranceNotReached
+from fieldmap.iron import Tolerance, generate_mesh
+from fieldmap.iron.error.estimate import LargestError, estimate_error, gradient_length, workspace_surface
+from fieldmap.iron.error.refinement import near_kernels, next_sizes
+from fieldmap.iron.error.tolerance import MeshStep, expected_cost, faces_within
+from fieldmap.iron.mesh.local_sizes import LocalSizes
+from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.solvers import to_tolerance
+
+UP = np.array([0.0, 0.0, 1.0])
+IRON = {"iron": LinearMaterial("iron", 1000.0)}
+
+
+def cube_at_an_edge():
+    """The workspace lies 0.1 mm from an edge of the one cube, and far from the other."""
+    bodies = [
+        Body(name, "iron", (Part(Box((0.02,) * 3), placed((x, 0, -0.02))),), 5e-3)
+        for name, x in (("near", 0.0), ("far", 0.08))
+    ]
+    space = WorkspaceBox([1.01e-2, -2e-3, -1e-3], [1.3e-2, 2e-3, 3e-3])
+    return Device("cubes", "", (), bodies, IRON, background=Background(1e-2 * UP), workspace=space)
+
+
+def shell(factor=1.0):
+    parts = (Part(Sphere(0.02)), Part(Sphere(0.016), operation="cut"))
+    return Device(
+        "shell",
+        "",
+        (),
+        [Body("shell", "iron", parts, 4e-3)],
+        IRON,
+        background=Background(factor * 1e-3 * UP),
+        workspace=WorkspaceBox([-6e-3] * 3, [6e-3] * 3),
+    )
+
+
+INSIDE = 9 * 1000.0 / (2001 * 1002 - 2 * 0.8**3 * 999**2) * 1e-3
+"""T, in the shell (Jackson 5.121)."""
+
+
+@pytest.fixture(scope="module")
+def shielded():
+    return fm.solve_to_tolerance(shell(), 0.01)
+
+
+def test_a_shielded_uniform_field_ends_within_the_tolerance(shielded):
+    """The gradient vanishes: relative to its own largest value no mesh would do."""
+    b, g = shielded.source_fields(workspace_surface(shell()))
+    error = shielded.report.error
+    assert np.abs(b[0] - INSIDE * UP).max() < 0.01 * INSIDE
+    # L is the distance of the wall: half the diagonal is 10.4 mm.
+    assert error.length == pytest.approx(0.016, rel=0.02)
+    size = error.worst("gradient").size
+    assert size == pytest.approx(INSIDE / 0.016, rel=0.02)
+    assert np.linalg.norm(g[0], axis=(1, 2)).max() < 0.03 * size
+    assert error.gradient <= 0.03
+    assert shielded.report.tolerance.reached
+    assert len(shielded.report.tolerance.steps) <= 4
+
+
+def test_an_absolute_tolerance_is_enough_where_hardly_any_field_is_left():
+    """A tenth of the field inside, in T: the first comparison of two meshes is within it."""
+    asked = Tolerance(absolute_flux_density=0.1 * INSIDE)
+    solution = fm.solve_to_tolerance(shell(), asked)
+    error = solution.report.error.worst("B")
+    assert error.error <= 0.1 * INSIDE
+    b = solution.source_fields(workspace_surface(shell()))[0]
+    assert np.abs(b[0] - INSIDE * UP).max() < 0.1 * INSIDE
+    assert len(solution.report.tolerance.steps) == 2
+
+
+def test_estimates_at_an_edge_fall_and_say_where():
+    with pytest.raises(ToleranceNotReached) as caught:
+        fm.solve_to_tolerance(cube_at_an_edge(), 0.001, most_meshes=4)
+    report = caught.value.report
+    assert report.ended == "meshes"
+    excess = [step.excess for step in report.steps[1:]]
+    assert all(later < earlier for earlier, later in pairwise(excess))
+    # The points of the workspace next to the edge, and the elements of the near cube below them.
+    assert report.worst.at[0] == pytest.approx(1.01e-2)
+    assert report.shares[0].body == "near"
+    assert report.shares[0].share > 0.9
+    x, _, z = report.shares[0].at
+    assert (x > 8e-3 and z > -4e-3) or z > -1e-3
+    assert report.shares[0].wanted < report.shares[0].size
+    assert report.next_mesh.faces > report.steps[-1].faces
+    assert report.whole.faces > report.next_mesh.faces
+    assert caught.value.solution.report.tolerance == report
+    assert "'near'" in str(caught.value)
+
+
+def test_a_run_that_no_longer_improves_ends(monkeypatch):
+    """Every mesh the same: the estimate is that of meshes that hardly differ, and does not fall."""
+    monkeypatch.setattr(to_tolerance, "next_sizes", lambda *given: next_sizes(*given[:-2], 1.0, 1.0))
+    monkeypatch.setattr(to_tolerance, "estimate_error", lambda *_, **__: estimate)
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    one = Made(lambda x: np.broadcast_to(UP, x.shape))
+    estimate = estimate_error(points, one, Made(lambda x: np.broadcast_to(1.5 * UP, x.shape)), None)
+    with pytest.raises(ToleranceNotReached) as caught:
+        fm.solve_to_tolerance(cube_at_an_edge(), 0.01)
+    assert caught.value.report.ended == "stalled"
+    assert len(caught.value.report.steps) == 5
+    assert len(caught.value.residuals) == 4
+
+
+@dataclass(frozen=True)
+class Made:
+    """Fields in closed form; the gradient is 0."""
+
+    flux_density: object
+    gradient: object = lambda x: np.zeros((len(x), 3, 3))
+    sources: tuple = ("one",)
+    iron_points: np.ndarray = field(default_factory=lambda: np.array([[0.0, 0.0, 5.0]]))
+
+    def source_fields(self, points):
+        return self.flux_density(points)[None], self.gradient(points)[None]
+
+
+def test_the_estimate_says_of_what_and_where():
+    points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-2.0, 2.0)])
+
+    def bent(x):
+        return UP + 0.02 * (x[:, :1] > 0) * (x[:, 1:2] > 0) * (x[:, 2:] < 0)
+
+    def slope(x):
+        return 0.03 * np.eye(3) * ((x[:, 0] < 0) & (x[:, 2] > 0))[:, None, None]
+
+    exact, ours = Made(lambda x: np.broadcast_to(UP, x.shape)), Made(bent, slope)
+    error = estimate_error(points, exact, ours, None)
+    b, g = error.worst("B"), error.worst("gradient")
+    assert b.at == (1.0, 2.0, -2.0)
+    assert b.error == pytest.approx(0.02 * np.sqrt(3))
+    assert error.flux_density == pytest.approx(b.relative) == pytest.approx(b.error / b.size)
+    assert (g.at[0], g.at[2]) == (-1.0, 2.0)
+    assert g.error == pytest.approx(0.03 * np.sqrt(3))
+    # |B| = 1 T over the distance of the iron, 5 m; half the diagonal is 3 m.
+    assert g.size == pytest.approx(0.2)
+    assert error.gradient == pytest.approx(0.15 * np.sqrt(3))
+    assert error.by_source == (b, g)
+
+
+def test_the_length_is_the_larger_of_the_two():
+    corners = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
+    assert gradient_length(corners, np.array([[0, 0.3, 0], [0, 4.0, 0]])) == 1.0
+    assert gradient_length(corners, np.array([[0, 3.0, 0], [0, 4.0, 0]])) == 3.0
+    assert gradient_length(corners, np.zeros((0, 3))) == 1.0
+
+
+def error_of(quantity, error, size):
+    return LargestError(quantity, "one", (0.0, 0.0, 0.0), error, size)
+
+
+def test_the_larger_part_of_a_tolerance_is_allowed():
+    b, g = error_of("B", 1e-3, 0.5), error_of("gradient", 1e-3, 2.0)
+    assert Tolerance(0.01).allowed(b, 0, 0) == pytest.approx(5e-3)
+    assert Tolerance(0.01).allowed(g, 0, 0) == np.inf
+    assert Tolerance(0.01, absolute_flux_density=7e-3).allowed(b, 0, 0) == 7e-3
+    assert Tolerance(0.01, absolute_gradient=0.5).allowed(g, 0, 0) == 0.5
+    # Of 4 A in the first of two coils, and of the magnets behind them.
+    asked = Tolerance(absolute_flux_density=8e-3, currents=(4.0, -2.0))
+    assert [asked.allowed(b, k, 2) for k in range(3)] == [2e-3, 4e-3, 8e-3]
+    assert Tolerance.of(0.01) == Tolerance(0.01, 0.03)
+    assert Tolerance.of(0.01, 0.5).gradient == 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        ({}, "flux_density"),
+        ({"flux_density": 0.0}, "flux_density"),
+        ({"flux_density": 1.0}, "flux_density"),
+        ({"gradient": -1.0}, "gradient"),
+        ({"absolute_gradient": float("inf")}, "absolute_gradient"),
+        ({"absolute_flux_density": 0.0}, "absolute_flux_density"),
+        ({"flux_density": 0.1, "currents": (float("nan"),)}, "currents"),
+    ],
+)
+def test_tolerances_that_cannot_be_meant_are_refused(arguments, where):
+    with pytest.raises(InputError) as caught:
+        Tolerance(**arguments)
+    assert [problem.where for problem in caught.value.problems] == [f"Tolerance, {where}"]
+
+
+def test_arguments_are_checked_before_anything_is_solved():
+    device = shell()
+    with pytest.raises(InputError) as caught:
+        fm.solve_to_tolerance(device, 0.01, most_meshes=1)
+    assert "most_meshes" in caught.value.problems[0].where
+    with pytest.raises(InputError) as caught:
+        fm.solve_to_tolerance(device, Tolerance(0.01, currents=(1.0,)))
+    assert "currents" in caught.value.problems[0].where
+
+
+def test_cost_follows_the_powers_that_the_meshes_show():
+    """Time like N^1.7, excess like N^-1.25."""
+    steps = [
+        MeshStep(n, 2 * n, 1, 1e-5 * n**1.7, 0.0, 0.0, 3.0 * (4000 / n) ** 1.25 if n > 1000 else None)
+        for n in (1000, 2000, 4000)
+    ]
+    assert expected_cost(steps, 9000, 1, 1.0).seconds == pytest.approx(1e-5 * 9000**1.7)
+    assert faces_within(steps) == pytest.approx(4000 * 3.0**0.8)
+    assert faces_within(steps[:2]) is None
+    # An excess that does not fall foretells nothing.
+    flat = [MeshStep(n, n, 1, 1.0, 0.0, 0.0, 2.0) for n in (1000, 2000, 4000)]
+    assert faces_within(flat) is None
+
+
+def test_in_thin_walls_smaller_elements_have_an_effect():
+    """Four layers of edges that were longer than asked for: the mesh stayed what it was."""
+    device = shell()
+    mesh = generate_mesh(device, 0.7)
+    cells = mesh.cells
+    assert cells.sizes.max() <= 4e-3 / 0.7 * (1 + 1e-12)
+    finer = generate_mesh(
+        device, 0.7, local=LocalSizes(cells.centres, 0.6 * cells.sizes, np.zeros((0, 3)), np.zeros(0))
+    )
+    assert len(finer.tets) > 1.8 * len(mesh.tets)
+
+
+@pytest.mark.parametrize("height", [0.1, 0.5, 1.0])
+def test_a_charge_that_varies_over_a_face_near_by_is_not_underrated(height):
+    """A slope of the charge, of deviation 1 T over the face, above its middle and its corner."""
+    corners = np.array([[0.0, 0, 0], [2.0, 0, 0], [0.6, 1.8, 0]])
+    surface = ChargedFaces.from_nodes(corners, np.array([[0, 1, 2]]))
+    pieces, worst = [corners], 0.0
+    for _ in range(6):
+        pieces = [half for piece in pieces for half in quartered(piece)]
+    centres, share = np.array([piece.mean(axis=0) for piece in pieces]), surface.areas[0] / len(pieces)
+    places = np.vstack([corners.mean(axis=0), corners[0]]) + height * UP
+    for direction in (np.array([1.0, 0, 0]), np.array([0, 1.0, 0])):
+        charge = centres @ direction
+        charge = (charge - charge.mean()) / charge.std()
+        offset = places[:, None] - centres
+        b = share * (charge[:, None] * offset / np.linalg.norm(offset, axis=2)[:, :, None] ** 3).sum(axis=1)
+        worst = np.maximum(worst, np.linalg.norm(b, axis=1) / (4 * np.pi))
+    ratio = near_kernels(surface, places)[:, 0] / worst
+    assert (ratio > 0.5).all()
+    assert (ratio < 12).all()
+
+
+def quartered(piece):
+    a, b, c = piece
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return [np.array(one) for one in ((a, ab, ca), (ab, b, bc), (bc, c, ca), (ab, bc, ca))]
+
+
+def test_the_error_travels_between_processes(shielded):
+    error = ToleranceNotReached(residuals=(0.1,), report=shielded.report.tolerance)
+    back = pickle.loads(pickle.dumps(error))
+    assert back.residuals == (0.1,)
+    assert back.report == error.report
