@@ -10,7 +10,9 @@ from fieldmap.iron.error.refinement import (
     FaceShares,
     WorkspaceDipoles,
     element_indicators,
+    expected_growth,
     face_indicators,
+    heights,
     next_sizes,
     smooth_neighbours,
 )
@@ -155,6 +157,47 @@ def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
     here = [m.points[m.tets].mean(axis=1)[:, 0] for m in (mesh, finer)]
     assert (here[1] > 0.022).sum() > 1.3 * (here[0] > 0.022).sum()
     assert (here[1] < 0.0).sum() < (here[0] < 0.0).sum()
+
+
+def test_a_mesh_grows_about_as_expected():
+    """Smaller elements on one side, and thinner layers at all edges."""
+    machine = device(size=0.006)
+    mesh = generate_mesh(machine)
+    topology = build_faces(mesh)
+    triangles = topology.nodes[topology.surface]
+    surface = ChargedFaces.from_nodes(mesh.points, triangles)
+    none = np.zeros((1, len(surface.areas)))
+    shares = face_indicators(surface, triangles, none, none, np.ones(1), np.zeros((1, *none.shape)))
+    tips = surface.centres[shares.at_edge]
+    factor = np.where(mesh.cells.centres[:, 0] > 0, 0.6, 1.0)
+    layers = 0.5 * heights(surface.corners[shares.at_edge])
+    sizes = LocalSizes(mesh.cells.centres, factor * mesh.cells.sizes, tips, layers)
+    expected = expected_growth(mesh, topology, surface, shares.at_edge, sizes)
+    finer = generate_mesh(machine, local=sizes)
+    grown = build_faces(finer).surface.size / len(surface.areas), len(finer.tets) / len(mesh.tets)
+    assert grown[0] > 1.3
+    assert expected == pytest.approx(grown, rel=0.5)
+
+
+def test_faces_near_a_place_err_by_their_own_charge():
+    """A dipole on a coarse face leaves no charge there that has a slope: its share alone is nothing."""
+    points, triangles, charge = plate((30.0, 0.0))
+    surface = ChargedFaces.from_nodes(points, triangles)
+    values = charge(surface.centres)[None]
+    none, inside = np.zeros_like(values), int(np.abs(surface.centres - [0.03, 0.03, 0]).sum(axis=1).argmin())
+    place = surface.centres[inside] + [0.0, 0.0, 1e-3]
+    shares = face_indicators(
+        surface, triangles, values, none, np.ones(1), np.zeros((1, *values.shape)), place[None]
+    )
+    # A slope of 30 T/m over a face of 10 mm: 0.07 T of deviation, half of which is seen from close by; deviations along
+    # two axes add up to at most sqrt(2) times that.
+    seen = 0.5 * 30.0 * 0.01 / np.sqrt(18)
+    assert 0.99 * seen < shares.rest[inside] < 1.42 * seen
+    assert shares.rest[inside] == pytest.approx(shares.rest.max(), rel=0.01)
+    far = face_indicators(
+        surface, triangles, values, none, np.ones(1), np.zeros((1, *values.shape)), place[None] + 0.1
+    )
+    assert far.rest.max() == 0.0
 
 
 def test_layers_at_edges_are_as_asked():

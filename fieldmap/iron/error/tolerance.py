@@ -156,11 +156,13 @@ class ErrorShare(Record):
 
     def __str__(self) -> str:
         place = ", ".join(f"{1e3 * x:.3g}" for x in self.at)
-        edge = "" if self.layer is None else f", layers of {1e3 * self.layer:.2g} mm at its edges"
+        edge = "" if self.layer is None else f" with layers of {1e3 * self.layer:.2g} mm at the edges"
         sizes = f"elements of {1e3 * self.size:.2g} mm"
         if self.wanted < self.size:
-            sizes = f"{sizes} would be {1e3 * self.wanted:.2g} mm{edge}"
-        return f"'{self.body}' has {100 * self.share:.0f} % of it, most at ({place}) mm, in {sizes}"
+            sizes = f"{sizes}, which would have to be {1e3 * self.wanted:.2g} mm{edge}"
+        return (
+            f"body '{self.body}' has {100 * self.share:.0f} % of the error, most at ({place}) mm in {sizes}"
+        )
 
 
 @dataclass(frozen=True, repr=False)
