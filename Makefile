@@ -4,20 +4,26 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install map test bench validate mutants docs clean
+.PHONY: install map test style kernels_without_compilation bench validate mutants docs clean
 
 install: $(STAMP)
 
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
+# Two at a time, for two processors: what needs one each, then all tests in two processes. A file's tests stay in one
+# process, which makes what they share once.
 test: $(STAMP)
+	$(MAKE) --no-print-directory --jobs=2 --output-sync=target style kernels_without_compilation
+	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules fieldmap tests
+
+style:
 	$(BIN)/ruff check fieldmap tests scripts
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+
+kernels_without_compilation:
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels -m "not slow"
-	$(BIN)/pytest -q --doctest-modules fieldmap
-	$(BIN)/pytest -q -n 2
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py

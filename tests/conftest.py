@@ -1,9 +1,13 @@
 """What the tests of all packages may use."""
 
+import os
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from fieldmap.iron.mesh.mesher import FOLDER
 
 DEVICES = Path(__file__).parent / "devices"
 SCENARIOS = Path(__file__).parent / "scenarios"
@@ -13,6 +17,20 @@ SCENARIOS = Path(__file__).parent / "scenarios"
 def valid_text() -> str:
     """Text of a valid device file with one of everything, for tests that break or vary it."""
     return (DEVICES / "everything.toml").read_text(encoding="utf-8")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    """One folder of meshes for all processes of a run: of the same iron a mesh is made once. None from another run, so
+    what is tested is the mesher as it is."""
+    if FOLDER not in os.environ:
+        folder = tempfile.TemporaryDirectory(prefix="fieldmap_meshes_")
+        os.environ[FOLDER] = folder.name
+        config.add_cleanup(folder.cleanup)
+    if workers := getattr(config.option, "numprocesses", None):
+        # Processes that share the processors, each with threads for all of them, wait for each other most of the time.
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+            os.environ.setdefault(name, str(max(1, (os.cpu_count() or 1) // workers)))
 
 
 def pytest_addoption(parser):

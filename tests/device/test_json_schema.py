@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -55,6 +56,7 @@ BETWEEN_KEYS = {
 BEYOND_JSON = {"not a number", "title empty"}
 
 
+@cache
 def validator(name: str) -> jsonschema.Draft202012Validator:
     schema = json.loads((GEOMETRY / name).read_text())
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -18,8 +18,7 @@ from fieldmap.device.parts import joint_of
 from fieldmap.device.tetrahedra import oriented as oriented
 from fieldmap.device.tetrahedra import subdivided
 from fieldmap.device.tetrahedra import volumes as volumes
-from fieldmap.errors import GeometryError, InputError, Problem
-from fieldmap.extras import needs
+from fieldmap.errors import InputError, Problem
 from fieldmap.iron.geometry.own_meshes import joined, own_mesh
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.geometry.thin_gaps import ClosedGaps, closed_gaps
@@ -36,16 +35,14 @@ from fieldmap.iron.mesh.joints import (
     sheets_between,
     with_rims,
 )
-from fieldmap.iron.mesh.local_sizes import GRADING, LocalSizes, MesherCells
+from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
+from fieldmap.iron.mesh.mesher import mesh_solids
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.symmetry.chamber import Chamber, mirror_chamber
 from fieldmap.records import Record
 
 # Edge midpoints closer to the chord than this fraction of its length are straight.
 _STRAIGHT = 1e-6
-_MILLIMETRE = 1e-3
-# A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.
-_CURVATURE_SAFETY = 2.4
 # Ratio of one layer's thickness to the next at sharp edges.
 LAYER_RATIO = 0.4
 # Moves of bodies that differ by less, m, are the same: far below the thinnest gap.
@@ -134,7 +131,7 @@ def _is_kept(chamber: Chamber, closed: ClosedGaps) -> bool:
 def _meshed_whole(
     device: Device, refinement: float, local: LocalSizes | None, closed: ClosedGaps | None
 ) -> IronMesh:
-    points, tets, body, edges, midpoints = _netgen_mesh(glue_bodies(device), device, refinement, local)
+    points, tets, body, edges, midpoints = _made_by_mesher(glue_bodies(device), device, refinement, local)
     sharp = sharp_edges(points, tets, edges, midpoints)
     points = equal_volume_vertices(points, tets, body, *midpoints)
     layer = _first_layers(device, refinement)[body]
@@ -153,7 +150,7 @@ def _copied_chamber(
     device: Device, chamber: Chamber, shape, refinement: float, closed: ClosedGaps | None
 ) -> IronMesh | None:
     """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
-    points, tets, body, edges, midpoints = _netgen_mesh(shape, device, refinement)
+    points, tets, body, edges, midpoints = _made_by_mesher(shape, device, refinement)
     operations = chamber.group.operations
     if any(
         joint_of(device.joints, device.bodies[one].name, device.bodies[other].name) is not None
@@ -315,72 +312,12 @@ def _with_curved_edges(faces, edges, curved, n_points):
     return faces[keep], sides[keep]
 
 
-def _netgen_mesh(shape, device: Device, refinement: float, local: LocalSizes | None = None):
-    """Points in m, tets, body index, CAD edges (k, 2), and the curved midpoints of all element edges."""
-    mesh = generated(shape, device, refinement, local)
+def _made_by_mesher(shape, device: Device, refinement: float, local: LocalSizes | None = None):
+    """Points in m, tets, body index, edges of the solids (k, 2), and the curved midpoints of all element edges."""
+    mesh = mesh_solids(shape, device, refinement, local)
     index = {body.name: k for k, body in enumerate(device.bodies)}
-    domain = np.array([index[mesh.GetMaterial(k + 1)] for k in range(mesh.GetNDomains())])
-    elements = mesh.Elements3D().NumPy()
-    tets = elements["nodes"].astype(np.int64)[:, :4] - 1
-    body = domain[elements["index"] - 1]
-    points, edges = mesh_points(mesh), cad_edges(mesh)
-    mesh.SecondOrder()
-    nodes = mesh.Elements3D().NumPy()["nodes"].astype(np.int64) - 1
-    pairs = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
-    return points, tets, body, edges, edge_midpoints(nodes, pairs, mesh_points(mesh))
-
-
-def mesh_points(mesh) -> NDArray[np.float64]:
-    """Points (n, 3) in m of the mesher's mesh."""
-    return np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
-
-
-def cad_edges(mesh) -> NDArray[np.int64]:
-    """Segments (k, 2) of the mesher's mesh along the edges of the solids."""
-    return mesh.Elements1D().NumPy()["nodes"].astype(np.int64)[:, :2] - 1
-
-
-def generated(
-    shape, device: Device, refinement: float, local: LocalSizes | None = None, surface_only: bool = False
-):
-    """The mesher's mesh of glued solids, mm; surface_only: triangles, and no tetrahedra are made.
-
-    Raises GeometryError where the mesher fails.
-    """
-    with needs("make", f"the mesh of {device.name}"):
-        from netgen.meshing import MeshingParameters, MeshingStep
-        from netgen.occ import OCCGeometry
-
-    sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
-    for solid in shape.solids:
-        solid.maxh = sizes[solid.name]
-    until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
-    wanted = MeshingParameters(
-        maxh=max(sizes.values()), grading=GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement, **until
-    )
-    if local is not None:
-        for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):
-            wanted.RestrictH(*point, size)
-    return _generated(OCCGeometry(shape), wanted, device, refinement)
-
-
-def _generated(geometry, wanted, device: Device, refinement: float):
-    try:
-        return geometry.GenerateMesh(mp=wanted)
-    except Exception as error:  # the mesher's exception type is not exported
-        must_hold = "must have a mesh at these sizes"
-        received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
-        remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
-        raise GeometryError(Problem(f"the iron of {device.name}", must_hold, received, remedy)) from error
-
-
-def edge_midpoints(nodes, pairs, curved):
-    """Element edges (k, 2), sorted, and their midpoints (k, 3) on the true surface, from second-order elements
-    (m, corners + edges), the edges between the corners `pairs` in this order."""
-    corners = nodes.shape[1] - len(pairs)
-    ends = np.sort(nodes[:, np.array(pairs)].reshape(-1, 2), axis=1)
-    ends, first, _, _ = distinct_rows(ends)
-    return ends, curved[nodes[:, corners:].reshape(-1)[first]]
+    body = np.array([index[solid.name] for solid in shape.solids])
+    return mesh.points, mesh.elements, body[mesh.solids], mesh.solid_edges, (mesh.ends, mesh.midpoints)
 
 
 _SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])

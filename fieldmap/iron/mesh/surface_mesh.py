@@ -16,14 +16,8 @@ from fieldmap.device.model import Device
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import device_label, glue_bodies
 from fieldmap.iron.mesh.edge_grading import grade_edges, kinked_edges
-from fieldmap.iron.mesh.mesh import (
-    LAYER_RATIO,
-    cad_edges,
-    edge_midpoints,
-    generated,
-    mesh_points,
-    rounded_vertices,
-)
+from fieldmap.iron.mesh.mesh import LAYER_RATIO, rounded_vertices
+from fieldmap.iron.mesh.mesher import mesh_solids
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -105,23 +99,16 @@ def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
             )
         )
     shape = glue_bodies(device)
-    mesh = generated(shape, device, refinement, surface_only=True)
-    elements = mesh.Elements2D().NumPy()
-    triangles = elements["nodes"].astype(np.int64)[:, :3] - 1
+    mesh = mesh_solids(shape, device, refinement, surface_only=True)
     names = tuple(body.name for body in device.bodies)
-    # The mesher's domains are the glued solids in their order, from 1; 0 is the air.
     body = np.array([names.index(solid.name) for solid in shape.solids])
-    faces = np.array([[face.domin, face.domout] for face in mesh.FaceDescriptors()])
-    sides = faces[elements["index"] - 1].astype(np.int64) - 1
-    points, edges = mesh_points(mesh), cad_edges(mesh)
-    mesh.SecondOrder()
-    nodes = mesh.Elements2D().NumPy()["nodes"].astype(np.int64)[:, :6] - 1
-    midpoints = edge_midpoints(nodes, [[1, 2], [0, 2], [0, 1]], mesh_points(mesh))
+    triangles, sides = mesh.elements.copy(), mesh.solids.copy()
+    midpoints = mesh.ends, mesh.midpoints
     turned = sides[:, 0] == AIR
     triangles[turned], sides[turned] = triangles[turned][:, [0, 2, 1]], sides[turned][:, ::-1]
-    points = rounded_vertices(points, triangles, *midpoints)
+    points = rounded_vertices(mesh.points, triangles, *midpoints)
     outer = triangles[sides[:, 1] == AIR]
-    sharp = kinked_edges(points, np.sort(outer, axis=1), edges, midpoints)
+    sharp = kinked_edges(points, np.sort(outer, axis=1), mesh.solid_edges, midpoints)
     size = np.array([b.edge_size or np.inf for b in device.bodies])
     layer = np.append(size[body], np.inf) / refinement**2
     points, triangles, parent = grade_edges(points, triangles, sharp, layer[sides].min(axis=1), LAYER_RATIO)

@@ -1,0 +1,221 @@
+"""What the mesher makes of glued solids: tetrahedra, or triangles of their surfaces alone.
+
+Meshing takes as long as all the rest of a small solve, and the same iron is solved again and again: at other currents,
+with other coils and materials, by another command. So what the mesher made is kept: in memory the meshes used last, and
+on disk in a folder of one's choice, the environment variable FIELDMAP_MESHES. A mesh is found again by all that the
+mesher is given, bit by bit, and by the version of the mesher.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from fieldmap.device.model import Device
+from fieldmap.errors import GeometryError, Problem
+from fieldmap.extras import needs
+from fieldmap.iron.mesh.distinct_rows import distinct_rows
+from fieldmap.iron.mesh.local_sizes import GRADING, LocalSizes
+from fieldmap.records import Record
+from fieldmap.store.whole_files import whole_file
+from fieldmap.typing import Array, Index
+
+if TYPE_CHECKING:
+    from fieldmap.iron.geometry.cad_kernel import occ
+
+FOLDER: Final = "FIELDMAP_MESHES"
+"""The environment variable that names the folder in which meshes are kept from run to run."""
+_MOST_BYTES = 64_000_000
+_MILLIMETRE = 1e-3
+# A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.
+_CURVATURE_SAFETY = 2.4
+_EDGES = {4: ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)), 3: ((1, 2), (0, 2), (0, 1))}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MesherMesh(Record):
+    """What the mesher made of solids.
+
+    points (n, 3), m; elements (m, 4), tetrahedra, or (m, 3), triangles of the surfaces; solids: number of the solid in
+    which a tetrahedron lies, (m,), or of those on both sides of a triangle, (m, 2), -1 for air; solid_edges (k, 2):
+    segments along the edges of the solids; ends (e, 2): of all edges of elements, sorted, lexicographic; midpoints
+    (e, 3): theirs, on the true surface.
+    """
+
+    points: Array
+    elements: Index
+    solids: Index
+    solid_edges: Index
+    ends: Index
+    midpoints: Array
+
+    def __post_init__(self) -> None:
+        for array in self.arrays.values():
+            array.flags.writeable = False
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """By the names of the fields."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+class KeptMeshes:
+    """Meshes by their keys: those used last, as long as they are no more than `most_bytes` together."""
+
+    def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._meshes: OrderedDict[str, MesherMesh] = OrderedDict()
+        self._lock = Lock()
+
+    def __len__(self) -> int:
+        return len(self._meshes)
+
+    def get(self, key: str, make: Callable[[], MesherMesh]) -> MesherMesh:
+        """The mesh of this key: from memory, from the folder, or made."""
+        with self._lock:
+            mesh = self._meshes.get(key)
+        if mesh is None:
+            folder = os.environ.get(FOLDER)
+            mesh = make() if not folder else _from_folder(Path(folder) / f"{key}.npz", make)
+        self._keep(key, mesh)
+        return mesh
+
+    def forget(self) -> None:
+        """Keep none in memory."""
+        with self._lock:
+            self._meshes.clear()
+
+    def _keep(self, key: str, mesh: MesherMesh) -> None:
+        with self._lock:
+            self._meshes[key] = mesh
+            self._meshes.move_to_end(key)
+            while len(self._meshes) > 1 and sum(map(_size, self._meshes.values())) > self._most_bytes:
+                self._meshes.popitem(last=False)
+
+
+KEPT: Final = KeptMeshes()
+
+
+def mesh_solids(
+    shape: occ.TopoDS_Shape,
+    device: Device,
+    refinement: float,
+    local: LocalSizes | None = None,
+    surface_only: bool = False,
+) -> MesherMesh:
+    """The mesh of glued solids, whose names are those of the device's bodies.
+
+    refinement: divides the sizes of the bodies; local: sizes at points beside those; surface_only: triangles, and no
+    tetrahedra are made. The arrays are shared and cannot be written to. Raises GeometryError where the mesher fails.
+    """
+    sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
+
+    def make() -> MesherMesh:
+        return _arrays(_generated(shape, device, sizes, refinement, local, surface_only), shape, surface_only)
+
+    return KEPT.get(_key(shape, sizes, refinement, local, surface_only), make)
+
+
+def _key(
+    shape: occ.TopoDS_Shape,
+    sizes: dict[str, float],
+    refinement: float,
+    local: LocalSizes | None,
+    surface_only: bool,
+) -> str:
+    """Of all that the mesher is given: solids bit by bit, sizes, numbers of this file, version."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = os.path.join(folder, "solids")
+        shape.WriteBrep(file, withTriangles=False, binary=True)
+        digest = hashlib.sha256(Path(file).read_bytes())
+    solids = [(solid.name, sizes[solid.name]) for solid in shape.solids]
+    settings = (refinement, max(sizes.values()), surface_only, GRADING, _CURVATURE_SAFETY)
+    digest.update(repr((version("netgen-mesher"), solids, settings)).encode())
+    if local is not None:
+        digest.update(np.column_stack([local.points, local.sizes]).tobytes())
+    return digest.hexdigest()
+
+
+def _generated(
+    shape: occ.TopoDS_Shape,
+    device: Device,
+    sizes: dict[str, float],
+    refinement: float,
+    local: LocalSizes | None,
+    surface_only: bool,
+) -> Any:
+    """The mesher's own mesh, mm."""
+    with needs("make", f"the mesh of {device.name}"):
+        from netgen.meshing import MeshingParameters, MeshingStep
+        from netgen.occ import OCCGeometry
+
+    for solid in shape.solids:
+        solid.maxh = sizes[solid.name]
+    until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
+    wanted = MeshingParameters(
+        maxh=max(sizes.values()), grading=GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement, **until
+    )
+    if local is not None:
+        for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):
+            wanted.RestrictH(*point, size)
+    try:
+        return OCCGeometry(shape).GenerateMesh(mp=wanted)
+    except Exception as error:  # the mesher's exception type is not exported
+        must_hold = "must have a mesh at these sizes"
+        received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
+        remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
+        raise GeometryError(Problem(f"the iron of {device.name}", must_hold, received, remedy)) from error
+
+
+def _arrays(mesh: Any, shape: occ.TopoDS_Shape, surface_only: bool) -> MesherMesh:
+    """The mesher's domains are the glued solids in their order, from 1; 0 is the air."""
+    corners = 3 if surface_only else 4
+    elements = (mesh.Elements2D() if surface_only else mesh.Elements3D()).NumPy()
+    index = elements["index"] - 1
+    if surface_only:
+        faces = np.array([[face.domin, face.domout] for face in mesh.FaceDescriptors()])
+        solids = faces[index].astype(np.int64) - 1
+    else:
+        solids = index.astype(np.int64)
+    straight = elements["nodes"].astype(np.int64)[:, :corners] - 1
+    points = _points(mesh)
+    solid_edges = mesh.Elements1D().NumPy()["nodes"].astype(np.int64)[:, :2] - 1
+    mesh.SecondOrder()
+    elements = (mesh.Elements2D() if surface_only else mesh.Elements3D()).NumPy()
+    pairs = np.array(_EDGES[corners])
+    nodes = elements["nodes"].astype(np.int64)[:, : corners + len(pairs)] - 1
+    ends, first, _, _ = distinct_rows(np.sort(nodes[:, pairs].reshape(-1, 2), axis=1))
+    midpoints = _points(mesh)[nodes[:, corners:].reshape(-1)[first]]
+    return MesherMesh(points, straight, solids, solid_edges, ends, midpoints)
+
+
+def _points(mesh: Any) -> Array:
+    """(n, 3), m."""
+    return np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
+
+
+def _size(mesh: MesherMesh) -> int:
+    return sum(array.nbytes for array in mesh.arrays.values())
+
+
+def _from_folder(file: Path, make: Callable[[], MesherMesh]) -> MesherMesh:
+    """The mesh of a file; made and written where there is none, or none that can be read."""
+    try:
+        with open(file, "rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            return MesherMesh(**stored)
+    except Exception:  # of a file of zipped arrays that is cut or is none: there are a dozen kinds
+        mesh = make()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(file) as partial:
+        np.savez(partial, **mesh.arrays)
+    return mesh
