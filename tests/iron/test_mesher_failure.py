@@ -4,7 +4,7 @@ import pytest
 
 from fieldmap.device import read_device
 from fieldmap.errors import GeometryError
-from fieldmap.iron.mesh import mesh
+from fieldmap.iron.mesh import mesh, mesher
 
 
 class GivesUp:
@@ -21,6 +21,8 @@ def test_a_mesh_that_cannot_be_made_is_a_geometry_error(monkeypatch):
     import netgen.occ
 
     monkeypatch.setattr(netgen.occ, "OCCGeometry", GivesUp)
+    monkeypatch.setattr(mesher, "KEPT", mesher.KeptMeshes())
+    monkeypatch.delenv(mesher.FOLDER, raising=False)
     with pytest.raises(GeometryError) as caught:
         mesh.generate_mesh(read_device("loop_and_sphere"), 0.3)
     (problem,) = caught.value.problems
