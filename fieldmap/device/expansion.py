@@ -80,7 +80,7 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
         document = replace(document, data=_with_files_from(document.data, document.path.parent, folder))
     for name in names:
         beside = document.path.parent / name
-        path = beside if is_file(beside) else shipped_file("geometry", name)
+        path = beside if not document.alone and is_file(beside) else shipped_file("geometry", name)
         fault = None
         if path is None:
             fault = "must be an existing file, beside this one or among the shipped ones", "correct the path"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,7 +36,9 @@ def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Probl
     texts: dict[str, str] = {}
     problems: list[Problem] = []
     for material, file in _named_files(device.data):
-        path = _beside_or_shipped(device.path.parent, file)
+        path = (
+            shipped_file("geometry", file) if device.alone else _beside_or_shipped(device.path.parent, file)
+        )
         if path is None:
             problems += device.problems([_no_such_file(material, file)])
             continue
@@ -161,11 +164,13 @@ def device_of(document: Document) -> Device:
 def recorded_device(text: str, solids: bool = False) -> Device:
     """The device in the text of a file, as a map records it: coils, payload, driver and workspace; its iron, which the
     map holds the field of, is left out. Pieces of soft iron in the payload get their materials where the curves are in
-    the text or in shipped files, and keep the names otherwise. Raises DeviceFileError for a text that is no device.
+    the text or in shipped files, and keep the names otherwise: no other file is read. Raises DeviceFileError for a text
+    that is no device.
 
     solids: with the shapes of its iron, for pictures; bodies from other files, and all materials, are left out.
     """
-    document = DEVICE.prepared(parsed(Path("device recorded in the map"), text, DeviceFileError))
+    document = parsed(Path("device recorded in the map"), text, DeviceFileError)
+    document = DEVICE.prepared(replace(document, alone=True))
     contents = DEVICE.contents(document)
     bodies = (body.to_model(Path()) for body in contents.body) if solids else ()
     return Device.unchecked(

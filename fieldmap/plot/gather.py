@@ -2,7 +2,9 @@
 
 import sys
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +13,7 @@ from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
+from fieldmap.inputs.tables import is_number
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
 from fieldmap.iron import SolvedState, generate_mesh
@@ -18,6 +21,7 @@ from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ReachableSet, equilibrium_surface, find_equilibrium, reachable
 from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.shipped import shipped_file
 from fieldmap.store import read_runs
 from fieldmap.typing import Array, PathLike
 
@@ -251,27 +255,61 @@ def amperes_in_words(currents: Array, names: tuple[str, ...]) -> str:
     return ", ".join(f"{name}: {value:g} A" for name, value in zip(names, currents, strict=True))
 
 
+# Columns of the signals that are drawn.
+_COLUMNS = {"position": 3, "quaternion": 4, "sensed": 3, "reference": 3}
+
+
 def shown_run(path: PathLike) -> Shown:
-    """The first run of a file that `fieldmap simulate -o` wrote. Raises InputError for a file without samples."""
+    """The first run of a file that `fieldmap simulate -o` wrote, with the device that it records.
+
+    Raises InputError for a file without samples, and for one that is no such run.
+    """
     runs, about = read_runs(path)
-    if not runs or not len(runs[0].arrays["time"][0]):
-        remedy = "simulate again, with -o and at most 50 runs"
-        raise InputError(Problem(str(path), "must hold a run with samples", "none", remedy))
+    if not runs or not np.size(runs[0].arrays.get("time", ((),))[0]):
+        raise _no_run(path, "must hold a run with samples", "none")
     signals = {name: values for name, (values, _, _) in runs[0].arrays.items()}
-    scenario = tomllib.loads(about["scenario"])
+    device, scenario = _recorded(path, about)
+    rows = signals["time"].shape
+    for name, columns in {**_COLUMNS, "currents": len(device.coils)}.items():
+        there = signals[name].shape if name in signals else None
+        if there != (*rows, columns):
+            raise _no_run(
+                path, f"{name} must have {columns} columns and a row for each time", f"shape {there}"
+            )
     body = scenario.get("body", {})
-    sized = {"radius_mm", "height_mm"} <= set(body)
+    sizes = [body.get(key) for key in ("radius_mm", "height_mm")] if isinstance(body, dict) else []
+    sized = bool(sizes) and all(is_number(size) for size in sizes)
     # The reference is that of the sensed point, above the centre of mass.
     above = np.mean(signals["sensed"] - signals["position"], axis=0)
+    title = about.get("title", "")
     run = ShownRun(
-        about["title"],
-        read_device(scenario["device"]) if "device" in scenario else recorded_device(about["device"]),
+        title,
+        device,
         signals["time"],
         signals["position"],
         signals["quaternion"],
         signals["currents"],
         wanted=signals["reference"] - above,
-        body=(1e-3 * body["radius_mm"], 1e-3 * body["height_mm"]) if sized else None,
+        body=(1e-3 * sizes[0], 1e-3 * sizes[1]) if sized else None,
         event=str(runs[0].about.get("event", "")),
     )
-    return Shown(about["title"], run=run)
+    return Shown(title, run=run)
+
+
+def _recorded(path: PathLike, about: Mapping[str, str]) -> tuple[Device, dict[str, Any]]:
+    """The device that a file of runs records, and the scenario. No other file is read: older ones name a shipped
+    device."""
+    try:
+        scenario = tomllib.loads(about.get("scenario", ""))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise _no_run(path, "must record its scenario", str(error)) from None
+    if "device" in about:
+        return recorded_device(about["device"], solids=True), scenario
+    shipped = shipped_file("geometry", str(scenario.get("device")))
+    if shipped is None:
+        raise _no_run(path, "must record its device", "none")
+    return read_device(shipped), scenario
+
+
+def _no_run(path: PathLike, must_hold: str, received: str) -> InputError:
+    return InputError(Problem(str(path), must_hold, received, "simulate again, with -o and at most 50 runs"))

@@ -42,7 +42,13 @@ from fieldmap.store.openpmd import fixed
 from fieldmap.store.reduced_model import ARRAYS, OPTIONAL, ReducedModel, parametrisation_of
 from fieldmap.store.seal import REMAKE, check_seal
 
-_NAMES = {"f": "float64 numbers", "fi": "numbers", "u": "flags", "S": "text of fixed length"}
+_NAMES = {
+    "f": "float64 numbers",
+    "fi": "numbers",
+    "fiu": "numbers",
+    "u": "flags",
+    "S": "text of fixed length",
+}
 
 
 class Refused(Exception):  # noqa: N818 - internal, turned into MapFileError by the reader
@@ -191,6 +197,9 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
 def _read_reduced_model(file: h5py.File) -> ReducedModel:
     """The model of a map of saturating iron; Refused, ValueError or InputError if the arrays are no such model."""
     group = hard(file, REDUCED_MODEL)
+    # Asking numbers for a name reads them, from wherever they are.
+    if not isinstance(group, h5py.Group):
+        raise Refused(f"{REDUCED_MODEL}: a group", "numbers", REMAKE)
     there = [name for name in ARRAYS if name not in OPTIONAL or name in group]
     arrays = {name: np.ascontiguousarray(stored(file, f"{REDUCED_MODEL}/{name}", "fi")[()]) for name in there}
     return ReducedModel(**arrays, parametrisation=_parametrisation(file, arrays["source"].shape[-1]))

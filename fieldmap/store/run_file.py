@@ -14,6 +14,9 @@ import numpy as np
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
+from fieldmap.store.map_format import UNREADABLE
+from fieldmap.store.map_reader import Refused, hard, stored
+from fieldmap.store.seal import check_seal, is_sealed, seal_map
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array
 
@@ -29,23 +32,28 @@ class RunRecord(Record):
 
 
 def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: Mapping[str, str]) -> Path:
-    """Write runs into one file; it appears complete or not at all. about: texts about all of them.
+    """Write runs into one file; it appears complete or not at all, sealed as maps are. about: texts about all of them.
 
     /run_0000/time, /run_0000/position, ...: datasets with attributes `unit` and `columns`; /run_0000 has the attribute
     `about`, JSON. Raises InputError where the place cannot be written.
     """
     target = Path(path)
-    with whole_file(target) as partial, h5py.File(partial, "w") as file:
-        file.attrs["format"] = FORMAT
-        for name, text in about.items():
-            file.attrs[name] = text
-        for number, run in enumerate(runs):
-            group = file.create_group(f"run_{number:04d}")
-            group.attrs["about"] = json.dumps(run.about, allow_nan=False)
-            for name, (values, unit, columns) in run.arrays.items():
-                data = group.create_dataset(name, data=values, fletcher32=np.size(values) > 0)
-                data.attrs["unit"], data.attrs["columns"] = unit, columns
+    with whole_file(target) as partial:
+        with h5py.File(partial, "w") as file:
+            file.attrs["format"] = FORMAT
+            for name, text in about.items():
+                file.attrs[name] = text
+            for number, run in enumerate(runs):
+                _write(file.create_group(f"run_{number:04d}"), run)
+        seal_map(partial)
     return target
+
+
+def _write(group: h5py.Group, run: RunRecord) -> None:
+    group.attrs["about"] = json.dumps(run.about, allow_nan=False)
+    for name, (values, unit, columns) in run.arrays.items():
+        data = group.create_dataset(name, data=values, fletcher32=np.size(values) > 0)
+        data.attrs["unit"], data.attrs["columns"] = unit, columns
 
 
 def is_run_file(path: str | os.PathLike[str]) -> bool:
@@ -53,29 +61,46 @@ def is_run_file(path: str | os.PathLike[str]) -> bool:
     try:
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("format", "")) == FORMAT
-    except OSError:
+    except UNREADABLE:
         return False
 
 
 def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, str]]:
-    """The runs of a file, and the texts about all of them. Raises InputError for a file that is none."""
+    """The runs of a file, and the texts about all of them.
+
+    Raises InputError for a file that is none, or is not byte for byte what was sealed; files of versions before 0.2
+    have no seal. As with maps links are not followed, and no memory is asked for that the file does not fill.
+    """
     source = Path(path)
-    must = "must be a file of runs, written by `fieldmap simulate -o`"
+    must, remedy = "must be a file of runs, written by `fieldmap simulate -o`", "simulate again"
     try:
+        if is_sealed(source):
+            check_seal(source, remedy)
         with h5py.File(source, "r") as file:
             about = {name: str(value) for name, value in file.attrs.items()}
             if about.pop("format", "") != FORMAT:
-                raise InputError(Problem(str(source), must, "another HDF5 file", "simulate again"))
-            return [_run(file[name]) for name in sorted(file)], about
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(Problem(str(source), must, str(error), "simulate again")) from None
+                raise Refused(must, "another HDF5 file", remedy)
+            return [_run(file, name) for name in sorted(file)], about
+    except Refused as refusal:
+        must_hold, received, _ = refusal.args
+        raise InputError(Problem(str(source), must_hold, received, remedy)) from None
+    except InputError:
+        raise
+    except (*UNREADABLE, MemoryError) as error:
+        received = str(error).splitlines()[0] if str(error) else "no file of runs"
+        raise InputError(Problem(str(source), must, received, remedy)) from None
 
 
-def _run(group: Any) -> RunRecord:
-    arrays = {
-        name: (np.asarray(data[()], float), str(data.attrs["unit"]), str(data.attrs["columns"]))
-        for name, data in group.items()
-    }
-    return RunRecord(arrays, json.loads(group.attrs["about"]))
+def _run(file: h5py.File, name: str) -> RunRecord:
+    """One run; everything in it has its bytes in this file."""
+    group = hard(file, name)
+    if not isinstance(group, h5py.Group):
+        raise Refused(f"{name}: a run", "numbers", "")
+    arrays = {}
+    for key in group:
+        data = stored(file, f"{name}/{key}", "fiu")
+        arrays[key] = (np.asarray(data[()], float), str(data.attrs["unit"]), str(data.attrs["columns"]))
+    about = json.loads(str(group.attrs["about"]))
+    if not isinstance(about, dict):
+        raise Refused(f"{name}, about: names and values", type(about).__name__, "")
+    return RunRecord(arrays, about)

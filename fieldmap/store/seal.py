@@ -38,10 +38,16 @@ def seal_map(path: str | os.PathLike[str]) -> None:
         os.fsync(stream.fileno())
 
 
-def check_seal(path: str | os.PathLike[str]) -> None:
+def is_sealed(path: str | os.PathLike[str]) -> bool:
+    """Whether a seal stands at the end of the file, right or wrong. Raises OSError if it cannot be read."""
+    with Path(path).open("rb") as stream:
+        return _read_seal(stream, _length(stream)) is not None
+
+
+def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
     """Raise MapFileError if the file is not what was sealed: changed, cut off, or never finished.
 
-    Raises OSError if it cannot be read.
+    remedy: what to do in the place of copying it again. Raises OSError if it cannot be read.
     """
     with Path(path).open("rb") as stream:
         length = _length(stream)
@@ -50,14 +56,14 @@ def check_seal(path: str | os.PathLike[str]) -> None:
             received = (
                 "a file without seal at its end: cut off, damaged, foreign, or changed by another program"
             )
-            raise _refused(path, "an undamaged map file", received)
+            raise _refused(path, "an undamaged map file", received, remedy)
         sealed_length, sealed_digest = seal
         if sealed_length != length - SEAL_LENGTH:
             received = f"{length - SEAL_LENGTH} bytes, where {sealed_length} were sealed: a damaged file"
-            raise _refused(path, "an undamaged map file", received)
+            raise _refused(path, "an undamaged file", received, remedy)
         if _digest(stream, sealed_length) != sealed_digest:
             raise _refused(
-                path, "an undamaged map file", "a damaged file: its SHA-256 is not that of its seal"
+                path, "an undamaged file", "a damaged file: its SHA-256 is not that of its seal", remedy
             )
 
 
@@ -93,5 +99,5 @@ def _digest(stream: BinaryIO, length: int) -> str:
     return total.hexdigest()
 
 
-def _refused(path: str | os.PathLike[str], must_hold: str, received: str) -> MapFileError:
-    return MapFileError(Problem(str(path), must_hold, received, f"copy it again, or {REMAKE}"))
+def _refused(path: str | os.PathLike[str], must_hold: str, received: str, remedy: str) -> MapFileError:
+    return MapFileError(Problem(str(path), must_hold, received, f"copy it again, or {remedy}"))

@@ -21,12 +21,14 @@ from typing import Any
 
 import h5py
 import numpy as np
-from corruption import BYTES, HOSTILE, PLACES, PLACES_OF_CONSTANT, small_map
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fieldmap.cli import main as command
 from fieldmap.errors import MapFileError
 from fieldmap.store import Grid, MapData, ReducedModel, read_info, read_map, seal_map, write_map
 from fieldmap.store.seal import SEAL_LENGTH
+from validation.corruption import BYTES, HOSTILE, PLACES, PLACES_OF_CONSTANT, small_map
 
 # Address space of this process: a reader that asks for what a file claims to hold does not get it.
 MEMORY = 8 << 30

@@ -1,6 +1,6 @@
 """Every kind of input that is tried."""
 
-from validation.fuzzing import toml_kinds
+from validation.fuzzing import hdf5_kinds, toml_kinds
 from validation.fuzzing.case import Kind
 
 KINDS: dict[str, Kind] = {
@@ -13,5 +13,7 @@ KINDS: dict[str, Kind] = {
         toml_kinds.PLANAR,
         toml_kinds.CURVES,
         toml_kinds.EXPRESSIONS,
+        hdf5_kinds.MAPS,
+        hdf5_kinds.RUNS,
     )
 }
