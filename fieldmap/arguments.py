@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
+LARGEST_NUMBER = 1e30
+"""Of any quantity that a file gives, in the unit of its key or column: squares and products of larger ones overflow."""
+
 
 def check_numbers(where: str, **numbers: float) -> None:
     """Every number finite; raises InputError with all that are not."""

@@ -8,13 +8,12 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
+from fieldmap.arguments import LARGEST_NUMBER as LARGEST_NUMBER
 from fieldmap.records import shortened
 from fieldmap.typing import Array
 
 MILLI = 1e-3
 LARGEST_LENGTH_MM = 100_000.0
-LARGEST_NUMBER = 1e30
-"""Of any quantity, in the unit of its key: squares and products of larger ones overflow."""
 
 Length = Annotated[float, Field(gt=0, le=LARGEST_LENGTH_MM)]
 Positive = Annotated[float, Field(gt=0, le=LARGEST_NUMBER)]

@@ -47,6 +47,9 @@ ACCURACY = 1e-4
 MOST_NODES = 49
 """No more nodes in each direction without a given spacing: the wheel takes over a minute to read six such coils."""
 
+MOST_COILS = 100
+"""More are not read."""
+
 Cells = NDArray[np.int64]
 
 _AXES = "xyz"
@@ -273,18 +276,24 @@ def read_mag_manip(path: str | PathLike[str], spacing: float | None = None) -> M
     try:
         with source.open(encoding="utf-8") as stream:
             content = yaml.load(stream, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-        coils = {str(key): _coil(value) for key, value in sorted(content["vfields"].items())}
+        fields = content["vfields"]
+        if not 0 < len(fields) <= MOST_COILS:
+            raise ValueError(f"{len(fields)} vfields, where 1 to {MOST_COILS} are read")
+        coils = {str(key): _coil(value) for key, value in sorted(fields.items())}
     except (
         OSError,
         UnicodeDecodeError,
         yaml.YAMLError,
-        KeyError,
+        LookupError,
         TypeError,
         ValueError,
         AttributeError,
+        OverflowError,
+        RecursionError,
     ) as error:
         must_hold = "must be a mag_manip file with vfields: dim_, min_, max_ of x, y, z, and data"
-        raise MapFileError(Problem(str(source), must_hold, str(error)[:80], "check the file")) from None
+        received = " ".join(str(error).split())[:80] or type(error).__name__
+        raise MapFileError(Problem(str(source), must_hold, received, "check the file")) from None
     count = len(coils)
     points = [grid.points() for grid, _ in coils.values()]
     currents = np.repeat(np.eye(count), [len(part) for part in points], axis=0)
@@ -298,11 +307,17 @@ def _coil(entry: dict[str, Any]) -> tuple[Grid, np.ndarray]:
     low, high = (np.array([float(entry[f"{end}_{axis}"]) for axis in _AXES]) for end in ("min", "max"))
     nx, ny, nz = (int(entry[f"dim_{axis}"]) for axis in _AXES)
     shape = (nx, ny, nz)
-    grid = Grid(low, (high - low) / (np.array(shape) - 1), shape)
-    flux = np.array(entry["data"], dtype=np.float64)
-    if flux.shape != (grid.size, 3):
-        raise ValueError(f"data of shape {flux.shape} for {grid.size} nodes")
-    return grid, flux
+    if min(shape) < 2 or not np.isfinite([low, high]).all():
+        raise ValueError(f"{nx}, {ny}, {nz} nodes from {low} to {high}")
+    data = entry["data"]
+    # Before any array is made: names for lists let a few letters stand for 1e9 numbers.
+    if not isinstance(data, list) or len(data) != nx * ny * nz or not all(map(_is_vector, data)):
+        raise ValueError(f"data that are not {nx * ny * nz} times three numbers")
+    return Grid(low, (high - low) / (np.array(shape) - 1), shape), np.array(data, dtype=np.float64)
+
+
+def _is_vector(row: Any) -> bool:
+    return isinstance(row, list) and len(row) == 3 and all(isinstance(one, int | float) for one in row)
 
 
 def _plain(text: str) -> str:

@@ -21,6 +21,9 @@ from fieldmap.store import FieldError, Grid, MapData, Provenance
 from fieldmap.typing import Array
 
 HIGHEST_DEGREE = 10
+MOST_NODES = 2_000_000
+MOST_BYTES = 4e9
+"""Of the equations of a fit."""
 FOLDS = 5
 # A higher degree must predict readings that were held out better by this share, or it only follows noise.
 WORTH = 0.02
@@ -78,6 +81,13 @@ def fit_map(
     centre, length = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     local = (points - centre) / length
     chosen = _best_degree(measurements, local) if degree is None else degree
+    needed = 24.0 * _unknowns(measurements, chosen) * len(local)
+    if needed > MOST_BYTES:
+        received = f"{needed / 1e9:.3g} GB for {len(local)} readings at degree {chosen}"
+        remedy = "take fewer readings, or a lower degree"
+        raise InputError(
+            Problem("fit_map", f"equations of at most {MOST_BYTES / 1e9:g} GB", received, remedy)
+        )
     held = _held_out(measurements, local, chosen)
     design = _design(measurements, local, chosen)
     values = measurements.flux_density.ravel()
@@ -145,7 +155,12 @@ def _grid(low: Array, high: Array, spacing: float) -> Grid:
     if not (spacing > 0 and np.isfinite(spacing) and np.all(high > low)):
         received = f"spacing {spacing!r}, box {low} to {high} m"
         raise InputError(Problem("fit_map", "spacing > 0 and a box with a volume", received, "correct it"))
-    nx, ny, nz = (max(int(np.ceil(side / spacing - 1e-9)), 1) for side in high - low)
+    cells = np.maximum(np.ceil((high - low) / spacing - 1e-9), 1.0)
+    if np.prod(cells + 1) > MOST_NODES:
+        received = f"{np.prod(cells + 1):.3g}, by a spacing of {spacing:g} m in a box from {low} to {high} m"
+        remedy = "take a larger spacing, or correct the places; lengths are in m"
+        raise InputError(Problem("fit_map", f"at most {MOST_NODES} nodes", received, remedy))
+    nx, ny, nz = (int(count) for count in cells)
     return Grid(low, (high - low) / np.array([nx, ny, nz]), (nx + 1, ny + 1, nz + 1))
 
 
@@ -158,7 +173,8 @@ def _design(measurements: Measurements, local: Array, degree: int) -> Array:
 def _best_degree(measurements: Measurements, local: Array) -> int:
     best, least = 0, np.inf
     for degree in range(2, HIGHEST_DEGREE + 1):
-        if ((degree + 1) ** 2 - 1) * len(measurements.coil_names) > 1.5 * len(local):
+        unknowns = _unknowns(measurements, degree)
+        if unknowns > 1.5 * len(local) or 24.0 * unknowns * len(local) > MOST_BYTES:
             break
         predicted = float(np.mean(_held_out(measurements, local, degree) ** 2))
         if predicted >= (1 - WORTH) * least:
@@ -167,6 +183,10 @@ def _best_degree(measurements: Measurements, local: Array) -> int:
     if not best:
         raise _too_few(f"{len(local)} readings for {len(measurements.coil_names)} coils")
     return best
+
+
+def _unknowns(measurements: Measurements, degree: int) -> int:
+    return ((degree + 1) ** 2 - 1) * len(measurements.coil_names)
 
 
 def _held_out(measurements: Measurements, local: Array, degree: int) -> Array:

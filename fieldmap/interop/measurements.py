@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import math
 import re
 from dataclasses import dataclass
 from os import PathLike
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -42,8 +42,10 @@ class Measurements(Record):
         problems = []
         for name, shape in wanted.items():
             values = np.array(getattr(self, name), dtype=np.float64)
-            if values.shape != shape or not np.isfinite(values).all():
-                received = f"shape {values.shape}" if values.shape != shape else "NaN or infinity"
+            if values.shape != shape or not (np.abs(values) <= LARGEST_NUMBER).all():
+                received = (
+                    f"shape {values.shape}" if values.shape != shape else "NaN, infinity, or beyond 1e30"
+                )
                 problems.append(
                     Problem(f"Measurements, {name}", f"finite, of shape {shape}", received, "correct it")
                 )
@@ -59,7 +61,7 @@ def read_measurements(path: str | PathLike[str]) -> Measurements:
 
     in any order; the unit is the last part of the name. Lines that begin with # are remarks. Columns of a gradient
     (dBx_dy_T_per_m), which `write_csv` adds, are not read: a fit has its own. Raises InputError with every mistake of
-    the file at once, and its line.
+    the file at once, and its line; numbers beyond 1e30 are mistakes.
     """
     source = Path(path)
     try:
@@ -69,14 +71,15 @@ def read_measurements(path: str | PathLike[str]) -> Measurements:
                 for k, row in enumerate(csv.reader(stream), 1)
                 if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
             ]
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(Problem(str(source), "must be a CSV file", str(error), "check the name")) from None
+    must_hold, remedy = "must have a header and readings", "see the manual"
     if not rows:
-        raise InputError(
-            Problem(str(source), "must have a header and readings", "an empty file", "see the manual")
-        )
+        raise InputError(Problem(str(source), must_hold, "an empty file", remedy))
     header = [cell.strip() for cell in rows[0][1]]
     places, coils, scales = _columns(source, header)
+    if len(rows) < 2:
+        raise InputError(Problem(str(source), must_hold, "a header alone", remedy))
     values = _numbers(source, header, rows[1:]) * scales
     order = [places[name] for name in ("x", "y", "z", "Bx", "By", "Bz")]
     return Measurements(
@@ -121,7 +124,7 @@ def _numbers(source: Path, header: list[str], rows: list[tuple[int, list[str]]])
         for k, cell in enumerate(cells):
             with contextlib.suppress(ValueError):
                 values[row, k] = float(cell)
-            if not math.isfinite(values[row, k]):
+            if not abs(values[row, k]) <= LARGEST_NUMBER:
                 problems.append((line, f"a finite number in column {header[k]}", repr(cell)))
     if problems:
         shown = [

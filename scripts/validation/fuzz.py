@@ -9,6 +9,11 @@ MUTATIONS = 1000
 SEED = 20261123
 # As `fuzzing.kinds` has them; that module imports what it needs to make and read all of them.
 KINDS = (
+    "map files",
+    "recorded runs",
+    "readings of B (CSV)",
+    "logs of rigs (CSV)",
+    "mag_manip (YAML)",
     "device files",
     "map recipes",
     "scenarios",

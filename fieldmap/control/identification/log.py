@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_positive, check_signal
+from fieldmap.arguments import LARGEST_NUMBER, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -211,11 +211,15 @@ def _rows(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
                 "check the path and the encoding (UTF-8)",
             )
         ) from error
-    lines = [
-        (number, next(csv.reader([line])))
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.startswith("#")
-    ]
+    try:
+        lines = [
+            (number, next(csv.reader([line])))
+            for number, line in enumerate(text.splitlines(), start=1)
+            if line.strip() and not line.startswith("#")
+        ]
+    except csv.Error as error:
+        must = "must be a readable CSV file"
+        raise InputError(Problem(str(source), must, str(error), "correct the line")) from error
     if len(lines) < 3:
         raise InputError(
             Problem(
@@ -233,7 +237,7 @@ def _numbers(source: Path, rows: list[tuple[int, list[str]]], columns: int) -> A
     for i, (number, cells) in enumerate(rows):
         try:
             values[i] = [float(cell) for cell in cells]
-            good = np.isfinite(values[i]).all()
+            good = (np.abs(values[i]) <= LARGEST_NUMBER).all()
         except ValueError:
             good = False
         if not good:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import LARGEST_NUMBER, check_positive
 from fieldmap.control.identification.log import UNITS, Log, sampling_problem
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
@@ -78,11 +78,15 @@ def recognise_log(
     if sampling_time is not None:
         check_positive("recognise_log", sampling_time=sampling_time)
     lines = _lines(source)
-    kind = delimiter or _delimiter_of(source, lines, told)
-    if kind not in DELIMITERS:
-        must = f"must be one of {', '.join(DELIMITERS)}"
-        raise InputError(Problem(told["delimiter"], must, kind, "choose one"))
-    rows = [(number, _cells(line, kind)) for number, line in lines]
+    try:
+        kind = delimiter or _delimiter_of(source, lines, told)
+        if kind not in DELIMITERS:
+            must = f"must be one of {', '.join(DELIMITERS)}"
+            raise InputError(Problem(told["delimiter"], must, kind, "choose one"))
+        rows = [(number, _cells(line, kind)) for number, line in lines]
+    except csv.Error as error:
+        must, remedy = "must be columns of numbers", "correct the line that is so long"
+        raise InputError(Problem(str(source), must, str(error), remedy)) from None
     columns = [_column(k, text, units or {}) for k, text in enumerate(rows[0][1])]
     timed = {} if sampling_time is not None else {"time": TIME}
     found, problems = _assigned(
@@ -269,7 +273,7 @@ def _numbers(
                     values[i, j] = float(text.replace(",", ".") if decimal == "," else text)
                 except ValueError:
                     good = False
-            good = good and bool(np.isfinite(values[i]).all())
+            good = good and bool((np.abs(values[i]) <= LARGEST_NUMBER).all())
         if not good:
             more += 1
             if more <= _MOST_TOLD:

@@ -193,10 +193,17 @@ def _attribute(file: h5py.File, path: str, rng: Generator) -> None:
 def _text(file: h5py.File, path: str, rng: Generator) -> None:
     """Another scenario or device, that names files, is none, or nests without end."""
     texts = (
-        *("", "x", 'device = "/etc/passwd"', 'device = "../../etc/passwd"', "a = " + "[" * 20000, "body = 3"),
+        *(
+            "",
+            "x",
+            'device = "decoys/secret.toml"',
+            'device = "../../etc/passwd"',
+            "a = " + "[" * 20000,
+            "body = 3",
+        ),
         *("[body]\nradius_mm = nan\nheight_mm = 1", '[body]\nradius_mm = "a"\nheight_mm = 1', "\ud800"[:0]),
-        'format = 1\nname = "a"\ntitle = "a"\ninclude = "/etc/passwd"\n',
-        'format = 1\nname = "a"\ntitle = "a"\n[material.m]\nkind = "bh_table"\nfile = "/etc/passwd"\n'
+        'format = 1\nname = "a"\ntitle = "a"\ninclude = "decoys/secret.toml"\n',
+        'format = 1\nname = "a"\ntitle = "a"\n[material.m]\nkind = "bh_table"\nfile = "decoys/secret.toml"\n'
         'below = "straight line to the origin"\nabove = "slope mu0"\n[[coil]]\nname = "1"\nkind = "circular"\n'
         "inner_radius_mm = 1\nouter_radius_mm = 2\nheight_mm = 1\nturns = 1\n",
     )

@@ -1,6 +1,6 @@
 """Every kind of input that is tried."""
 
-from validation.fuzzing import hdf5_kinds, toml_kinds
+from validation.fuzzing import hdf5_kinds, table_kinds, toml_kinds
 from validation.fuzzing.case import Kind
 
 KINDS: dict[str, Kind] = {
@@ -15,5 +15,8 @@ KINDS: dict[str, Kind] = {
         toml_kinds.EXPRESSIONS,
         hdf5_kinds.MAPS,
         hdf5_kinds.RUNS,
+        table_kinds.READINGS,
+        table_kinds.LOGS,
+        table_kinds.VECTOR_FIELDS,
     )
 }

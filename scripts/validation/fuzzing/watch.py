@@ -34,7 +34,7 @@ class Watch:
         if sys.platform == "linux":
             library = ctypes.CDLL(None, use_errno=True)
             self._handle = library.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
-            for place in (decoys, *decoys.iterdir(), *folder.glob("*.good"), Path("/etc/passwd")):
+            for place in (decoys, *decoys.iterdir(), *folder.glob("*.good")):
                 library.inotify_add_watch(self._handle, os.fsencode(place), _READ)
         sys.addaudithook(self._audit)
         tracemalloc.start(1)
