@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array, Index
 
@@ -133,8 +134,8 @@ def read_stl(path: Path) -> tuple[Array, Index]:
         numbers = np.ascontiguousarray(records[:, 12:48]).view("<f4").astype(float)
     else:
         numbers = _numbers_of_text(data)
-    if not len(numbers) or numbers.size % 9 or not np.isfinite(numbers).all():
-        received = f"{len(data)} bytes, {numbers.size // 3} corners"
+    if not len(numbers) or numbers.size % 9 or not (np.abs(numbers) <= LARGEST_NUMBER).all():
+        received = f"{len(data)} bytes, {numbers.size // 3} corners, or numbers beyond {LARGEST_NUMBER:g}"
         remedy = "write it again as STL, binary or text"
         raise InputError(Problem(str(path), "must be an STL file with whole triangles", received, remedy))
     points, index = np.unique(numbers.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)

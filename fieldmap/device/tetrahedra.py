@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.typing import Array, Index
 
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside; face k is opposite corner k.
@@ -85,9 +86,9 @@ def _fault_of_numbers(points: Array, tets: Index) -> Fault | None:
     if wrong.any():
         received = f"{tets[wrong][0].tolist()} as tetrahedron {np.argmax(wrong)}"
         return f"tetrahedra are numbers of points, 0 to {len(points) - 1}", received, "number them from 0"
-    lost = ~np.isfinite(points[tets]).all(axis=(1, 2))
+    lost = ~(np.abs(points[tets]) <= LARGEST_NUMBER).all(axis=(1, 2))
     if lost.any():
-        received = f"a point of tetrahedron {np.argmax(lost)} that is no number"
+        received = f"a point of tetrahedron {np.argmax(lost)} that is no number, or beyond {LARGEST_NUMBER:g}"
         return "points are finite numbers", received, "write the mesh again"
     return None
 

@@ -277,8 +277,8 @@ def shown_run(path: PathLike) -> Shown:
                 path, f"{name} must have {columns} columns and a row for each time", f"shape {there}"
             )
     body = scenario.get("body", {})
-    sizes = [body.get(key) for key in ("radius_mm", "height_mm")] if isinstance(body, dict) else []
-    sized = bool(sizes) and all(is_number(size) for size in sizes)
+    given = [body.get(key) for key in ("radius_mm", "height_mm")] if isinstance(body, dict) else []
+    sizes = [1e-3 * float(size) for size in given if is_number(size)]
     # The reference is that of the sensed point, above the centre of mass.
     above = np.mean(signals["sensed"] - signals["position"], axis=0)
     title = about.get("title", "")
@@ -290,7 +290,7 @@ def shown_run(path: PathLike) -> Shown:
         signals["quaternion"],
         signals["currents"],
         wanted=signals["reference"] - above,
-        body=(1e-3 * sizes[0], 1e-3 * sizes[1]) if sized else None,
+        body=(sizes[0], sizes[1]) if len(sizes) == 2 else None,
         event=str(runs[0].about.get("event", "")),
     )
     return Shown(title, run=run)

@@ -16,6 +16,7 @@ import numpy as np
 from fieldmap.device.tetrahedra import tetrahedra_fault
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.extras import needs, require
+from fieldmap.iron.geometry.trial import try_to_read
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -23,6 +24,20 @@ _VTK = (".vtu", ".vtk")
 _SOLID_CELLS = ("tetra", "hexa", "wedge", "pyramid", "penta", "polyhedron", "voxel")
 # Numbers of cells that say what they belong to, as programs call them; the first that is there counts.
 _TAGS = ("gmsh:physical", "body", "region", "medit:ref", "cell_tags", "gmsh:geometrical", "CellEntityIds")
+
+
+# Of VTK's files alone: meshio is Python, whose errors are caught.
+_TRIAL = """
+from vtkmodules.vtkIOLegacy import vtkDataSetReader
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+limit()
+reader = vtkXMLUnstructuredGridReader() if path.endswith(".vtu") else vtkDataSetReader()
+reader.SetFileName(path)
+reader.Update()
+grid = reader.GetOutput()
+for k in range(grid.GetNumberOfCells() if grid else 0):
+    grid.GetCell(k)
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,7 +114,10 @@ def _used(points: Array, tets: Index) -> tuple[Array, Index]:
 def _cells(path: Path, changed: int, size: int) -> _Cells:
     with _silence() as printed:
         try:
-            return _of_vtk(path) if path.suffix in _VTK else _of_meshio(path)
+            if path.suffix not in _VTK:
+                return _of_meshio(path)
+            try_to_read(path, _TRIAL)
+            return _of_vtk(path)
         except FieldmapError:
             raise
         # Readers end in what comes: KeyError, IndexError, struct.error; meshio prints its reason and leaves.

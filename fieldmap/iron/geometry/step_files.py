@@ -8,9 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from fieldmap.iron.geometry.cad_kernel import occ
+from fieldmap.iron.geometry.trial import try_to_read
 
 _SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")
 _SI_PREFIX = {"$": 1.0, ".MILLI.": 1e-3, ".CENTI.": 1e-2, ".DECI.": 1e-1, ".MICRO.": 1e-6, ".KILO.": 1e3}
+_TRIAL = """
+from netgen import occ
+limit()
+pieces = list(occ.OCCGeometry(path).shape.solids)
+if len(pieces) > 1:
+    occ.Fuse(pieces).UnifySameDomain()
+"""
 _CONVERTED = re.compile(r"CONVERSION_BASED_UNIT\s*\(\s*'\s*(\w+)")
 _CONVERTED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048}
 
@@ -46,14 +54,16 @@ def _is_whole(path: Path) -> bool:
 def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
     """The solid of a STEP file, mm: numbers in the file times `scale` are metres. Several solids are joined.
 
-    The device file's scale decides; the kernel's own conversion from the unit that the STEP file declares is
-    undone. Raises ValueError where the file cannot be read or holds no solid.
+    The device file's scale decides; the kernel's own conversion from the unit that the STEP file declares is undone.
+    Another process reads the file first: on a damaged one the kernel's reader may end the process that it runs in.
+    Raises ValueError where the file cannot be read or holds no solid.
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise ValueError(f"the scale of a STEP file must be above zero, not {scale}")
     unit = declared_step_unit(path)
     if not _is_whole(path):  # asked first, because the kernel's reader prints its complaints
         raise ValueError(f"{path} is not a whole STEP file (from ISO-10303-21 to END-ISO-10303-21)")
+    try_to_read(path, _TRIAL)
     try:
         shape = occ.OCCGeometry(str(path)).shape
     except Exception as error:  # the reader's exception type is not exported

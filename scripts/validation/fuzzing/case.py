@@ -31,7 +31,8 @@ class Kind:
     prepare(folder): makes what is needed once, reads the sound original and returns the maker of cases,
     make(rng, number). seconds: processor time that no mutation may exceed. megabytes: memory that none may ask for,
     beyond what reading the original takes. through_command: every how many cases the command line is tried as well,
-    0 for never. names_files: whether such a file may name others, which then are read.
+    0 for never. names_files: whether such a file may name others, which then are read. starts_processes: whether
+    its reader tries it in a process of its own.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Kind:
     megabytes: float = 200.0
     through_command: int = 25
     names_files: bool = False
+    starts_processes: bool = False
 
 
 def no_fault(answer: Any) -> str:

@@ -1,6 +1,6 @@
 """Every kind of input that is tried."""
 
-from validation.fuzzing import hdf5_kinds, table_kinds, toml_kinds
+from validation.fuzzing import hdf5_kinds, solid_kinds, table_kinds, toml_kinds
 from validation.fuzzing.case import Kind
 
 KINDS: dict[str, Kind] = {
@@ -18,5 +18,8 @@ KINDS: dict[str, Kind] = {
         table_kinds.READINGS,
         table_kinds.LOGS,
         table_kinds.VECTOR_FIELDS,
+        solid_kinds.SURFACES,
+        solid_kinds.MESHES,
+        solid_kinds.STEPS,
     )
 }

@@ -74,6 +74,8 @@ class Watch:
         """The case has ended: what it did that it must not, and megabytes that it asked for."""
         self._active = False
         asked = tracemalloc.get_traced_memory()[1] - self._before
+        # More than the process may have was asked for and not given; who did not bear that ends in a MemoryError.
+        asked = asked if asked <= ADDRESS_SPACE else 0
         # What libraries in C ask for shows in the memory that the process used at most.
         asked = max(asked, _status("VmHWM") - self._resident)
         return self._told[0] or self._opened(), asked / 1e6

@@ -1,0 +1,75 @@
+"""Files of other programs on which libraries in C++ crash, wait for ever or ask for all memory: refused, all alike."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.device.surfaces import read_stl
+from fieldmap.errors import GeometryError, InputError
+from fieldmap.iron.geometry import trial
+from fieldmap.iron.geometry.mesh_files import read_mesh
+from fieldmap.iron.geometry.solids import body_solid
+
+
+@pytest.fixture
+def path(tmp_path):
+    file = tmp_path / "a.file"
+    file.write_text("text")
+    return file
+
+
+def test_a_reader_that_crashes(path):
+    with pytest.raises(ValueError, match="crashes"):
+        trial.try_to_read(path, "import os; os.abort()")
+
+
+def test_a_reader_that_does_not_end(path, monkeypatch):
+    monkeypatch.setattr(trial, "LONGEST_S", 1)
+    with pytest.raises(ValueError, match="does not end"):
+        trial.try_to_read(path, "import time; time.sleep(20)")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited on Linux")
+def test_a_reader_that_asks_for_memory(path):
+    trial.try_to_read(path, f"limit(); a = bytearray({trial.MEMORY_BYTES // 2})")
+    with pytest.raises(ValueError, match="memory"):
+        trial.try_to_read(path, f"limit(); a = bytearray({2 * trial.MEMORY_BYTES})")
+
+
+def test_a_reader_that_refuses_is_asked_again_by_the_caller(path):
+    trial.try_to_read(path, "raise RuntimeError")
+    trial.try_to_read(path, "assert open(path).read() == 'text'")
+
+
+@pytest.mark.parametrize("module", ["step_files", "mesh_files"])
+def test_a_damaged_file_is_told_at_its_place(tmp_path, monkeypatch, module):
+    """As if the readers of this machine crashed on it; what they crash on differs by version."""
+
+    def crash(path, program):
+        return trial.try_to_read(path, "import os; os.abort()")
+
+    monkeypatch.setattr(f"fieldmap.iron.geometry.{module}.try_to_read", crash)
+    path = tmp_path / ("a.step" if module == "step_files" else "a.vtk")
+    path.write_text("ISO-10303-21;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
+    if module == "step_files":
+        body = fm.Body("b", "steel", fm.StepFile(path, 1e-3), mesh_size=1e-3)
+        with pytest.raises(GeometryError) as caught:
+            body_solid(body)
+    else:
+        with pytest.raises(InputError) as caught:
+            read_mesh(path)
+    assert "crashes" in caught.value.problems[0].received
+
+
+def test_numbers_that_overflow(tmp_path):
+    path = tmp_path / "a.stl"
+    path.write_text("solid\n" + "vertex 0 0 0\nvertex 1e200 0 0\nvertex 0 1 0\n" + "endsolid\n")
+    with pytest.raises(InputError):
+        read_stl(path)
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[0, 0, 0], [1e200, 0, 0], [0, 1, 0], [0, 0, 1]])
+    meshio.write(tmp_path / "a.vtk", meshio.Mesh(points, [("tetra", np.array([[0, 1, 2, 3]]))]))
+    with pytest.raises(InputError):
+        read_mesh(tmp_path / "a.vtk")
