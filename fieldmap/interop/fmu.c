@@ -20,6 +20,7 @@ enum {
     MASS = 34, INERTIA = 35, GRAVITY = 38, STEP = 39, FIELD = 40, GRADIENT = 43, FORCE = 52, TORQUE = 55, CURRENTS = 58,
     VALUES = CURRENTS + FMU_COILS, STATES = FMU_BODY ? 13 : 0
 };
+#define MOST_STEPS 1e7
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 
 typedef struct model {
@@ -148,6 +149,7 @@ static int advance(model *m, double duration)
     if (!(duration >= 0.0)) return ERROR;
     if (!FMU_BODY) return OK; /* outputs follow inputs at once */
     if (!(m->values[STEP] > 0.0)) return ERROR;
+    if (!(duration / m->values[STEP] <= MOST_STEPS)) return ERROR; /* of one call; NaN and infinity are more, too */
     steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
     h = steps > 0 ? duration / (double)steps : 0.0;
     m->stale = 1;

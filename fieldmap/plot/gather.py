@@ -278,7 +278,7 @@ def shown_run(path: PathLike) -> Shown:
             )
     body = scenario.get("body", {})
     given = [body.get(key) for key in ("radius_mm", "height_mm")] if isinstance(body, dict) else []
-    sizes = [1e-3 * float(size) for size in given if is_number(size)]
+    sizes = [1e-3 * float(size) for size in given if size is not None and is_number(size)]
     # The reference is that of the sensed point, above the centre of mass.
     above = np.mean(signals["sensed"] - signals["position"], axis=0)
     title = about.get("title", "")

@@ -9,6 +9,7 @@ MUTATIONS = 1000
 SEED = 20261123
 # As `fuzzing.kinds` has them; that module imports what it needs to make and read all of them.
 KINDS = (
+    "FMUs, by their importer",
     "surfaces (STL)",
     "meshes (VTK, gmsh, medit)",
     "solids (STEP)",

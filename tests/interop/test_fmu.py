@@ -360,3 +360,19 @@ def test_the_lines_of_the_documentation(ring, fmpy, tmp_path):
     )
     exact = ring.map.wrench([0.0, 0.0, -0.1], [0, 0, 0.8], np.full(6, 1.5))[2]
     assert abs(float(done.stdout.splitlines()[-1]) / exact - 1) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("step", "duration"), [(1e-300, 1e-3), (1e-3, 1e300), (1e-3, np.inf), (np.nan, 1e-3)]
+)
+def test_a_step_without_end_is_an_error(units, tmp_path, step, duration):
+    """Of any length of the inner steps, which an importer sets: 1e297 of them would take for ever."""
+    root, binary, _ = unpacked(units["body", 2], tmp_path)
+    library, log = ctypes.CDLL(str(binary)), CALLBACK(lambda *_: None)
+    library.fmi2Instantiate.restype = ctypes.c_void_p
+    callbacks = Callbacks(log)
+    guid, resources = root.get("guid").encode(), (tmp_path / "resources").as_uri().encode()
+    unit = ctypes.c_void_p(library.fmi2Instantiate(b"one", 1, guid, resources, ctypes.byref(callbacks), 0, 1))
+    assert library.fmi2SetReal(unit, (ctypes.c_uint * 1)(39), ctypes.c_size_t(1), numbers([step])) == 0
+    assert library.fmi2DoStep(unit, ctypes.c_double(0.0), ctypes.c_double(duration), 0) == 3
+    library.fmi2FreeInstance(unit)

@@ -1,6 +1,6 @@
 """Every kind of input that is tried."""
 
-from validation.fuzzing import hdf5_kinds, solid_kinds, table_kinds, toml_kinds
+from validation.fuzzing import hdf5_kinds, solid_kinds, table_kinds, toml_kinds, unit_kind
 from validation.fuzzing.case import Kind
 
 KINDS: dict[str, Kind] = {
@@ -21,5 +21,6 @@ KINDS: dict[str, Kind] = {
         solid_kinds.SURFACES,
         solid_kinds.MESHES,
         solid_kinds.STEPS,
+        unit_kind.UNITS,
     )
 }
