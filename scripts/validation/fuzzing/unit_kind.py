@@ -125,7 +125,7 @@ def call_reset(library: Any, unit: Any) -> list[float]:
 
 
 def _fault(answers: Any, start: list[float], sound: bool) -> str:
-    """A status that FMI knows; numbers where it is 0, those of the start after a reset; no answer from a damaged map."""
+    """A status that FMI knows; the numbers of the start after a reset; no answer from a damaged map."""
     if not sound:
         return "opened with a damaged map"
     for status, what, out in answers:
