@@ -164,8 +164,23 @@ BODY = magnetic_body(
 )
 
 
+@pytest.fixture(scope="module")
+def in_compiled_code(m):
+    """The wrench and its arguments, and a function that has both as globals, which numba takes for constants; the state
+    is written to all the same."""
+    function, data = compiled_wrench(m, BODY)
+
+    @numba.njit
+    def lift(amperes):
+        load, by_currents = np.empty(6), np.empty((6, 1))
+        function(data, np.array([amperes]), PLACE, np.eye(3), load, by_currents)
+        return load[2]
+
+    return function, data, lift
+
+
 @pytest.mark.parametrize("amperes", [0.2, 1.1, -0.7])
-def test_soft_iron_beside_iron_that_saturates(m, amperes):
+def test_soft_iron_beside_iron_that_saturates(m, in_compiled_code, amperes):
     """Derivatives through the induced moment and through the model of the machine's iron."""
     currents = np.array([amperes])
     about = m.actuation(PLACE, currents, BODY)
@@ -175,19 +190,11 @@ def test_soft_iron_beside_iron_that_saturates(m, amperes):
     ahead, behind = (m.wrench(PLACE, BODY, currents + s * step) for s in (1, -1))
     exact = (ahead - behind) / (2 * step)
     np.testing.assert_allclose(about.matrix[8:, 0], exact, atol=2e-5 * np.abs(exact).max())
-    function, data = compiled_wrench(m, BODY)
+    function, data, lift = in_compiled_code
     wrench, slopes = np.empty(6), np.empty((6, 1))
     assert function(data, currents, PLACE, np.eye(3), wrench, slopes)
     np.testing.assert_allclose(wrench, here, rtol=1e-6)
     np.testing.assert_allclose(slopes, about.matrix[8:], rtol=1e-6)
-
-    # As a global of a compiled function, which numba takes for a constant; the state is written to all the same.
-    @numba.njit
-    def lift(amperes):
-        load, by_currents = np.empty(6), np.empty((6, 1))
-        function(data, np.array([amperes]), PLACE, np.eye(3), load, by_currents)
-        return load[2]
-
     for other in (amperes, 0.9 * amperes, 0.3):
         exact = m.wrench(PLACE, BODY, [other])[2]
         assert lift(other) == pytest.approx(exact, rel=1e-6)
