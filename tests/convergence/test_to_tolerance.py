@@ -199,7 +199,9 @@ def test_the_larger_part_of_a_tolerance_is_allowed():
     asked = Tolerance(absolute_flux_density=8e-3, currents=(4.0, -2.0))
     assert [asked.allowed(b, k, 2) for k in range(3)] == [2e-3, 4e-3, 8e-3]
     assert Tolerance.of(0.01) == Tolerance(0.01, 0.03)
-    assert Tolerance.of(0.01, 0.5).gradient == 0.5
+    assert Tolerance.of(0.01, 1.5).gradient == 1.5
+    assert Tolerance.of(0.01, np.inf) == Tolerance(0.01)
+    assert Tolerance.of(asked) is asked
 
 
 @pytest.mark.parametrize(
@@ -209,6 +211,8 @@ def test_the_larger_part_of_a_tolerance_is_allowed():
         ({"flux_density": 0.0}, "flux_density"),
         ({"flux_density": 1.0}, "flux_density"),
         ({"gradient": -1.0}, "gradient"),
+        ({"gradient": float("inf")}, "gradient"),
+        ({"flux_density": float("nan")}, "flux_density"),
         ({"absolute_gradient": float("inf")}, "absolute_gradient"),
         ({"absolute_flux_density": 0.0}, "absolute_flux_density"),
         ({"flux_density": 0.1, "currents": (float("nan"),)}, "currents"),

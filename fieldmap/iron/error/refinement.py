@@ -248,6 +248,9 @@ _FLATTEST = 0.02
 # One step lowers the predicted error by no more than this factor.
 _STEP = 4.0
 _NEIGHBOURS = 6
+# Faces, and tetrahedra, that one more layer adds to each face at an edge (measured on a disk with a core), and what
+# counts for a mesh that is to grow: layers alone, which cost many faces, are not to pass for growth all over.
+_PER_LAYER, _LEAST_PER_LAYER = (2.8, 7.0), (1.0, 0.0)
 # Steps of the logarithm of the common share towards a mesh that grows enough.
 _TRY, _MOST_TRIES = 0.1, 300
 
@@ -314,7 +317,10 @@ def next_sizes(
 
     found = sizes_at(common)
     for _ in range(_MOST_TRIES):
-        if expected_growth(mesh, topology, surface, faces.at_edge, found)[0] >= least_growth:
+        if (
+            expected_growth(mesh, topology, surface, faces.at_edge, found, _LEAST_PER_LAYER)[0]
+            >= least_growth
+        ):
             break
         common -= _TRY
         found = sizes_at(common)
@@ -322,22 +328,32 @@ def next_sizes(
 
 
 def expected_growth(
-    mesh: IronMesh, topology: Faces, surface: ChargedFaces, at_edge: NDArray[np.bool_], sizes: LocalSizes
+    mesh: IronMesh,
+    topology: Faces,
+    surface: ChargedFaces,
+    at_edge: NDArray[np.bool_],
+    sizes: LocalSizes,
+    per_layer: tuple[float, float] = _PER_LAYER,
 ) -> tuple[float, float]:
-    """How many times as many surface faces and tetrahedra the sizes of `next_sizes` are expected to give; at_edge (s,):
-    whether faces touch a sharp edge."""
+    """How many times as many surface faces and tetrahedra the sizes of `next_sizes` are expected to give.
+
+    at_edge (s,): whether faces touch a sharp edge; per_layer: how many faces, and tetrahedra, one more layer adds there
+    to each.
+    """
     cells = mesh.cells
     if cells is None:
         raise ValueError("a mesh copied from a chamber has no cells")
     factor = sizes.sizes / cells.sizes
     below = cells.number[topology.owner[topology.surface, 0]]
-    faces = factor[below] ** -2
-    # Along an edge there are more; across it, each layer more is one more.
+    # Walls as thin as their elements gain like the square, thick iron like the cube.
+    faces, tets = factor[below] ** -2, factor[cells.number] ** -2.5
     layers = np.maximum(
         0.0, np.log(heights(surface.corners[at_edge]) / sizes.layers) / np.log(1 / LAYER_RATIO)
     )
-    faces[at_edge] = factor[below[at_edge]] ** -1 * (1 + layers)
-    return float(faces.mean()), float((factor[cells.number] ** -3).mean())
+    along = factor[below[at_edge]] ** -1
+    faces[at_edge] = along * (1 + per_layer[0] * layers)
+    added = float((along * per_layer[1] * layers).sum())
+    return float(faces.mean()), float(tets.sum() + added) / len(tets)
 
 
 def _common_share(parts: tuple[_Shares, ...], aim: float) -> float:

@@ -60,8 +60,9 @@ class Tolerance(Record):
         out: list[tuple[str, str, str, object, bool]] = []
         for name in ("flux_density", "gradient"):
             value = getattr(self, name)
-            right = value is None or bool(np.isfinite(value) and 0 < value < 1)
-            out.append((name, "must lie between 0 and 1", "try 1e-3", value, right))
+            most = 1.0 if name == "flux_density" else np.inf
+            right = value is None or bool(0 < value < most)
+            out.append((name, f"must lie between 0 and {most:g}", "try 1e-3", value, right))
             absolute = getattr(self, f"absolute_{name}")
             right = absolute is None or bool(np.isfinite(absolute) and absolute > 0)
             out.append((f"absolute_{name}", "must be a finite number > 0", "leave it out", absolute, right))
@@ -74,11 +75,12 @@ class Tolerance(Record):
 
     @classmethod
     def of(cls, tolerance: float | Tolerance, gradient: float | None = None) -> Tolerance:
-        """A number is relative, of B, and three times it of the gradient, or `gradient` where that is given."""
+        """A number is relative, of B, and three times it of the gradient, or `gradient` where that is given; inf allows
+        any error of the gradient."""
         if isinstance(tolerance, Tolerance):
             return tolerance
-        allowed = min(_GRADIENT_PER_FIELD * tolerance, 0.999) if gradient is None else gradient
-        return cls(tolerance, allowed)
+        allowed = _GRADIENT_PER_FIELD * tolerance if gradient is None else gradient
+        return cls(tolerance, None if allowed == np.inf else allowed)
 
     @property
     def solving(self) -> float:
