@@ -132,7 +132,8 @@ class Device(Made):
 
     def _name_materials(self) -> None:
         renamed = {
-            name: replace(one, name=name) if isinstance(one, Material) and one.name != name else one  # type: ignore[type-var]
+            # As texts: a name may be anything that somebody gave, arrays among it.
+            name: replace(one, name=name) if isinstance(one, Material) and str(one.name) != name else one  # type: ignore[type-var]
             for name, one in self.materials.items()
         }
         object.__setattr__(self, "materials", FrozenDict(renamed))

@@ -326,5 +326,5 @@ def _vector(where: str, values: ArrayLike, count: int = 3) -> list[float]:
 
 
 def _check_axis(where: str, axis: str) -> None:
-    if axis not in AXES:
+    if not isinstance(axis, str) or axis not in AXES:
         raise InputError(Problem(where, 'must be "x", "y" or "z"', repr(axis)[:80], "choose one of these"))

@@ -148,6 +148,9 @@ def material(
     'steel_a3'
     """
     contents = MATERIAL.contents(MATERIAL.load(MATERIAL.find(path_or_name)))
+    if name is not None and not isinstance(name, str):
+        must_hold, remedy = "must be a text", 'write for instance name="steel"'
+        raise DeviceFileError(Problem("material(name)", must_hold, type(name).__name__, remedy))
     return contents.law(name or contents.name, above, saturation)
 
 

@@ -1,5 +1,6 @@
 """Kinds of files that people write. Each package registers its own; here they are found, read and told apart."""
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -49,6 +50,9 @@ class FileKind(Record, Generic[Contents]):
 
     def find(self, path_or_name: PathLike) -> Path:
         """The file at a path, or the shipped one of that name; raises `error` if there is neither."""
+        if not isinstance(path_or_name, str | os.PathLike):
+            must_hold, remedy = f"must be the path or name of a {self.name} file", "write it in quotes"
+            raise self.error(Problem(self.name, must_hold, type(path_or_name).__name__, remedy))
         path = Path(path_or_name)
         if is_file(path):
             return path

@@ -9,22 +9,15 @@ MUTATIONS = 1000
 SEED = 20261123
 # As `fuzzing.kinds` has them; that module imports what it needs to make and read all of them.
 KINDS = (
-    "FMUs, by their importer",
-    "surfaces (STL)",
-    "meshes (VTK, gmsh, medit)",
-    "solids (STEP)",
-    "map files",
-    "recorded runs",
-    "readings of B (CSV)",
-    "logs of rigs (CSV)",
-    "mag_manip (YAML)",
-    "device files",
-    "map recipes",
-    "scenarios",
-    "studies",
-    "planar devices",
-    "B-H curves",
-    "expressions",
+    *("device files", "map recipes", "scenarios", "studies", "planar devices", "B-H curves", "expressions"),
+    *("map files", "recorded runs", "readings of B (CSV)", "logs of rigs (CSV)", "mag_manip (YAML)"),
+    *(
+        "surfaces (STL)",
+        "meshes (VTK, gmsh, medit)",
+        "solids (STEP)",
+        "FMUs, by their importer",
+        "Python machines",
+    ),
 )
 
 

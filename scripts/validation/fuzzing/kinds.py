@@ -1,6 +1,6 @@
 """Every kind of input that is tried."""
 
-from validation.fuzzing import hdf5_kinds, solid_kinds, table_kinds, toml_kinds, unit_kind
+from validation.fuzzing import hdf5_kinds, python_kind, solid_kinds, table_kinds, toml_kinds, unit_kind
 from validation.fuzzing.case import Kind
 
 KINDS: dict[str, Kind] = {
@@ -22,5 +22,6 @@ KINDS: dict[str, Kind] = {
         solid_kinds.MESHES,
         solid_kinds.STEPS,
         unit_kind.UNITS,
+        python_kind.MACHINES,
     )
 }
