@@ -19,7 +19,8 @@ PAGES = sorted(
     path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
 )
 PAGES += sorted((ROOT / "docs").glob("*/*.md"))
-PROGRAM = application()
+# Its own: a command keeps the help options of the context in which it was first parsed, and these have no program.
+PROGRAM = application.__wrapped__()
 IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
 IN_TEXT = re.compile(r"`(fieldmap (?!COMMAND)[^`\n]*)`")
 PLACEHOLDER = re.compile(r"[A-Z_]+")

@@ -71,7 +71,7 @@ def test_scenes_without_their_map_are_named(gallery, tmp_path, monkeypatch):
 
 
 def test_every_command_of_a_scene_is_one(gallery):
-    program = application()
+    program = application.__wrapped__()  # as in tests/cli/test_manners.py
     for _, _, command in gallery.SCENES:
         name, *words = command.split()
         with click.Context(program) as context:
