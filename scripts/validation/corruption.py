@@ -249,9 +249,13 @@ def group(file: h5py.File, path: str, rng: Generator) -> None:
 def attribute(file: h5py.File, path: str, rng: Generator) -> None:
     """Any value for an attribute that is there, or none of it."""
     place = str(rng.choice(["/fieldmap", "/fieldmap/completion", "/data/0/meshes/B_1", HEADER, BX, "/"]))
+    spoil_attribute(file, place, rng, np.zeros((2, 2)))
+
+
+def spoil_attribute(file: h5py.File, place: str, rng: Generator, *more: Any) -> None:
+    """Any value for one of the attributes of a place, those of `more` among them, or none of it."""
     at = file[place].attrs
-    names = sorted(at)
-    name = names[int(rng.integers(len(names)))]
+    name = sorted(at)[int(rng.integers(len(at)))]
     strange = (
         "text",
         b"\xff\xfe",
@@ -259,10 +263,10 @@ def attribute(file: h5py.File, path: str, rng: Generator) -> None:
         -1,
         10**18,
         np.zeros(3),
-        np.zeros((2, 2)),
         h5py.Empty("f8"),
         file.ref,
         True,
+        *more,
     )
     choice = int(rng.integers(len(strange) + 1))
     del at[name]

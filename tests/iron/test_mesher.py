@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device import read_device
+from fieldmap.errors import InputError
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh import mesher
 from fieldmap.iron.mesh.local_sizes import LocalSizes
@@ -98,6 +99,17 @@ def test_files_that_cannot_be_read_are_made_anew(made, device, tmp_path, monkeyp
         mesher.KEPT.forget()
         assert same_bits(fresh, generate_mesh(device, COARSE))
     assert len(made) == 4
+
+
+def test_a_folder_that_is_none_is_refused_before_a_mesh_is_made(made, device, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv(FOLDER, str(tmp_path / "file"))
+    with pytest.raises(InputError) as caught:
+        generate_mesh(device, COARSE)
+    (problem,) = caught.value.problems
+    assert FOLDER in problem.where
+    assert str(tmp_path / "file") in problem.received
+    assert made == []
 
 
 def test_memory_is_bounded_and_the_last_mesh_used_stays(made, device):

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from fieldmap.device.model import Device
-from fieldmap.errors import GeometryError, Problem
+from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.extras import needs
 from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.local_sizes import GRADING, LocalSizes
@@ -86,7 +86,7 @@ class KeptMeshes:
             mesh = self._meshes.get(key)
         if mesh is None:
             folder = os.environ.get(FOLDER)
-            mesh = make() if not folder else _from_folder(Path(folder) / f"{key}.npz", make)
+            mesh = make() if not folder else _from_folder(Path(folder), key, make)
         self._keep(key, mesh)
         return mesh
 
@@ -116,7 +116,8 @@ def mesh_solids(
     """The mesh of glued solids, whose names are those of the device's bodies.
 
     refinement: divides the sizes of the bodies; local: sizes at points beside those; surface_only: triangles, and no
-    tetrahedra are made. The arrays are shared and cannot be written to. Raises GeometryError where the mesher fails.
+    tetrahedra are made. The arrays are shared and cannot be written to. Raises GeometryError where the mesher fails,
+    InputError for a folder of meshes that cannot be made.
     """
     sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
 
@@ -208,14 +209,25 @@ def _size(mesh: MesherMesh) -> int:
     return sum(array.nbytes for array in mesh.arrays.values())
 
 
-def _from_folder(file: Path, make: Callable[[], MesherMesh]) -> MesherMesh:
-    """The mesh of a file; made and written where there is none, or none that can be read."""
+def _from_folder(folder: Path, key: str, make: Callable[[], MesherMesh]) -> MesherMesh:
+    """The mesh of a file; made and written where there is none, or none that can be read. Raises InputError for a
+    folder that cannot be made, before a mesh is."""
+    file = folder / f"{key}.npz"
     try:
         with open(file, "rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return MesherMesh(**stored)
     except Exception:  # of a file of zipped arrays that is cut or is none: there are a dozen kinds
-        mesh = make()
-    file.parent.mkdir(parents=True, exist_ok=True)
+        pass
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        must_hold, remedy = (
+            "must name a folder that is there or can be made",
+            f"name another, or unset {FOLDER}",
+        )
+        received = f"{folder}: {error.strerror}"
+        raise InputError(Problem(f"the variable {FOLDER}", must_hold, received, remedy)) from None
+    mesh = make()
     with whole_file(file) as partial:
         np.savez(partial, **mesh.arrays)
     return mesh

@@ -16,7 +16,7 @@ from fieldmap.shipped import shipped_file
 from fieldmap.store import RunRecord, check_map, read_map, seal_map, write_map, write_runs
 from fieldmap.store.seal import SEAL_LENGTH
 from validation.corrupted_maps import same
-from validation.corruption import HOSTILE, PLACES, PLACES_OF_CONSTANT, small_map
+from validation.corruption import HOSTILE, PLACES, PLACES_OF_CONSTANT, small_map, spoil_attribute
 from validation.fuzzing.case import Case, Generator, Kind
 from validation.fuzzing.mutations import bytes_of
 
@@ -169,25 +169,8 @@ def runs(folder: Path) -> Callable[[Generator, int], Case]:
 
 def _attribute(file: h5py.File, path: str, rng: Generator) -> None:
     """Any value for an attribute, or none of it."""
-    strange = (
-        "text",
-        b"\xff\xfe",
-        np.nan,
-        -1,
-        10**18,
-        np.zeros(3),
-        h5py.Empty("f8"),
-        file.ref,
-        True,
-        "[1]",
-        "null",
-    )
-    at = file[str(rng.choice(["/", "/run_0000", "/run_0000/time"]))].attrs
-    name = sorted(at)[int(rng.integers(len(at)))]
-    choice = int(rng.integers(len(strange) + 1))
-    del at[name]
-    if choice < len(strange):
-        at[name] = strange[choice]
+    place = str(rng.choice(["/", "/run_0000", "/run_0000/time"]))
+    spoil_attribute(file, place, rng, "[1]", "null")
 
 
 def _text(file: h5py.File, path: str, rng: Generator) -> None:
