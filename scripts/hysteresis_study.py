@@ -121,7 +121,7 @@ def main() -> None:
     options = parser.parse_args()
     table = measured(options.axis, options.side, options.every)
     protocol = Protocol(options.axis, h=options.offset, rule=options.rule)
-    base = HysteresisSolver(read_device(options.device), Pinning(0.0), options.refinement)
+    base = HysteresisSolver(read_device(options.device), refinement=options.refinement)
     print(f"{options.device}: {base.surface_faces} charged faces; level {protocol.level:.3f} A at the origin")
     runs = []
     for coercive in options.coercive:

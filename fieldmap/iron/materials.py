@@ -138,6 +138,6 @@ def material_assumptions(device: Device) -> tuple[str, ...]:
     notes = []
     for name in dict.fromkeys(body.material for body in device.bodies):
         material = device.materials[name]
-        limit = "; no hysteresis" if material.saturates else ""
+        limit = f"; {material.left_out}" if isinstance(material, SaturatingMaterial) else ""
         notes.append(f"{material.role} '{name}': {material.description}{limit}")
     return (*notes, *(joint.description for joint in device.joints), *background_notes(device))

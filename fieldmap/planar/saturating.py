@@ -11,6 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Currents
 from fieldmap.iron.elements.bh_law import LawTables, law_slopes, law_tables, law_values
@@ -320,7 +321,11 @@ def _material_assumptions(device: PlanarDevice) -> tuple[str, ...]:
     for body in device.bodies:
         material = device.materials[body.material]
         constant = f"constant relative permeability {material.initial_mu_r:g}"
-        law = material.description if material.saturates else constant
+        law = (
+            f"{material.description}; {material.left_out}"
+            if isinstance(material, SaturatingMaterial)
+            else constant
+        )
         notes.add(f"iron of {body.name}: {law}")
     return tuple(sorted(notes))
 

@@ -2,9 +2,10 @@
 
 The misfit is the sum of squares of (computed - measured) / deviation over all readings, and over the priors of the
 unknowns. Each step of Gauss and Newton, in the trust region of `scipy.optimize.least_squares`, takes derivatives by
-central differences of whole solves: the device is read, meshed and solved anew with every set of values, so that
-anything the device file holds may be unknown. The covariance of the fit is (J^T J)^-1, which takes the deviations at
-their word (J. V. Beck and K. J. Arnold, Parameter Estimation in Engineering and Science, Wiley 1977, section 7.7).
+differences of whole solves, to one side on the way and central ones for the covariance: the device is read, meshed and
+solved anew with every set of values, so that anything the device file holds may be unknown. The covariance of the fit
+is (J^T J)^-1, which takes the deviations at their word (J. V. Beck and K. J. Arnold, Parameter Estimation in
+Engineering and Science, Wiley 1977, section 7.7).
 """
 
 from __future__ import annotations
@@ -218,20 +219,21 @@ def fit_machine(
     _check(work, len(readings))
     start = np.array([unknown.start for unknown in work.unknowns])
     bounds = np.array([(unknown.lower, unknown.upper) for unknown in work.unknowns]).T
-    used = work.rows_of(range(len(readings)))
+    fitted = range(len(readings))
+    used, before = work.rows_of(fitted), work.left(start)
 
     def residual(x: Array) -> Array:
-        return np.concatenate([work.left(x)[used], work.prior(x)])
+        return np.concatenate([work.left(x, fitted), work.prior(x)])
 
     def jacobian(x: Array) -> Array:
-        return np.vstack([work.slopes(x, bounds)[used], work.prior_slopes])
+        return np.vstack([work.one_sided_slopes(x, bounds, fitted), work.prior_slopes])
 
     scale = np.maximum(np.abs(start), work.steps)
     answer = least_squares(residual, start, jacobian, bounds=tuple(bounds), x_scale=scale, xtol=_XTOL)
     slopes = work.slopes(answer.x, bounds)
     covariance, indistinct = _covariance(np.vstack([slopes[used], work.prior_slopes]), answer.x, work)
     values = work.named(answer.x)
-    before, after = work.left(start), work.left(answer.x)
+    after = work.left(answer.x)
     tables = tuple(
         work.table(number, number < len(readings), before, after, slopes, covariance)
         for number in range(len(work.readings))
@@ -275,7 +277,7 @@ class _Work:
         self.unknowns, self.readings = unknowns, readings
         self._name = device.to_toml() if isinstance(device, Device) else device
         self._solve, self._on_solve = solve, on_solve
-        self._kept: dict[bytes, Array] = {}
+        self._kept: dict[tuple[bytes, int], Array] = {}
         self.solves = 0
         numbers = [np.ravel(np.asarray(table.measured, dtype=float)) for table in readings]
         deviations = [
@@ -306,24 +308,28 @@ class _Work:
         """Which rows of all that were read belong to these tables."""
         return np.isin(self.numbers[self.read], list(numbers))
 
-    def left(self, x: Array) -> Array:
-        """(computed - measured) / deviation of everything that was read."""
-        computed = self.computed(x)
-        return ((computed - self.measured) / self.deviation)[self.read]
+    def left(self, x: Array, tables: range | None = None) -> Array:
+        """(computed - measured) / deviation of everything that was read, or of some tables."""
+        tables = range(len(self.readings)) if tables is None else tables
+        rows = np.isin(self.numbers, list(tables)) & self.read
+        return ((self.computed(x, tables) - self.measured) / self.deviation)[rows]
 
-    def computed(self, x: Array) -> Array:
-        """All tables (n,) with these values of the unknowns."""
-        key = np.ascontiguousarray(x).tobytes()
-        if key not in self._kept:
+    def computed(self, x: Array, tables: range) -> Array:
+        """All tables (n,) with these values of the unknowns; NaN for those that are not asked for."""
+        point = np.ascontiguousarray(x).tobytes()
+        missing = [number for number in tables if (point, number) not in self._kept]
+        if missing:
             device = self.device_at(x)
             field = self._solve(device)
             self.solves += 1
-            self._kept[key] = np.concatenate(
-                [self._of_table(table, device, field) for table in self.readings]
-            )
+            for number in missing:
+                self._kept[point, number] = self._of_table(self.readings[number], device, field)
             if self._on_solve is not None:
                 self._on_solve(self.named(x))
-        return self._kept[key]
+        values = np.full(len(self.measured), np.nan)
+        for number in tables:
+            values[self.numbers == number] = self._kept[point, number]
+        return values
 
     def _of_table(self, table: Readings, device: Device, field: AnyField) -> Array:
         values, wanted = np.ravel(table.computed(device, field)), np.size(table.measured)
@@ -340,6 +346,15 @@ class _Work:
             low, high = x.copy(), x.copy()
             low[k], high[k] = max(x[k] - step, bounds[0, k]), min(x[k] + step, bounds[1, k])
             columns.append((self.left(high) - self.left(low)) / (high[k] - low[k]))
+        return np.column_stack(columns)
+
+    def one_sided_slopes(self, x: Array, bounds: Array, tables: range) -> Array:
+        """The same of some tables by differences to the side that the bounds leave room for."""
+        here, columns = self.left(x, tables), []
+        for k, step in enumerate(self.steps):
+            there = x.copy()
+            there[k] += step if x[k] + step <= bounds[1, k] else -step
+            columns.append((self.left(there, tables) - here) / (there[k] - x[k]))
         return np.column_stack(columns)
 
     def prior(self, x: Array) -> Array:

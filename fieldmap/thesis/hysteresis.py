@@ -154,8 +154,9 @@ def _settled(
 ) -> tuple[HystereticState, StationaryPoint, float]:
     """State, rest point and level at one signal, by secants on logarithms where a lift is to be held."""
     tried: list[tuple[float, float]] = []
+    state = None
     for _ in range(_TRIALS):
-        state = solver.step(protocol.currents(level, signal), memory)
+        state = solver.step(protocol.currents(level, signal), memory, near=state)
         point = _rest(state, near, protocol, solver)
         if target is None or abs(point.lift / target - 1.0) < _LIFT_TOLERANCE:
             break
@@ -165,6 +166,7 @@ def _settled(
             (u0, f0), (u1, f1) = tried[-2:]
             exponent = float(np.clip((f1 - f0) / (u1 - u0), 0.3, 2.0))
         level = float(np.exp(tried[-1][0] - tried[-1][1] / exponent))
+    assert state is not None
     return state, point, float(level)
 
 

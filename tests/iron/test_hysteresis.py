@@ -8,7 +8,7 @@ import pytest
 from scipy.constants import mu_0
 from scipy.optimize import brentq
 
-from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere
+from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere, placed
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.elements.bh_law import law_tables
@@ -167,3 +167,38 @@ def test_shares_of_the_cells_are_those_of_a_uniform_distribution(power):
         assert np.abs(errors).max() < 1e-14
     else:
         np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=1e-6)
+
+
+def test_materials_bring_their_own_coercive_fields(ball, solver):
+    """What the device states, against the same stated for the whole solver; a second material keeps its own."""
+    hard = replace(STEEL, coercive_field=25e3)
+    coil = CircularCoil("coil", 0.08, 0.1, 0.02, 1000.0)
+    body = replace(ball.bodies[0], mesh_size=0.03)
+    own = HysteresisSolver(replace(ball, coils=(coil,), bodies=(body,), materials={"steel": hard}))
+    stated = solver.with_pinning(Pinning(25e3))
+    found = [one.step([100.0], one.demagnetised).memory for one in (own, stated)]
+    np.testing.assert_array_equal(found[0].potential, found[1].potential)
+    assert own.assumptions[0].startswith("iron 'steel'")
+    assert "25000 A/m" in own.assumptions[0]
+    beside = replace(body, name="soft", material="soft", parts=(Part(Sphere(0.01), placed((0, 0, 0.1))),))
+    both = HysteresisSolver(
+        replace(
+            ball,
+            coils=(coil,),
+            bodies=(body, beside),
+            materials={"steel": hard, "soft": Froehlich("soft", 500.0, 1.5, 10.0)},
+        )
+    )
+    pinning = both.demagnetised.material.pinning
+    np.testing.assert_allclose(pinning.mean(axis=1), mu_0 * np.array([25e3, 10.0]))
+
+
+def test_where_newton_begins_leaves_no_trace(solver):
+    """A state near the one that is asked for saves steps, and changes it by what the solver's tolerance allows."""
+    memory = solver.step([100.0], solver.demagnetised).memory
+    plain = solver.step([-60.0], memory)
+    near = solver.step([-60.0], memory, near=solver.step([-61.0], memory))
+    assert near.steps < plain.steps
+    point = np.array([[0.0, 0.01, 0.08]])
+    np.testing.assert_allclose(near.field(point), plain.field(point), rtol=1e-6)
+    assert near.loss == pytest.approx(plain.loss, rel=1e-5)

@@ -11,8 +11,8 @@ from fieldmap.device.materials.base import (
     Curves,
     InitialMuR,
     Material,
-    MaterialKeys,
     Polarisation,
+    SaturatingKeys,
     TwoConstantLaw,
 )
 from fieldmap.typing import Array
@@ -36,7 +36,7 @@ class Arctangent(TwoConstantLaw):
         return (self.mu_r - 1) / (1 + (0.5 * np.pi * x) ** 2)
 
 
-class ArctangentKeys(MaterialKeys):
+class ArctangentKeys(SaturatingKeys):
     """Arctangent law, which saturates more sharply."""
 
     attributes: ClassVar[Mapping[str, str]] = {"saturation_polarisation_T": "saturation"}
@@ -50,4 +50,4 @@ class ArctangentKeys(MaterialKeys):
 
     def to_model(self, name: str, curves: Curves) -> Arctangent:
         """In SI."""
-        return Arctangent(name, self.mu_r, self.saturation_polarisation_T)
+        return Arctangent(name, self.mu_r, self.saturation_polarisation_T, self.coercive_field_A_per_m)

@@ -29,6 +29,9 @@ LARGEST_POLARISATION_T = 3.0
 Polarisation = Annotated[float, Field(gt=0, le=LARGEST_POLARISATION_T)]
 InitialMuR = Annotated[float, Field(gt=1)]
 
+LARGEST_COERCIVE_FIELD = 1e5
+"""A/m: ten times what separates soft from hard magnetic materials."""
+
 SAMPLES = np.concatenate([[0.0], np.geomspace(1e-3, 1e7, 240)])
 """Where a law of initial permeability and saturation is sampled: chi h / saturation. At the last, J is saturated to
 1e-7."""
@@ -89,8 +92,16 @@ class SaturatingMaterial(Iron):
     """Soft iron with a single-valued B(H) law."""
 
     saturates: ClassVar[bool] = True
+    coercive_field: float = 0.0
+    """A/m, of iron with hysteresis, which `fieldmap.iron.HysteresisSolver` knows; other solutions leave it out."""
     initial_slope: str = "the initial slope of its law"
     """What a linear solution takes for its permeability, in words."""
+
+    @property
+    def left_out(self) -> str:
+        """What solutions without memory leave out, in words."""
+        known = f" (coercive field {self.coercive_field:g} A/m left out)" if self.coercive_field else ""
+        return f"no hysteresis{known}"
 
     @property
     def field_range(self) -> tuple[float, float]:
@@ -125,6 +136,7 @@ class TwoConstantLaw(SaturatingMaterial):
     name: str
     mu_r: float
     saturation: float
+    coercive_field: float = 0.0
 
     @abstractmethod
     def polarisation(self, x: Array) -> Array:
@@ -210,6 +222,17 @@ class MaterialKeys(Table):
     def to_model(self, name: str, curves: Curves) -> Material:
         """In SI. curves: what the material files that `file` keys name contain."""
         raise NotImplementedError
+
+
+class SaturatingKeys(MaterialKeys):
+    """Keys that all laws of saturating iron share."""
+
+    coercive_field_A_per_m: float = Field(
+        default=0.0,
+        ge=0,
+        le=LARGEST_COERCIVE_FIELD,
+        description="half the width of the hysteresis loop at B = 0; only `HysteresisSolver` follows it",
+    )
 
 
 def material_choices() -> tuple[type[MaterialKeys], ...]:

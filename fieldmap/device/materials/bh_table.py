@@ -14,8 +14,8 @@ from fieldmap.device.materials.base import (
     Curves,
     LawPoints,
     Material,
-    MaterialKeys,
     Polarisation,
+    SaturatingKeys,
     SaturatingMaterial,
 )
 from fieldmap.inputs.tables import Positive, Table, Text, broken, read_only
@@ -38,7 +38,7 @@ class BHTable(SaturatingMaterial):
     initial_mu_r: that of the first point if left out. below: law from the origin to the first point ("straight line to
     the origin" is the only one so far); above: law past the last point: "slope mu0" (saturated), or "towards
     saturation": the polarisation B - mu0 H goes on rising to `saturation`, T. Both are named assumptions, printed with
-    results.
+    results. coercive_field: A/m, of its hysteresis, which only `fieldmap.iron.HysteresisSolver` follows.
     """
 
     name: str
@@ -48,6 +48,7 @@ class BHTable(SaturatingMaterial):
     above: str
     initial_mu_r: float = 0.0
     saturation: float | None = None
+    coercive_field: float = 0.0
 
     def __post_init__(self) -> None:
         if self.initial_mu_r == 0.0:
@@ -217,7 +218,7 @@ def _require_slope(h: list[float], b: list[float]) -> None:
         )
 
 
-class _ExtensionKeys(MaterialKeys):
+class _ExtensionKeys(SaturatingKeys):
     kind: Literal["bh_table"] = Field(description="B-H table")
     below: Literal["straight line to the origin"] = Field(
         description='law below the first point: "straight line to the origin"'
@@ -255,7 +256,9 @@ class _ExtensionKeys(MaterialKeys):
     def _table(self, name: str, h: list[float], b: list[float]) -> BHTable:
         initial_mu_r = b[0] / (MU0 * h[0])
         saturation = self.saturation_polarisation_T
-        return BHTable(name, read_only(h), read_only(b), self.below, self.above, initial_mu_r, saturation)
+        laws = self.below, self.above
+        curve = read_only(h), read_only(b)
+        return BHTable(name, *curve, *laws, initial_mu_r, saturation, self.coercive_field_A_per_m)
 
 
 def require_room_to_saturate(h: list[float], b: list[float], saturation: float) -> None:

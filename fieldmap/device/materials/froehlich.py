@@ -10,8 +10,8 @@ from fieldmap.device.materials.base import (
     Curves,
     InitialMuR,
     Material,
-    MaterialKeys,
     Polarisation,
+    SaturatingKeys,
     TwoConstantLaw,
 )
 from fieldmap.typing import Array
@@ -35,7 +35,7 @@ class Froehlich(TwoConstantLaw):
         return (self.mu_r - 1) / (1 + x) ** 2
 
 
-class FroehlichKeys(MaterialKeys):
+class FroehlichKeys(SaturatingKeys):
     """Froehlich-Kennelly law."""
 
     attributes: ClassVar[Mapping[str, str]] = {"saturation_polarisation_T": "saturation"}
@@ -49,4 +49,4 @@ class FroehlichKeys(MaterialKeys):
 
     def to_model(self, name: str, curves: Curves) -> Froehlich:
         """In SI."""
-        return Froehlich(name, self.mu_r, self.saturation_polarisation_T)
+        return Froehlich(name, self.mu_r, self.saturation_polarisation_T, self.coercive_field_A_per_m)

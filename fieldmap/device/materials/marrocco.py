@@ -19,7 +19,7 @@ from fieldmap.device.materials.base import (
     Curves,
     LawPoints,
     Material,
-    MaterialKeys,
+    SaturatingKeys,
     SaturatingMaterial,
 )
 from fieldmap.inputs.tables import Positive, broken
@@ -39,6 +39,7 @@ class Marrocco(SaturatingMaterial):
     c: float
     alpha: float
     tau: float
+    coercive_field: float = 0.0
 
     @property
     def initial_mu_r(self) -> float:  # type: ignore[override]
@@ -102,7 +103,7 @@ class Marrocco(SaturatingMaterial):
         return f"Marrocco's formula, initial mu_r {1 / self.eps:g}, up to {self.end:.3g} T, slope mu0 above"
 
 
-class MarroccoKeys(MaterialKeys):
+class MarroccoKeys(SaturatingKeys):
     """Marrocco's reluctivity, (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0."""
 
     material: ClassVar[type[Material]] = Marrocco
@@ -137,4 +138,4 @@ class MarroccoKeys(MaterialKeys):
 
     def to_model(self, name: str, curves: Curves) -> Marrocco:
         """In SI."""
-        return Marrocco(name, self.eps, self.c, self.alpha, self.tau)
+        return Marrocco(name, self.eps, self.c, self.alpha, self.tau, self.coercive_field_A_per_m)

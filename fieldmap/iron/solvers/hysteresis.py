@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldmap.arguments import check_count, check_not_negative
 from fieldmap.deprecated import warn_renamed
+from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Currents, coil_currents
@@ -70,9 +71,14 @@ class Pinning(Record):
     @property
     def assumption(self) -> str:
         """In words."""
+        return self.of("")
+
+    def of(self, material: str) -> str:
+        """The same of one material of several."""
+        which = f"iron '{material}'" if material else "iron"
         spread = "one cell" if self.cells == 1 else f"{self.cells} cells from 0 to twice that"
         return (
-            f"iron: rate-independent hysteresis, coercive field {self.coercive_field:g} A/m ({spread}), about the "
+            f"{which}: rate-independent hysteresis, coercive field {self.coercive_field:g} A/m ({spread}), about the "
             "device's B(H) as the anhysteretic law"
         )
 
@@ -104,8 +110,9 @@ class HystereticState(PotentialSolution):
 class HysteresisSolver:
     """A device with hysteresis, meshed and assembled once.
 
-    refinement divides the mesh sizes of the device file. All saturating materials have the same pinning; magnets and
-    linear iron have none. Raises GeometryError and InputError like `fieldmap.solve`.
+    pinning: the same in all saturating materials; left out, each has its own `coercive_field`, as the device file
+    states it, with six cells. Magnets and linear iron have none. refinement divides the mesh sizes of the device
+    file. Raises GeometryError and InputError like `fieldmap.solve`.
 
     Example::
 
@@ -116,7 +123,7 @@ class HysteresisSolver:
             memory = state.memory
     """
 
-    def __init__(self, device: Device, pinning: Pinning, refinement: float = 1.0) -> None:
+    def __init__(self, device: Device, pinning: Pinning | None = None, refinement: float = 1.0) -> None:
         self.device, self.pinning = device, pinning
         require_soft_bodies(device)
         if device.background is not None:
@@ -134,8 +141,8 @@ class HysteresisSolver:
             lambda x: unit_flux_densities(coils, x), self._mesh.symmetry
         )
 
-    def with_pinning(self, pinning: Pinning) -> HysteresisSolver:
-        """The same device and mesh with other pinning."""
+    def with_pinning(self, pinning: Pinning | None) -> HysteresisSolver:
+        """The same device and mesh with other pinning, or that of its materials (None)."""
         other = object.__new__(HysteresisSolver)
         other.device, other.pinning = self.device, pinning
         other._mesh, other._form, other._unit = self._mesh, self._form, self._unit
@@ -150,32 +157,56 @@ class HysteresisSolver:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What every state rests on."""
-        return (self.pinning.assumption, *self._notes)
+        if self.pinning is not None:
+            return (self.pinning.assumption, *self._notes)
+        return (*(pinning.of(name) for name, pinning in self._pinnings.items()), *self._notes)
+
+    @property
+    def _pinnings(self) -> dict[str, Pinning]:
+        """By name of the saturating material."""
+        used = {body.material: self.device.materials[body.material] for body in self.device.bodies}
+        soft = {name: material for name, material in used.items() if isinstance(material, SaturatingMaterial)}
+        if self.pinning is not None:
+            return dict.fromkeys(soft, self.pinning)
+        return {name: Pinning(material.coercive_field) for name, material in soft.items()}
 
     @cached_property
     def demagnetised(self) -> IronMemory:
         """The iron without currents and without history."""
         materials = materials_on(self.device, self._mesh)
-        soft = np.array([material.saturates for material in materials])
+        without = np.zeros(self._cells)
+        pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
         remanence = np.array([material.remanence for material in materials])
         law, count = self._mesh.body, self._form.elements.count
         material = HysteresisMagnetisation(
             law,
             law_tables(materials),
             remanence[law][None],
-            MU0 * soft[:, None] * self.pinning.fields,
-            self.pinning.weights,
-            np.zeros((len(law), 4, self.pinning.cells, 3)),
+            MU0 * np.array(pinning),
+            (self.pinning or Pinning(0.0)).weights,
+            np.zeros((len(law), 4, self._cells, 3)),
         )
         return IronMemory(material, np.zeros(count), np.zeros(len(self.device.coils)))
+
+    @property
+    def _cells(self) -> int:
+        return (self.pinning or Pinning(0.0)).cells
 
     @property
     def surface_faces(self) -> int:
         """Number of charged faces."""
         return len(self._form.iron.surface.areas)
 
-    def step(self, currents: Currents, memory: IronMemory, tolerance: float = 1e-3) -> HystereticState:
+    def step(
+        self,
+        currents: Currents,
+        memory: IronMemory,
+        tolerance: float = 1e-3,
+        near: HystereticState | None = None,
+    ) -> HystereticState:
         """The state at currents (c,) in A, after a straight path from those of `memory`.
+
+        near: a state of this device that is likely to be close, where Newton's method begins; it leaves no trace.
 
         The cells move once in a step: currents that turn back must do so between steps. Where Newton's method fails,
         the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
@@ -184,11 +215,17 @@ class HysteresisSolver:
         if not (np.isfinite(tolerance) and 0 < tolerance < 1):
             must = "must lie between 0 and 1"
             raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
-        return self._step(values, memory, tolerance * _RESIDUAL_PER_TOLERANCE, _MOST_HALVINGS)
+        residual = tolerance * _RESIDUAL_PER_TOLERANCE
+        if near is not None:
+            try:
+                return self._at(values, memory, residual, near.memory.potential)
+            except NotConverged:
+                pass
+        return self._step(values, memory, residual, _MOST_HALVINGS)
 
     def _step(self, currents: Array, memory: IronMemory, residual: float, halvings: int) -> HystereticState:
         try:
-            return self._at(currents, memory, residual)
+            return self._at(currents, memory, residual, memory.potential)
         except NotConverged:
             if halvings == 0:
                 raise
@@ -201,11 +238,11 @@ class HysteresisSolver:
             parts=first.parts + second.parts,
         )
 
-    def _at(self, currents: Array, memory: IronMemory, residual: float) -> HystereticState:
+    def _at(self, currents: Array, memory: IronMemory, residual: float, start: Array) -> HystereticState:
         constant = np.einsum("c,ced->ed", currents, self._unit.constant)
         field = CoilField(constant[None], (currents @ self._unit.bubble)[None])
         elements, before = self._form.elements, memory.material
-        state = self._form.solve(before, field, residual, memory.potential[:, None])
+        state = self._form.solve(before, field, residual, start[:, None])
         h, _, polarisation, _ = elements.evaluated(state.potential[:, 0], field, 0, before)
         after = before.after(h)
         form = self._form
