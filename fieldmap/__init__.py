@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from fieldmap.lookup import open_map as open_map
     from fieldmap.maps import generate as generate
     from fieldmap.provenance import __version__ as __version__
+    from fieldmap.studies import optimise as optimise
 
 # What machines are made of in Python.
 _PARTS = (
@@ -125,6 +126,7 @@ _PUBLIC = {
     "find_equilibrium": "fieldmap.levitation",
     "simulate": "fieldmap.dynamics",
     "open_machine": "fieldmap.dynamics",
+    "optimise": "fieldmap.studies",
     "__version__": "fieldmap.provenance",
 }
 _PACKAGES = ("control", "dynamics", "instruments", "interop")

@@ -15,6 +15,7 @@ from fieldmap.lookup.data_set import data_set
 from fieldmap.plot.animation import save_animation
 from fieldmap.plot.vtu import write_xdmf
 from fieldmap.plot.web_page import save_web_page
+from fieldmap.studies import optimise
 from fieldmap.studies.data_set import require_xarray
 
 MESH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
@@ -37,6 +38,7 @@ MESH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
         (lambda folder: save_web_page(None, folder / "scene.html"), "trame_vtk", "web"),
         (lambda folder: require_xarray(), "h5netcdf", "studies"),
         (lambda folder: require_xarray(), "xarray", "studies"),
+        (lambda folder: optimise("pair", [], "power", method="optuna"), "optuna", "optuna"),
     ],
 )
 def test_the_extra_is_named(call, module, extra, tmp_path, monkeypatch):

@@ -1,9 +1,11 @@
 """Parameter studies: a device with some keys varied, solved at sets of currents, and what comes out as one data set;
-and numbers of a machine that are found from measurements on it (`fit_machine`).
+numbers of a machine that are found from measurements on it (`fit_machine`), and those for which it is best
+(`optimise`).
 
 Depends on: errors, device, iron, maps (recipes), levitation, pydantic, xarray and h5netcdf (the extra `studies`).
 """
 
+from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Linked, Number, Variable
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
     FieldReadings,
@@ -15,22 +17,36 @@ from fieldmap.studies.machine_fit import (
     Unknown,
     fit_machine,
 )
+from fieldmap.studies.optimisation import optimise
+from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum, Step
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.run import StudyRun, run_study
 from fieldmap.studies.study import Study
 
 __all__ = [
+    "Carrying",
+    "Check",
     "ComputedReadings",
+    "DesignProblem",
     "FieldReadings",
     "InductanceReadings",
     "LiftCurrentReadings",
+    "Limit",
+    "LimitAtOptimum",
+    "Linked",
     "MachineFit",
+    "NoFeasibleDesign",
+    "Number",
+    "Optimum",
     "Readings",
     "ReadingsFit",
+    "Step",
     "Study",
     "StudyRun",
     "Unknown",
+    "Variable",
     "fit_machine",
+    "optimise",
     "read_study",
     "run_study",
 ]

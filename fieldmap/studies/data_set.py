@@ -2,9 +2,8 @@
 
 import csv
 import io
-import itertools
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,9 +14,9 @@ from fieldmap.device.reader import device_of
 from fieldmap.extras import require
 from fieldmap.provenance import library_versions
 from fieldmap.store.whole_files import whole_file
-from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, recorded
+from fieldmap.studies.quantities import NEED_PAYLOAD, Quantity, number_names, recorded
 from fieldmap.studies.study import Axis, Study
-from fieldmap.studies.variant_result import VariantResult
+from fieldmap.studies.variant_result import COPPER_WINDINGS, VariantResult
 from fieldmap.typing import Array
 
 _CONVENTIONS = (
@@ -69,13 +68,9 @@ def _leading(study: Study) -> tuple[str, ...]:
     return (*(tuple(axis.name for axis in study.axes) or ("variant",)), "currents")
 
 
-def _lengths(study: Study) -> dict[str, int]:
-    return {"coil": len(study.coil_names), "point": len(study.record.points), "component": 3, "direction": 3}
-
-
 def _values(study: Study, results: Sequence[VariantResult], quantity: Quantity) -> Array:
     """(axes of the variants, currents, axes of the quantity); NaN where there is no number."""
-    shape = tuple(_lengths(study)[axis] for axis in quantity.axes)
+    shape = tuple(len(study.labels[axis]) for axis in quantity.axes)
     missing = np.full(shape, np.nan)
     rows = [[row.numbers.get(quantity.name, missing) for row in result.rows] for result in results]
     return np.array(rows, dtype=float).reshape(*study.shape, len(study.current_sets), *shape)
@@ -88,12 +83,9 @@ def _coordinates(study: Study) -> dict[str, Any]:
     if not study.axes:
         found["variant"] = ("variant", [variant.name for variant in study.variants])
     axes = {axis for quantity in recorded(study.record.groups) for axis in quantity.axes}
-    letters = ["x", "y", "z"]
-    found |= {axis: (axis, letters) for axis in ("component", "direction") if axis in axes}
-    if "coil" in axes:
-        found["coil"] = ("coil", list(study.coil_names))
+    found |= {axis: (axis, list(study.labels[axis])) for axis in sorted(axes - {"point"})}
     if "point" in axes:
-        for k, letter in enumerate(letters):
+        for k, letter in enumerate("xyz"):
             found[f"point_{letter}"] = ("point", study.record.points[:, k], {"units": "m"})
     return found
 
@@ -108,6 +100,8 @@ def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str
         entry.common is None for entry in study.current_sets
     )
     assumed = dict.fromkeys(text for result in results for text in result.assumptions)
+    if "power" in study.record.groups:
+        assumed[COPPER_WINDINGS] = None
     limit = study.record.current_limit
     return {
         "title": study.title,
@@ -136,34 +130,20 @@ def csv_text(study: Study, results: Sequence[VariantResult]) -> str:
 
     A column is NAME [axis labels] (unit): `flux_density 1 z (T)` is B_z at the first point, `current 5 (A)` of coil 5.
     """
-    columns = [
-        (quantity, at) for quantity in recorded(study.record.groups) for at in _entries(study, quantity)
-    ]
+    columns = number_names(study.record.groups, study.labels)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     axes = [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
-    names = [_column(study, quantity, at) for quantity, at in columns]
+    names = [f"{name} ({quantity.unit})" for name, (quantity, _) in columns.items()]
     writer.writerow([*axes, "currents", *names, "problem"])
     for variant, result in zip(study.variants, results, strict=True):
         values = [axis.values[k] for axis, k in zip(study.axes, variant.place, strict=False)] or [
             variant.name
         ]
         for entry, row in zip(study.current_sets, result.rows, strict=True):
-            cells = [_cell(row.numbers.get(quantity.name), at) for quantity, at in columns]
+            cells = [_cell(row.numbers.get(quantity.name), at) for quantity, at in columns.values()]
             writer.writerow([*values, entry.name, *cells, " || ".join(row.problems)])
     return out.getvalue()
-
-
-def _entries(study: Study, quantity: Quantity) -> Iterator[tuple[int, ...]]:
-    return itertools.product(*(range(_lengths(study)[axis]) for axis in quantity.axes))
-
-
-def _column(study: Study, quantity: Quantity, at: tuple[int, ...]) -> str:
-    labels = {"coil": study.coil_names, "component": "xyz", "direction": "xyz"}
-    words = [quantity.name]
-    for axis, k in zip(quantity.axes, at, strict=True):
-        words.append(str(k + 1) if axis == "point" else labels[axis][k])
-    return " ".join(words) + f" ({quantity.unit})"
 
 
 def _cell(value: Any, at: tuple[int, ...]) -> str:

@@ -30,6 +30,12 @@ def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: 
     faster than any power of the number of directions for a smooth outline. Raises FieldmapError where the equilibrium
     is not stable in the plane, and where the workspace ends first.
     """
+    radii, _ = area_outline(field, found, payload, share)
+    return float(np.pi * np.mean(radii**2))
+
+
+def area_outline(field: Field, found: Equilibrium, payload: Payload, share: float) -> tuple[Array, Array]:
+    """Radii (64,), m, at which the horizontal force first reaches the limit, and their directions (64, 2)."""
     plane = 0.5 * (found.stiffness + found.stiffness.T)[:2, :2]
     if np.linalg.eigvalsh(plane)[0] <= 0.0:
         raise FieldmapError(_not_stable(plane))
@@ -59,7 +65,7 @@ def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: 
         middle = 0.5 * (low + high)
         out = excess(middle[:, None])[:, 0] > 0.0
         low, high = np.where(out, low, middle), np.where(out, middle, high)
-    return float(np.pi * np.mean((0.5 * (low + high)) ** 2))
+    return 0.5 * (low + high), rays
 
 
 def _distance_to_edge(field: Field, start: Array, rays: Array) -> Array:

@@ -1,10 +1,12 @@
 """What a study can record: names, units, axes, and what each number means."""
 
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fieldmap.records import Record
 
-AXES = ("variant", "currents", "coil", "point", "component", "direction")
+AXES = ("variant", "currents", "coil", "other_coil", "body", "point", "component", "direction")
 """Axes of the data set that are not varied keys."""
 
 
@@ -31,6 +33,7 @@ class Quantity(Record):
 
 _AT = "at the equilibrium of these currents"
 _POINT = ("point", "component")
+_IN_BOX = "|B - mean B| in record.box_mm, relative to |mean B|"
 QUANTITIES = (
     Quantity(
         "common_current", "currents", "A", "mean magnitude of the currents; the lift current where they carry"
@@ -77,7 +80,25 @@ QUANTITIES = (
         (),
         (100.0, "%"),
     ),
+    Quantity("power", "power", "W", "power of all windings at these currents"),
+    Quantity(
+        "inhomogeneity",
+        "homogeneity",
+        "1",
+        f"root mean square of {_IN_BOX}",
+        (),
+        (100.0, "%"),
+    ),
+    Quantity("largest_inhomogeneity", "homogeneity", "1", f"largest {_IN_BOX}", (), (100.0, "%")),
+    Quantity(
+        "inductance",
+        "inductance",
+        "H",
+        "derivative of the flux linkage of a coil by the current of another one, at these currents",
+        ("coil", "other_coil"),
+    ),
     Quantity("largest_flux_density", "iron", "T", "largest flux density of an element of the iron"),
+    Quantity("body_flux_density", "iron", "T", "largest flux density of an element of each body", ("body",)),
     Quantity(
         "error_flux_density",
         "error",
@@ -107,6 +128,9 @@ GROUPS = tuple(dict.fromkeys(quantity.group for quantity in QUANTITIES))
 NEED_PAYLOAD = frozenset({"force_per_ampere", "equilibrium", "equilibrium_area", "reach", "reachable_share"})
 NEED_LIMIT = frozenset({"reach", "reachable_share"})
 NEED_POINTS = frozenset({"field", "force_per_ampere"})
+NEED_BOX = frozenset({"homogeneity"})
+ON_REQUEST = frozenset({"inductance", "power"})
+"""Groups that are recorded where a file asks for them: they take solves of their own, or rest on assumptions."""
 
 
 def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
@@ -116,3 +140,25 @@ def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
     ['flux_density', 'gradient', 'largest_flux_density']
     """
     return tuple(quantity for quantity in QUANTITIES if quantity.group in groups)
+
+
+def number_names(
+    groups: tuple[str, ...], labels: Mapping[str, Sequence[str]]
+) -> dict[str, tuple[Quantity, tuple[int, ...]]]:
+    """Every single number of some groups by its name, NAME or NAME LABEL ..., with its place in its quantity.
+
+    labels: of the entries along each axis.
+
+    >>> labels = {"point": ["1"], "component": "xyz", "direction": "xyz", "body": ["disk"]}
+    >>> names = number_names(("field", "iron"), labels)
+    >>> list(names)[:2], list(names)[-2:]
+    (['flux_density 1 x', 'flux_density 1 y'], ['largest_flux_density', 'body_flux_density disk'])
+    >>> names["flux_density 1 z"][1]
+    (0, 2)
+    """
+    found = {}
+    for quantity in recorded(groups):
+        for at in itertools.product(*(range(len(labels[axis])) for axis in quantity.axes)):
+            words = [labels[axis][k] for axis, k in zip(quantity.axes, at, strict=True)]
+            found[" ".join([quantity.name, *words])] = quantity, at
+    return found

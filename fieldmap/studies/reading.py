@@ -18,7 +18,7 @@ from fieldmap.inputs.findings import Finding
 from fieldmap.inputs.key_paths import Location, dotted, matches
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.shipped import is_file
-from fieldmap.studies.quantities import GROUPS, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS
+from fieldmap.studies.quantities import GROUPS, NEED_BOX, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS, ON_REQUEST
 from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile, VaryKeys
 from fieldmap.studies.study import Axis, CurrentSet, IronModel, Record, Study, Value, Variant, setting_words
 
@@ -173,6 +173,9 @@ def _of_quantities(contents: StudyFile, device: Device, saturating: bool) -> Ite
             )
         if name in NEED_POINTS and not record.points_mm:
             yield Finding(place, f"{name} needs record.points_mm", "none", "add points_mm = [[x, y, z]]")
+        if name in NEED_BOX and record.box_mm is None:
+            remedy = "add box_mm = [[x, y, z], [x, y, z]], its lower and upper corner"
+            yield Finding(place, f"{name} needs record.box_mm", "none", remedy)
         if name == "reachable_share" and saturating:
             remedy = "leave it out; reach is recorded of saturating iron as well"
             yield Finding(
@@ -230,6 +233,7 @@ def read_study(path_or_name: str | Path) -> Study:
         record=_record(contents, device, _iron(contents, recipe)),
         device_document=document,
         coil_names=device.coil_names,
+        body_names=tuple(body.name for body in device.bodies),
     )
 
 
@@ -300,6 +304,8 @@ def _record(contents: StudyFile, device: Device, iron: IronModel) -> Record:
     lacking |= set(NEED_PAYLOAD) if device.payload is None or device.workspace is None else set()
     lacking |= set(NEED_LIMIT) if limit is None else set()
     lacking |= set(NEED_POINTS) if not keys.points_mm else set()
+    lacking |= set(NEED_BOX) if keys.box_mm is None else set()
+    lacking |= ON_REQUEST
     lacking |= {"reachable_share"} if iron.saturating else set()
     lacking |= {"iron"} if not device.bodies else set()
     lacking |= {"error"} if not device.bodies or device.workspace is None else set()
@@ -308,4 +314,7 @@ def _record(contents: StudyFile, device: Device, iron: IronModel) -> Record:
     )
     wanted += ["error"] if iron.accuracy is not None and device.bodies else []
     points = np.array(keys.points_mm, float).reshape(-1, 3) * MILLI
-    return Record(tuple(g for g in GROUPS if g in wanted), points, keys.force_share, limit)
+    groups = tuple(g for g in GROUPS if g in wanted)
+    corners = None if keys.box_mm is None else np.array(keys.box_mm, float) * MILLI
+    box = None if corners is None else (corners[0], corners[1])
+    return Record(groups, points, keys.force_share, limit, box)

@@ -158,7 +158,7 @@ class RecordKeys(Table):
 
     quantities: list[Annotated[str, BeforeValidator(_quantity)]] | None = Field(
         default=None,
-        description=f"of {', '.join(GROUPS)}; what the device allows if left out",
+        description=f"of {', '.join(GROUPS)}; what the device allows, without inductance and power, if left out",
         examples=[["currents", "equilibrium"]],
     )
     points_mm: list[Point] = Field(default=[], description="where field and force are recorded")
@@ -168,6 +168,18 @@ class RecordKeys(Table):
     current_limit_A: Positive | None = Field(
         default=None, description="of every coil; the driver's if left out"
     )
+    box_mm: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = Field(
+        default=None,
+        description="lower and upper corner of the box whose homogeneity is recorded",
+        examples=[[[-5.0, -5.0, -110.0], [5.0, 5.0, -100.0]]],
+    )
+
+    @model_validator(mode="after")
+    def _corners_in_order(self) -> "RecordKeys":
+        if self.box_mm is not None and not all(low < high for low, high in zip(*self.box_mm, strict=True)):
+            must_hold = "the lower corner of box_mm must lie below the upper one, along x, y and z"
+            raise broken(must_hold, shown(self.box_mm), "write [[lower x, y, z], [upper x, y, z]]")
+        return self
 
 
 class StudyFile(Table):

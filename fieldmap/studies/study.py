@@ -76,19 +76,21 @@ class IronModel(records.Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(records.Record):
-    """What is recorded: groups of quantities, points (n, 3) in m, share of the weight, largest current in A."""
+    """What is recorded: groups of quantities, points (n, 3) in m, share of the weight, largest current in A, corners
+    of the box whose field is to be homogeneous, m."""
 
     groups: tuple[str, ...]
     points: Array
     force_share: float
     current_limit: float | None
+    box: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(records.Record):
     """What to solve, in SI; path and text: the file as read. axes: varied keys; none with variants one by one.
 
-    device_document: the device file as it is. coil_names: in current order.
+    device_document: the device file as it is. coil_names: in current order; body_names: in that of the file.
     """
 
     path: Path
@@ -101,6 +103,12 @@ class Study(records.Record):
     record: Record
     device_document: Document
     coil_names: tuple[str, ...]
+    body_names: tuple[str, ...]
+
+    @property
+    def labels(self) -> dict[str, tuple[str, ...]]:
+        """Labels of the entries along each axis that a quantity may have; points count from 1."""
+        return axis_labels(self.record, self.coil_names, self.body_names)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -112,6 +120,22 @@ class Study(records.Record):
         """Of everything that decides the numbers; equal ones mean equal data on one machine."""
         device = device_of(self.device_document)
         return fingerprint((self.text, repr(self.iron), *device.texts), CODE)
+
+
+def axis_labels(
+    record: Record, coil_names: tuple[str, ...], body_names: tuple[str, ...]
+) -> dict[str, tuple[str, ...]]:
+    """Labels of the entries along each axis of quantities."""
+    letters = ("x", "y", "z")
+    points = tuple(str(k + 1) for k in range(len(record.points)))
+    return {
+        "coil": coil_names,
+        "other_coil": coil_names,
+        "body": body_names,
+        "point": points,
+        "component": letters,
+        "direction": letters,
+    }
 
 
 def setting_words(settings: dict[str, Any]) -> str:

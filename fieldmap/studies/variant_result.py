@@ -1,5 +1,7 @@
 """One variant of a study solved: its numbers at every set of currents, and the reasons where there are none."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,17 +16,24 @@ from fieldmap.errors import FieldmapError, InputError, NotConverged, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
+from fieldmap.iron.design import FILL, copper_resistance
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
+from fieldmap.iron.summary import body_fluxes
 from fieldmap.levitation import Equilibrium, find_equilibrium, lift_current
 from fieldmap.levitation.balance import upright_force
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.lift_range import controllable_share, lowest_lift_height
-from fieldmap.studies.study import CurrentSet, IronModel, Record
+from fieldmap.studies.study import CurrentSet, IronModel, Record, axis_labels
 from fieldmap.typing import Array
 
 # Ratio of the mesh sizes of a solution and of the one that it is compared with, and of two refinements.
 COARSER = 1.4
 MOST_REFINEMENTS = 6
+COPPER_WINDINGS = (
+    f"windings without a stated resistance are of copper at 20 C that fills {FILL:g} of their section"
+)
+BOX_GRID = (5, 5, 5)
+"""Points of the box whose homogeneity is taken, along x, y and z."""
 
 
 class SolvedIron:
@@ -122,11 +131,12 @@ def solve_variant(task: Task) -> VariantResult:
         device = device_of(task.document)
         return _accurate(device, task)
     except Exception as error:  # the other variants go on, whatever it was
-        reason = (_reason("variant", error),)
-        return VariantResult(tuple(Row({}, reason) for _ in task.current_sets))
+        why = (reason("variant", error),)
+        return VariantResult(tuple(Row({}, why) for _ in task.current_sets))
 
 
-def _reason(what: str, error: Exception) -> str:
+def reason(what: str, error: Exception) -> str:
+    """An error in one line, with what was being done."""
     if isinstance(error, FieldmapError) and error.problems:
         return f"{what}: {type(error).__name__}: " + " | ".join(str(problem) for problem in error.problems)
     return f"{what}: {type(error).__name__}: {error}"
@@ -149,25 +159,30 @@ def _accurate(device: Device, task: Task) -> VariantResult:
 
 
 def _row(device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> Row:
-    numbers: Numbers = {}
     try:
-        point = _OperatingPoint(device, iron, entry, record)
+        point = OperatingPoint(device, iron, entry, record)
     except FieldmapError as error:
-        return Row({}, (_reason("currents", error),))
+        return Row({}, (reason("currents", error),))
+    numbers, problems = numbers_at(point)
+    plain = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in numbers.items()
+    }
+    return Row(plain, problems)
+
+
+def numbers_at(point: OperatingPoint) -> tuple[Numbers, tuple[str, ...]]:
+    """What is recorded of a solved variant at its currents, and what could not be found."""
+    numbers: Numbers = {}
     problems = []
-    for group in record.groups:
+    for group in point.record.groups:
         try:
             numbers |= _GROUPS[group](point)
         except FieldmapError as error:
-            problems.append(_reason(group, error))
-    return Row({name: _plain(value) for name, value in numbers.items()}, tuple(dict.fromkeys(problems)))
+            problems.append(reason(group, error))
+    return numbers, tuple(dict.fromkeys(problems))
 
 
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-class _OperatingPoint:
+class OperatingPoint:
     """A solved variant at one set of currents: common current (A), currents (n_coils,)."""
 
     def __init__(self, device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> None:
@@ -180,6 +195,12 @@ class _OperatingPoint:
         payload, place, shares = self.payload, self.entry.carried_at, self.entry.shares
         first = self.record.current_limit or 1.0
         return lift_current(self.field, payload, place, shares, first).current  # type: ignore[arg-type]
+
+    @property
+    def labels(self) -> dict[str, tuple[str, ...]]:
+        """Labels of the entries along each axis that a quantity may have."""
+        bodies = tuple(body.name for body in self.device.bodies)
+        return axis_labels(self.record, self.device.coil_names, bodies)
 
     @property
     def payload(self) -> Payload:
@@ -214,16 +235,16 @@ class _OperatingPoint:
         return self._found
 
 
-def _currents(point: _OperatingPoint) -> Numbers:
+def _currents(point: OperatingPoint) -> Numbers:
     return {"common_current": point.common, "current": point.currents}
 
 
-def _field(point: _OperatingPoint) -> Numbers:
+def _field(point: OperatingPoint) -> Numbers:
     field, at = point.iron.field, point.record.points
     return {"flux_density": field.field(at, point.currents), "gradient": field.gradient(at, point.currents)}
 
 
-def _force_per_ampere(point: _OperatingPoint) -> Numbers:
+def _force_per_ampere(point: OperatingPoint) -> Numbers:
     """(F(i + h) - F(i - h)) / 2h of an upward moment, or the upright pieces; exact where the force is
     proportional to the current."""
     forces = [
@@ -233,36 +254,80 @@ def _force_per_ampere(point: _OperatingPoint) -> Numbers:
     return {"force_per_ampere": (forces[0] - forces[1]) / (2.0 * _STEP * point.common)}
 
 
-def _equilibrium(point: _OperatingPoint) -> Numbers:
+def _equilibrium(point: OperatingPoint) -> Numbers:
     found = point.equilibrium()
     numbers = {f"equilibrium_{axis}": float(found.position[k]) for k, axis in enumerate("xyz")}
     return numbers | {f"stiffness_{axis}": float(found.stiffness[k, k]) for k, axis in enumerate("xyz")}
 
 
-def _area(point: _OperatingPoint) -> Numbers:
+def _area(point: OperatingPoint) -> Numbers:
     found, field = point.equilibrium(), point.field
     return {"equilibrium_area": equilibrium_area(field, found, point.payload, point.record.force_share)}
 
 
-def _reach(point: _OperatingPoint) -> Numbers:
+def _reach(point: OperatingPoint) -> Numbers:
     shares, limit = point.entry.shares, float(point.record.current_limit or 0.0)
     currents = limit / np.abs(shares).max() * shares
     over = 0.5 * (point.box[0] + point.box[1]) if point.entry.carried_at is None else point.entry.carried_at
     return {"reach_height": lowest_lift_height(point.field, currents, point.payload, over)}
 
 
-def _reachable_share(point: _OperatingPoint) -> Numbers:
+def _reachable_share(point: OperatingPoint) -> Numbers:
     field, limit = point.iron.field, float(point.record.current_limit or 0.0)
     if not isinstance(field, LinearSolution):
         raise InputError(Problem("reachable_share", "linear iron", "saturating iron", "leave it out"))
     return {"reachable_share": controllable_share(field, point.payload, *point.box, limit)}
 
 
-def _iron(point: _OperatingPoint) -> Numbers:
-    return {"largest_flux_density": point.iron.field.at(point.currents).largest_flux_density}
+def _iron(point: OperatingPoint) -> Numbers:
+    state = point.iron.field.at(point.currents)
+    largest = {one.body: one.largest_magnitude for one in body_fluxes(state)}
+    of_bodies = np.array([largest[body.name] for body in point.device.bodies])
+    return {"largest_flux_density": state.largest_flux_density, "body_flux_density": of_bodies}
 
 
-def _error(point: _OperatingPoint) -> Numbers:
+def _power(point: OperatingPoint) -> Numbers:
+    return {"power": float(winding_resistances(point.device) @ point.currents**2)}
+
+
+def winding_resistances(device: Device) -> Array:
+    """Resistances (c,), ohm: as the device states them, otherwise of copper at 20 C (`fieldmap.iron.design`)."""
+    return np.array(
+        [copper_resistance(coil) if coil.resistance is None else coil.resistance for coil in device.coils]
+    )
+
+
+def box_grid(corners: tuple[Array, Array]) -> Array:
+    """Points (n, 3) of a box, its corners among them."""
+    axes = [np.linspace(low, high, n) for low, high, n in zip(*corners, BOX_GRID, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def inhomogeneities(field: Array) -> tuple[float, float]:
+    """Root mean square and largest |B - mean B| over |mean B| of flux densities (n, 3).
+
+    >>> inhomogeneities(np.array([[0.0, 0.0, 0.9], [0.0, 0.0, 1.1]]))
+    (0.1, 0.1)
+    """
+    mean = field.mean(axis=0)
+    apart = np.linalg.norm(field - mean, axis=1) / np.linalg.norm(mean)
+    return float(np.sqrt(np.mean(apart**2))), float(apart.max())
+
+
+def _homogeneity(point: OperatingPoint) -> Numbers:
+    assert point.record.box is not None  # the study's checks
+    rms, largest = inhomogeneities(point.iron.field.field(box_grid(point.record.box), point.currents))
+    return {"inhomogeneity": rms, "largest_inhomogeneity": largest}
+
+
+def _inductance(point: OperatingPoint) -> Numbers:
+    field = point.iron.field
+    if isinstance(field, LinearSolution):
+        return {"inductance": field.inductance()}
+    return {"inductance": field.differential_inductance(field.at(point.currents))}
+
+
+def _error(point: OperatingPoint) -> Numbers:
     error = point.iron.error(point.currents)
     return {
         "error_flux_density": error.flux_density,
@@ -271,7 +336,7 @@ def _error(point: _OperatingPoint) -> Numbers:
     }
 
 
-_GROUPS: dict[str, Callable[[_OperatingPoint], Numbers]] = {
+_GROUPS: dict[str, Callable[[OperatingPoint], Numbers]] = {
     "currents": _currents,
     "field": _field,
     "force_per_ampere": _force_per_ampere,
@@ -279,6 +344,9 @@ _GROUPS: dict[str, Callable[[_OperatingPoint], Numbers]] = {
     "equilibrium_area": _area,
     "reach": _reach,
     "reachable_share": _reachable_share,
+    "power": _power,
+    "homogeneity": _homogeneity,
+    "inductance": _inductance,
     "iron": _iron,
     "error": _error,
 }

@@ -67,14 +67,16 @@ def derivatives(
     problem: IronProblem | None,
     quantity: Quantity,
     keys: Sequence[str],
+    parameters: Parameters | None = None,
 ) -> Derivatives:
-    """Derivatives of a quantity of a state of a device by keys; problem: None for coils without iron.
+    """Derivatives of a quantity of a state of a device by keys; problem: None for coils without iron. parameters: what
+    follows the keys, by the device's own file unless given.
 
     Raises InputError for points inside the iron and for keys of joints, or that shape bodies in a way that their mesh
     cannot follow (`fieldmap.iron.sensitivity.moved_bodies`), DeviceFileError for keys that the device lacks,
     NotConverged.
     """
-    parameters = Parameters(device)
+    parameters = parameters or Parameters(device)
     changes = [parameters.change(key) for key in keys]
     for change in changes:
         _refuse_joints(change)
@@ -111,6 +113,11 @@ def _refuse_joints(change: Change) -> None:
 
 def _part(weights: Weights, batch: slice) -> Weights:
     return Weights(weights.field[batch], weights.gradient[batch], weights.linkage[batch])
+
+
+def quantity_of(state: SolvedState, quantity: Quantity) -> Array:
+    """The numbers of a quantity of a state. Raises InputError for points inside the iron."""
+    return np.asarray(quantity.of(_samples(state, quantity, quantity.points)), dtype=float)
 
 
 def _samples(state: SolvedState, quantity: Quantity, points: Array) -> Samples:

@@ -17,6 +17,7 @@ from fieldmap.iron.materials import body_properties, materials_on
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.sensitivity.adjoint import IronProblem, derivatives
+from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.iron.sensitivity.quantities import Quantity
 from fieldmap.iron.solution import SolvedState
@@ -51,10 +52,17 @@ class Origin:
             "_own": None,
         }
 
-    def derivative(self, state: SolvedState, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
-        """See `SolvedState.derivative`."""
+    def derivative(
+        self,
+        state: SolvedState,
+        quantity: Quantity,
+        parameters: Sequence[str],
+        followed: Parameters | None = None,
+    ) -> Derivatives:
+        """See `SolvedState.derivative`; followed: what of the device follows the keys, where its own file does not
+        tell."""
         keys = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-        return derivatives(self.device, state, self._problem(state), quantity, keys)
+        return derivatives(self.device, state, self._problem(state), quantity, keys, followed)
 
     def _problem(self, state: SolvedState) -> IronProblem | None:
         if state.iron is None:

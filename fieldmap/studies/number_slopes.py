@@ -1,0 +1,458 @@
+"""Exact derivatives of the numbers of a study by the variables of a design, from the adjoint of the solved state.
+
+A number Q of an operating point follows a variable p through the field at fixed places, through the currents, and
+through the place of the equilibrium. With the common current i, F_z the lift at the place that is carried, F and K
+force and stiffness at the equilibrium x,
+
+    di/dp = -F_z,p / F_z,i,      dx/dp = K^-1 (F_p + F_i di/dp),      dQ/dp = Q_p + Q_i di/dp + Q_x dx/dp,
+
+where the subscripts p and i are derivatives at fixed places, one adjoint for each number (`SolvedState.derivative`),
+and Q_x is a difference in the solved field. The equilibrium area, half the integral of r^2 over the angle with
+|F_h(x + r e)| = f m g, changes by the integral of r dr, dr = -d|F_h| / (d|F_h|/dr).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.changes import changed
+from fieldmap.device.model import Device
+from fieldmap.device.reader import device_of
+from fieldmap.errors import InputError
+from fieldmap.field import STEP, as_field
+from fieldmap.inputs.document import Document
+from fieldmap.iron import LinearSolution
+from fieldmap.iron.sensitivity.changes import Change, Parameters, same
+from fieldmap.iron.sensitivity.quantities import (
+    DipoleForce,
+    FieldFunction,
+    FluxDensityAt,
+    FluxLinkage,
+    GradientAt,
+    Quantity,
+    Samples,
+    Weights,
+)
+from fieldmap.levitation.balance import dipole_force
+from fieldmap.records import Record
+from fieldmap.studies.design_problem import CURRENT, Number, Variable, settings_at
+from fieldmap.studies.equilibrium_area import area_outline
+from fieldmap.studies.quantities import number_names
+from fieldmap.studies.variant_result import OperatingPoint, box_grid, inhomogeneities, winding_resistances
+from fieldmap.typing import Array
+
+# Half the distance of differences in the solved field, m.
+_APART = 2e-5
+# The same on the outline of the equilibrium area, at most this share of its radius.
+_SHARE = 1e-2
+
+
+class VariedParameters(Parameters):
+    """The variables of a design at their values, each with all that follows it, as parameters of `derivatives`."""
+
+    def __init__(
+        self, device: Device, document: Document, variables: tuple[Variable, ...], values: Mapping[str, float]
+    ) -> None:
+        super().__init__(device)
+        self._base, self._variables, self._values = document, variables, dict(values)
+        self._changes: dict[str, Change] = {}
+
+    def value(self, key: str) -> float:
+        """The value of a variable."""
+        return self._values[key]
+
+    def change(self, key: str, step: float | None = None) -> Change:
+        """What follows a variable; found once."""
+        if step is not None:
+            return super().change(key, step)
+        if key not in self._changes:
+            self._changes[key] = super().change(key)
+        return self._changes[key]
+
+    def _with(self, key: str, value: float) -> Device:
+        return device_of(changed(self._base, settings_at(self._variables, self._values | {key: value})))
+
+
+@dataclass(frozen=True, repr=False)
+class Slopes(Record):
+    """Derivatives: by label of the number and key of the variable. refused: keys without an exact one, and why."""
+
+    by: Mapping[str, Mapping[str, float]]
+    refused: Mapping[str, str]
+
+
+def exact_slopes(
+    point: OperatingPoint, numbers: Iterable[Number], parameters: VariedParameters, keys: tuple[str, ...]
+) -> Slopes:
+    """What can be derived exactly, of numbers at this point. Raises FieldmapError where no state has derivatives."""
+    work = _Slopes(point, parameters)
+    rules: dict[str, Callable[[], Array]] = {}
+    for number in numbers:
+        rule = _rule(work, number)
+        if rule is not None:
+            rules[number.label] = rule
+    if not rules:
+        return Slopes({}, {})
+    work.take(keys)
+    by = {label: dict(zip(work.keys, map(float, rule()), strict=True)) for label, rule in rules.items()}
+    return Slopes(by, work.refused)
+
+
+def _rule(work: _Slopes, number: Number) -> Callable[[], Array] | None:
+    """What gives the derivatives (k,) of a number once all that is needed has been taken; None where it has none."""
+    if number.of is not None:
+        if not isinstance(number.of, Quantity):
+            return None
+        part = number.label
+        work.need(part, number.of)
+        return lambda: work.total(part)[0]
+    quantity, at = work.names[number.name]
+    make = _RULES.get(quantity.name)
+    return None if make is None else make(work, at)
+
+
+class _Stacked(Quantity):
+    """Several quantities in a row."""
+
+    def __init__(self, parts: tuple[Quantity, ...]) -> None:
+        self._parts = parts
+        # Linkages in air take a second for each pair of coils.
+        self.uses = tuple(dict.fromkeys(use for part in parts for use in part.uses))  # type: ignore[misc]
+        ends = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
+        self._where = [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3) of all, m."""
+        return np.concatenate([np.zeros((0, 3)), *(part.points for part in self._parts)])
+
+    def of(self, samples: Samples) -> Array:
+        """Their numbers (k,)."""
+        return np.concatenate([np.ravel(p.of(_part(samples, w))) for p, w in self._each()])
+
+    def weights(self, samples: Samples) -> Weights:
+        """How they follow the samples, each those of its own points."""
+        found = []
+        for part, where in self._each():
+            own = part.weights(_part(samples, where))
+            field = np.zeros((len(own.field), *samples.field.shape))
+            gradient = np.zeros((len(own.field), *samples.gradient.shape))
+            field[:, where], gradient[:, where] = own.field, own.gradient
+            found.append(Weights(field, gradient, own.linkage))
+        names = ("field", "gradient", "linkage")
+        return Weights(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
+
+    def _each(self) -> Iterable[tuple[Quantity, slice]]:
+        return zip(self._parts, self._where, strict=True)
+
+
+def _part(samples: Samples, where: slice) -> Samples:
+    return Samples(samples.field[where], samples.gradient[where], samples.linkage, samples.coil_names)
+
+
+class _Slopes:
+    """Derivatives at an operating point: what is needed is noted first, then taken in one call."""
+
+    def __init__(self, point: OperatingPoint, parameters: VariedParameters) -> None:
+        self.point, self.parameters = point, parameters
+        self.keys: tuple[str, ...] = ()
+        self.refused: dict[str, str] = {}
+        self._parts: dict[str, Quantity] = {}
+        self._by_key: dict[str, Array] = {}
+        self._by_level: dict[str, Array] = {}
+        self._by_place: dict[str, Array] = {}
+        if self.carries:
+            payload = point.payload
+            up = [0.0, 0.0, payload.moment]
+            if not payload.pieces:
+                self.need("lift", DipoleForce(np.array(point.entry.carried_at), up))
+
+    @property
+    def carries(self) -> bool:
+        """Whether the currents are those that carry."""
+        return self.point.entry.common is None
+
+    @cached_property
+    def names(self) -> dict[str, Any]:
+        """Numbers of the study by name."""
+        point = self.point
+        return number_names(point.record.groups, point.labels)
+
+    def need(self, name: str, quantity: Quantity, by_place: Callable[[], Array] | None = None) -> None:
+        """Note a quantity. by_place: its derivative (n, 3) by the place of the equilibrium, where it follows that."""
+        self._parts.setdefault(name, quantity)
+        if by_place is not None and name not in self._by_place:
+            self._by_place[name] = by_place()
+
+    def need_place(self) -> None:
+        """Note what tells how the equilibrium moves."""
+        found = self.point.equilibrium()
+        self.need("balance", DipoleForce(found.position, found.moment))
+
+    def take(self, keys: tuple[str, ...]) -> None:
+        """All that is needed, by these keys; those that have no exact derivative are noted with the reason."""
+        point = self.point
+        state: Any = point.iron.field.at(point.currents)
+        self._refuse_other_changes(keys)
+        self.keys = tuple(key for key in keys if key not in self.refused)
+        if not self._parts:
+            return
+        shares = [f"current.{name}" for name in point.device.coil_names]
+        stacked = _Stacked(tuple(self._parts.values()))
+        while True:
+            left = tuple(key for key in keys if key not in self.refused)
+            asked = tuple(dict.fromkeys((*left, *shares)))
+            try:
+                found = state.origin.derivative(state, stacked, asked, self.parameters)
+                break
+            except InputError as error:
+                refused = {f"derivative, {key}": key for key in left}
+                named = [one for one in error.problems if one.where in refused]
+                if not named:
+                    raise
+                self.refused |= {refused[one.where]: f"{one.must_hold}: {one.received}" for one in named}
+        self.keys = left
+        row = 0
+        for name, part in self._parts.items():
+            count = len(np.ravel(part.of(self._samples(part))))
+            rows = slice(row, row + count)
+            columns = [np.zeros(count) if self._no_part(key) else found[key].ravel()[rows] for key in left]
+            self._by_key[name] = np.array(columns).reshape(len(left), count).T
+            each = np.array([found[key].ravel()[rows] for key in shares]).T
+            self._by_level[name] = each @ point.entry.shares
+            row += count
+
+    def _samples(self, part: Quantity) -> Samples:
+        n, coils = len(part.points), self.point.device.coil_names
+        return Samples(np.ones((n, 3)), np.ones((n, 3, 3)), np.ones(len(coils)), coils)
+
+    def _refuse_other_changes(self, keys: tuple[str, ...]) -> None:
+        """Variables that change what is neither coil, nor iron, nor background: the derivatives do not see it."""
+        for key in keys:
+            change = self.parameters.change(key)
+            if change.above is None:
+                continue
+            above, below = change.sides
+            names = ("payload", "workspace", "driver")
+            other = [name for name in names if not same(getattr(above, name), getattr(below, name))]
+            if other:
+                self.refused[key] = f"it changes the {' and the '.join(other)}"
+
+    def _no_part(self, key: str) -> bool:
+        """Whether it is a current, which currents that carry do not follow."""
+        return self.carries and key.startswith(CURRENT)
+
+    @cached_property
+    def level(self) -> Array:
+        """Derivatives (k,) of the common current."""
+        if not self.carries:
+            return np.zeros(len(self.keys))
+        lift = self._by_key["lift"][2]
+        return -lift / self._by_level["lift"][2]
+
+    @cached_property
+    def currents(self) -> Array:
+        """Derivatives (c, k) of the currents."""
+        changes = [self.parameters.change(key).currents for key in self.keys]
+        of_keys = [
+            0 * one if self._no_part(key) else one for key, one in zip(self.keys, changes, strict=True)
+        ]
+        own = np.array(of_keys).reshape(len(self.keys), len(self.point.currents)).T
+        return own + np.outer(self.point.entry.shares, self.level)
+
+    @cached_property
+    def place(self) -> Array:
+        """Derivatives (3, k) of the place of the equilibrium."""
+        force = self._by_key["balance"] + np.outer(self._by_level["balance"], self.level)
+        return np.asarray(np.linalg.solve(self._stiffness(), force), dtype=float)
+
+    def _stiffness(self) -> Array:
+        """-dF/dx (3, 3) at the equilibrium, by shorter differences than that which is recorded."""
+        found = self.point.equilibrium()
+        steps = _APART * np.eye(3)
+        where = np.concatenate([found.position + steps, found.position - steps])
+        force = dipole_force(found.moment, self.point.iron.field.gradient(where, self.point.currents))
+        return -(force[:3] - force[3:]).T / (2 * _APART)
+
+    def total(self, name: str) -> Array:
+        """Derivatives (n, k) of a quantity, with the currents and the place that follow."""
+        out = self._by_key[name] + np.outer(self._by_level[name], self.level)
+        return out + self._by_place[name] @ self.place if name in self._by_place else out
+
+    def resistances(self) -> Array:
+        """Derivatives (c, k) of the resistances of the windings."""
+        columns = []
+        for key in self.keys:
+            change = self.parameters.change(key)
+            if change.above is None:
+                columns.append(np.zeros(len(self.point.currents)))
+                continue
+            above, below = (winding_resistances(side) for side in change.sides)
+            columns.append((above - below) / change.width)
+        return np.array(columns).reshape(len(self.keys), -1).T
+
+
+Rule = Callable[[], Array]
+
+
+def _carried_by_a_dipole(work: _Slopes) -> bool:
+    payload = work.point.device.payload
+    return not work.carries or (payload is not None and not payload.pieces)
+
+
+def _common_current(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    signs = np.sign(work.point.currents)
+    return (lambda: signs @ work.currents / len(signs)) if _carried_by_a_dipole(work) else None
+
+
+def _current(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    return (lambda: work.currents[at[0]]) if _carried_by_a_dipole(work) else None
+
+
+def _power(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    if not _carried_by_a_dipole(work):
+        return None
+    i, r = work.point.currents, winding_resistances(work.point.device)
+    return lambda: 2 * (r * i) @ work.currents + i**2 @ work.resistances()
+
+
+def _flux_density(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    name = f"field {at[0]}"
+    work.need(name, FluxDensityAt(work.point.record.points[at[0]]))
+    return (lambda: work.total(name)[at[1]]) if _carried_by_a_dipole(work) else None
+
+
+def _gradient(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    name = f"gradient {at[0]}"
+    work.need(name, GradientAt(work.point.record.points[at[0]]))
+    return (lambda: work.total(name)[3 * at[1] + at[2]]) if _carried_by_a_dipole(work) else None
+
+
+def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    """Of fields that are proportional to the currents: F / i."""
+    point = work.point
+    if not as_field(point.iron.field).proportional or point.payload.pieces:
+        return None
+    name, k = f"force {at[0]}", at[1]
+    force = DipoleForce(point.record.points[at[0]], [0.0, 0.0, point.payload.moment])
+    work.need(name, force)
+    value = dipole_force(np.array(force.moment), point.iron.field.gradient(force.points, point.currents))[
+        0, k
+    ]
+    signs = np.sign(point.currents) / len(point.currents)
+    return lambda: (work.total(name)[k] - value / point.common * (signs @ work.currents)) / point.common
+
+
+def _homogeneity(place: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
+    def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+        corners = work.point.record.box
+        assert corners is not None
+        grid = box_grid(corners)
+        work.need("homogeneity", FieldFunction(lambda field: inhomogeneities(field.field(grid))))
+        return (lambda: work.total("homogeneity")[place]) if _carried_by_a_dipole(work) else None
+
+    return rule
+
+
+def _equilibrium(axis: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
+    def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+        if work.point.payload.pieces:
+            return None
+        work.need_place()
+        return lambda: work.place[axis]
+
+    return rule
+
+
+def _stiffness(axis: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
+    def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+        if work.point.payload.pieces:
+            return None
+        work.need_place()
+        found = work.point.equilibrium()
+        about = STEP * np.concatenate([np.eye(3), -np.eye(3)])
+
+        def diagonal(field: Any, position: Array) -> Array:
+            force = dipole_force(found.moment, field.gradient(position + about))
+            return -(force[range(3), range(3)] - force[range(3, 6), range(3)]) / (2 * STEP)
+
+        def by_place() -> Array:
+            state = work.point.iron.field.at(work.point.currents)
+            ahead, behind = (
+                [diagonal(state, found.position + side * step) for step in _APART * np.eye(3)]
+                for side in (1, -1)
+            )
+            return (np.array(ahead) - np.array(behind)).T / (2 * _APART)
+
+        work.need("stiffness", FieldFunction(lambda field: diagonal(field, found.position)), by_place)
+        return lambda: work.total("stiffness")[axis]
+
+    return rule
+
+
+def _area(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    point = work.point
+    if point.payload.pieces:
+        return None
+    work.need_place()
+    found = point.equilibrium()
+    radii, rays = area_outline(point.field, found, point.payload, point.record.force_share)
+    outline = np.tile(found.position, (len(radii), 1))
+    outline[:, :2] += radii[:, None] * rays
+    state = point.iron.field.at(point.currents)
+
+    def sizes(field: Any, points: Array) -> Array:
+        return np.linalg.norm(dipole_force(found.moment, field.gradient(points))[:, :2], axis=1)
+
+    # The force vanishes in the middle: its size has no derivative there.
+    apart = min(_APART, _SHARE * float(radii.min()))
+    steps = apart * np.eye(3)
+    by_step = np.array([sizes(state, outline + step) - sizes(state, outline - step) for step in steps]).T
+    by_step /= 2 * apart
+    outward = np.einsum("nd,nd->n", by_step[:, :2], rays)
+    share = -2 * np.pi / len(radii) * radii / outward
+    work.need(
+        "area",
+        FieldFunction(lambda field: np.array([share @ sizes(field, outline)])),
+        lambda: (share @ by_step)[None],
+    )
+    return lambda: work.total("area")[0]
+
+
+def _inductance(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+    """Of linear iron: the linkage of one coil by one ampere in the other."""
+    field, names = work.point.iron.field, work.point.device.coil_names
+    if not isinstance(field, LinearSolution) or not field.proportional:
+        return None
+    linkage = FluxLinkage(names[at[0]])
+    work.need(f"linkage {at[0]}", linkage)
+    state: Any = field.at(np.eye(len(names))[at[1]])
+
+    def slopes() -> Array:
+        keys = [key for key in work.keys if not key.startswith(CURRENT)]
+        found = state.origin.derivative(state, linkage, keys, work.parameters)
+        return np.array([float(found[key]) if key in keys else 0.0 for key in work.keys])
+
+    return slopes
+
+
+_RULES: dict[str, Callable[[_Slopes, tuple[int, ...]], Rule | None]] = {
+    "common_current": _common_current,
+    "current": _current,
+    "power": _power,
+    "flux_density": _flux_density,
+    "gradient": _gradient,
+    "force_per_ampere": _force_per_ampere,
+    "inhomogeneity": _homogeneity(0),
+    "largest_inhomogeneity": _homogeneity(1),
+    **{f"equilibrium_{axis}": _equilibrium(k) for k, axis in enumerate("xyz")},
+    **{f"stiffness_{axis}": _stiffness(k) for k, axis in enumerate("xyz")},
+    "equilibrium_area": _area,
+    "inductance": _inductance,
+}

@@ -1,0 +1,395 @@
+"""Design by optimisation: the best values of numbers of a device under limits (`fm.optimise`).
+
+SciPy's optimisers do the search, or Optuna's samplers; `fieldmap.studies.search` solves the designs that they ask for,
+each once, and keeps them. When the search ends, the best design is solved on a finer mesh. Where a limit does not hold
+there, the difference between the meshes is added to every number and the search goes on from there: what is limited is
+then the number of the finer mesh, to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import Bounds, NonlinearConstraint, OptimizeResult, minimize
+
+from fieldmap.device.model import Device
+from fieldmap.device.reader import device_of
+from fieldmap.errors import Problem
+from fieldmap.parallel import Workers
+from fieldmap.provenance import fingerprint
+from fieldmap.store import Checkpoint, checkpoint_path, write_whole
+from fieldmap.studies.data_set import require_xarray, write_netcdf
+from fieldmap.studies.design_problem import DesignProblem, Limit, Number, Variable
+from fieldmap.studies.design_reading import design_problem
+from fieldmap.studies.evaluation import Evaluation
+from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
+from fieldmap.studies.optuna_search import by_optuna, require_optuna
+from fieldmap.studies.search import EnoughSolves, Search
+from fieldmap.studies.study import CODE
+from fieldmap.typing import Array, PathLike, Progress
+
+# Searches from the best design on after a limit has failed on the finer mesh.
+_CORRECTIONS = 2
+# Share of a limit's scale within which it counts as active.
+_ACTIVE = 1e-2
+# First radius of the trust region of methods without derivatives, of the distance between the bounds.
+_FIRST_RADIUS = 0.25
+
+
+def optimise(
+    device: PathLike | Device,
+    variables: Sequence[Variable],
+    objective: Number | str | Callable[..., Any],
+    constraints: Sequence[Limit] = (),
+    *,
+    currents: Any = None,
+    maximise: bool = False,
+    saturating: bool | None = None,
+    refinement: float = 1.0,
+    points: ArrayLike | None = None,
+    box: tuple[ArrayLike, ArrayLike] | None = None,
+    force_share: float = 0.01,
+    method: str = "SLSQP",
+    solves: int = 200,
+    tolerance: float = 1e-4,
+    check_refinement: float | None = 1.4,
+    seed: int = 0,
+    output: PathLike | None = None,
+    resume: bool = True,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Optimum:
+    """Find the values of variables for which a number of the device is smallest, or largest, within limits.
+
+    device: a file, its name, or made in Python. variables: what may change (`Variable`). objective: the name of a
+    number that studies record ("equilibrium_area", "power", "flux_density 1 z": docs/studies.md), a `Number`, or a
+    function (device, state) -> number. constraints: numbers and their bounds (`Limit`), SI units. currents, A: one
+    number for all coils, one per coil, `Carrying(position)` for those that carry the payload, or several of these by
+    name; 1 A unless given. saturating: whether the iron saturates; it does where the device's materials do unless
+    given. refinement: divides the mesh sizes. points (n, 3), m, of the numbers at points; box: lower and upper corner,
+    m, for "inhomogeneity".
+
+    method: "SLSQP" or "trust-constr" (derivatives: exact where the adjoint gives them, differences of solved designs
+    otherwise), "COBYQA" (none), or "optuna" (none, for designs with several optima; extra "optuna"). solves: at most
+    that many designs. tolerance: relative change at which the search ends, and violation of a limit, over its bound,
+    that counts as none. check_refinement: how much finer the mesh of the last check is; None for no check, and of no
+    account without iron.
+
+    output: NetCDF file of the path, with CSV and the designs solved so far (.partial) beside it: a run that was killed
+    goes on from them and solves none twice. Functions of Python are told apart by their name alone there. workers:
+    designs solved at a time where derivatives are differences. A design that cannot be solved is kept as a failure,
+    counts as worse than all others, and the search goes on.
+
+    Raises InputError for arguments that make no sense, and where the start cannot be solved; NoFeasibleDesign, with a
+    problem for each limit that fails, where no design meets the limits; MissingExtraError without Optuna or xarray.
+
+    >>> import fieldmap as fm
+    >>> from fieldmap.studies import Limit, Variable
+    >>> best = fm.optimise(
+    ...     "loop_and_sphere", [Variable("coil.loop.turns", 50, 400)], "flux_density 1 z", [Limit("power", upper=0.5)],
+    ...     maximise=True, points=[[0, 0, -0.014]], check_refinement=None,
+    ... )                                                                         # doctest: +SKIP
+    >>> best.values                                                               # doctest: +SKIP
+    """
+    if method == "optuna":
+        require_optuna()
+    problem = design_problem(
+        device,
+        variables,
+        objective,
+        constraints,
+        currents=currents,
+        maximise=maximise,
+        saturating=saturating,
+        refinement=refinement,
+        points=points,
+        box=box,
+        force_share=force_share,
+        method=method,
+        solves=solves,
+        tolerance=tolerance,
+        check_refinement=check_refinement,
+        seed=seed,
+    )
+    return solve_problem(problem, output, resume, workers, progress)
+
+
+def solve_problem(
+    problem: DesignProblem,
+    output: PathLike | None = None,
+    resume: bool = True,
+    workers: int = 1,
+    progress: Progress | None = None,
+    scheduler: str | None = None,
+) -> Optimum:
+    """Solve a problem of design; see `optimise`."""
+    if problem.method == "optuna":
+        require_optuna()
+    target = None if output is None else Path(output)
+    if target is not None:
+        require_xarray()
+    keep = (
+        nullcontext()
+        if target is None
+        else Checkpoint(checkpoint_path(target), problem_fingerprint(problem), resume)
+    )
+    say = progress or (lambda message, fraction: None)
+    with Workers(workers, scheduler) as team, keep as checkpoint:
+        search = Search(problem, team, checkpoint, say)
+        found = _search(search)
+    if target is not None:
+        table = target.with_suffix(".csv")
+        found = replace(found, written=(target, table))
+        write_netcdf(found.data, target)
+        write_whole(table, found.csv_text().encode())
+    say("complete", 1.0)
+    return found
+
+
+def problem_fingerprint(problem: DesignProblem) -> str:
+    """Of everything that decides the numbers of a design: not of bounds, start, method, or the limits' bounds, so that
+    another search goes on with the designs of an earlier one."""
+    device = device_of(problem.document)
+    numbers = [
+        f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
+    ]
+    sets = [
+        (one.name, one.shares.tolist(), one.common, _listed(one.carried_at)) for one in problem.current_sets
+    ]
+    record = problem.record
+    settings = (
+        *device.texts,
+        repr([(one.key, one.linked) for one in problem.variables]),
+        repr(sorted(numbers)),
+        repr(sets),
+        repr(replace(problem.iron, refinement=1.0)),
+        repr([record.points.tolist(), record.force_share, record.current_limit, _listed(record.box)]),
+    )
+    return fingerprint(settings, CODE)
+
+
+def _listed(values: Any) -> Any:
+    return None if values is None else np.asarray(values).tolist()
+
+
+def _search(search: Search) -> Optimum:
+    problem = search.problem
+    start = np.array([one.start for one in problem.variables], dtype=float)
+    first = search.begin(start)
+    ended = _minimised(search, search.scaled(start))
+    best = search.best()
+    if best is None:
+        ended = _towards_the_limits(search)
+        best = search.best()
+    if best is None:
+        raise _nothing(search)
+    check = None
+    for _ in range(_CORRECTIONS + 1):
+        check, finer = _checked(search, best)
+        if check is None or check.failure or check.holds:
+            break
+        # From here on the numbers are those of the finer mesh, to first order.
+        search.shift = {name: finer.numbers[name] - value for name, value in best.numbers.items()}
+        ended = _minimised(search, search.scaled(_array(best, problem)))
+        corrected = search.best()
+        if corrected is None or corrected is best:
+            break
+        best = corrected
+    else:
+        check, finer = _checked(search, best)
+    return _optimum(search, first, best, check, finer, ended)
+
+
+def _array(found: Evaluation, problem: DesignProblem) -> Array:
+    return np.array([found.values[key] for key in problem.keys])
+
+
+def _minimised(search: Search, z: Array) -> str:
+    """Let an optimiser search from scaled values; why it ended."""
+    problem = search.problem
+    try:
+        if problem.method == "optuna":
+            return by_optuna(search, z)
+        return str(_BY_METHOD[problem.method](search, z).message)
+    except EnoughSolves:
+        return f"{problem.solves} designs were solved, as many as allowed"
+
+
+def _by_slsqp(search: Search, z: Array) -> OptimizeResult:
+    limits = {"type": "ineq", "fun": search.limits, "jac": search.limit_slopes}
+    return minimize(
+        search.objective,
+        z,
+        jac=search.objective_slopes,
+        method="SLSQP",
+        bounds=[(0.0, 1.0)] * len(z),
+        constraints=[limits] if search.problem.limits else [],
+        options={"ftol": search.problem.tolerance},
+    )
+
+
+def _by_trust_region(search: Search, z: Array) -> OptimizeResult:
+    limits = NonlinearConstraint(search.limits, 0.0, np.inf, jac=search.limit_slopes)
+    return minimize(
+        search.objective,
+        z,
+        jac=search.objective_slopes,
+        method="trust-constr",
+        bounds=Bounds(np.zeros(len(z)), np.ones(len(z)), keep_feasible=True),
+        constraints=[limits] if search.problem.limits else [],
+        options={"gtol": search.problem.tolerance, "xtol": search.problem.tolerance},
+    )
+
+
+def _by_cobyqa(search: Search, z: Array) -> OptimizeResult:
+    limits = NonlinearConstraint(search.limits, 0.0, np.inf)
+    return minimize(
+        search.objective,
+        z,
+        method="COBYQA",
+        bounds=Bounds(np.zeros(len(z)), np.ones(len(z))),
+        constraints=[limits] if search.problem.limits else [],
+        options={
+            "initial_tr_radius": _FIRST_RADIUS,
+            "final_tr_radius": min(search.problem.tolerance**0.5, 0.5 * _FIRST_RADIUS),
+        },
+    )
+
+
+_BY_METHOD = {"SLSQP": _by_slsqp, "trust-constr": _by_trust_region, "COBYQA": _by_cobyqa}
+
+
+def _towards_the_limits(search: Search) -> str:
+    """Look for a design that meets the limits, from the one that comes nearest, and search on from there."""
+    z = search.scaled(_array(search.nearest(), search.problem))
+    slopes = None if search.problem.method in ("COBYQA", "optuna") else search.violation_slopes
+    try:
+        if slopes is None:
+            options = {"initial_tr_radius": _FIRST_RADIUS}
+            found = minimize(
+                search.violations, z, method="COBYQA", bounds=[(0.0, 1.0)] * len(z), options=options
+            )
+        else:
+            found = minimize(
+                search.violations, z, jac=slopes, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(z)
+            )
+    except EnoughSolves:
+        return f"{search.problem.solves} designs were solved, as many as allowed"
+    best = search.best()
+    return (
+        str(found.message)
+        if best is None
+        else _minimised(search, search.scaled(_array(best, search.problem)))
+    )
+
+
+def _nothing(search: Search) -> NoFeasibleDesign:
+    """Which limits fail, and by how much, at the design that comes nearest to meeting all."""
+    nearest, problem = search.nearest(), search.problem
+    where = ", ".join(f"{key} = {value:.6g}" for key, value in nearest.values.items())
+    problems = []
+    for limit in problem.limits:
+        assert isinstance(limit.number, Number)
+        value = search.number(nearest, limit.number)
+        if search.excess(nearest, limit) <= problem.tolerance:
+            continue
+        side, bound = ("at least", limit.lower) if value < limit.lower else ("at most", limit.upper)
+        share = 100 * abs(value - bound) / limit.scale
+        received = (
+            f"{value:.6g} where the limits come nearest to holding ({where}): off by {abs(value - bound):.3g}"
+        )
+        problems.append(
+            Problem(
+                f"optimise, {limit.number.label}",
+                f"must be {side} {bound:g}",
+                f"{received}, {share:.2g} %",
+                "loosen this limit, widen the bounds of the variables, or begin elsewhere",
+            )
+        )
+    return NoFeasibleDesign(*problems, nearest=nearest.values, path=tuple(search.steps))
+
+
+def _checked(search: Search, best: Evaluation) -> tuple[Check | None, Evaluation]:
+    """The best design on a finer mesh."""
+    problem, times = search.problem, search.problem.check_refinement
+    if times is None or not problem.body_names:
+        return None, best
+    refinement = problem.iron.refinement * times
+    finer = search.checked(_array(best, problem), refinement)
+    if not finer.solved:
+        return Check(refinement, times, float("nan"), False, finer.failure), finer
+    holds = all(_violation(finer, limit) <= problem.tolerance for limit in problem.limits)
+    return Check(refinement, times, finer.numbers[problem.objective.label], holds), finer
+
+
+def _violation(found: Evaluation, limit: Limit) -> float:
+    assert isinstance(limit.number, Number)
+    return limit.violation(found.numbers[limit.number.label]) / limit.scale
+
+
+def _optimum(
+    search: Search, first: Evaluation, best: Evaluation, check: Check | None, finer: Evaluation, ended: str
+) -> Optimum:
+    problem = search.problem
+    label = problem.objective.label
+    values = _array(best, problem)
+    device = device_of(problem.document_at(values))
+    solved = check is not None and not check.failure
+    return Optimum(
+        title=problem.title,
+        values=best.values,
+        objective=label,
+        value=best.numbers[label],
+        start_value=first.numbers[label],
+        limits=tuple(_at_optimum(search, limit, best, finer if solved else None) for limit in problem.limits),
+        derivatives=_kinds(search),
+        refused=search.refused,
+        verified=check,
+        path=tuple(search.steps),
+        solves=search.solves,
+        kept=search.kept,
+        ended=ended,
+        method=problem.method,
+        device=device,
+        assumptions=_assumptions(search),
+    )
+
+
+def _at_optimum(search: Search, limit: Limit, best: Evaluation, finer: Evaluation | None) -> LimitAtOptimum:
+    assert isinstance(limit.number, Number)
+    label, last = limit.number.label, finer or best
+    room = min(abs(last.numbers[label] - bound) for bound in (limit.lower, limit.upper)) / limit.scale
+    return LimitAtOptimum(
+        number=label,
+        value=best.numbers[label],
+        finer=None if finer is None else finer.numbers[label],
+        lower=limit.lower,
+        upper=limit.upper,
+        active=room <= _ACTIVE,
+        holds=_violation(last, limit) <= search.problem.tolerance,
+    )
+
+
+def _kinds(search: Search) -> Mapping[str, Mapping[str, Any]]:
+    return {
+        label: {key: kinds.get(key, "none") for key in search.problem.keys}
+        for label, kinds in search.kinds.items()
+    }
+
+
+def _assumptions(search: Search) -> tuple[str, ...]:
+    problem = search.problem
+    held = [f"varied: {', '.join(problem.keys)}; all else as the device has it"]
+    iron = "saturating" if problem.iron.saturating else "of constant permeability"
+    held.append(f"iron {iron}; designs meshed anew, mesh sizes divided by {problem.iron.refinement:g}")
+    if search.shift:
+        held.append(
+            "limits and objective corrected by the difference of the finer mesh at the design before the last"
+        )
+    return tuple(held)

@@ -1,0 +1,174 @@
+"""What an optimisation found: the best design, how it was found, and what a finer mesh says."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from fieldmap.device.model import Device
+from fieldmap.errors import Infeasible, Problem
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record
+from fieldmap.studies.data_set import require_xarray
+
+Kind = Literal["exact", "differences", "none"]
+Role = Literal["step", "difference", "check"]
+
+
+@dataclass(frozen=True, repr=False)
+class LimitAtOptimum(Record):
+    """A limit at the best design: value of the number on the mesh of the search and on the finer one (None without a
+    check), bounds, SI units. active: whether it is at a bound; holds: whether it does on the finest mesh solved."""
+
+    number: str
+    value: float
+    finer: float | None
+    lower: float
+    upper: float
+    active: bool
+    holds: bool
+
+
+@dataclass(frozen=True, repr=False)
+class Check(Record):
+    """The best design on a finer mesh: refinement, how many times finer than that of the search, the objective there,
+    and whether every limit holds. failure: why it could not be solved, or ""."""
+
+    refinement: float
+    times_finer: float
+    objective: float
+    holds: bool
+    failure: str = ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Step(Record):
+    """A design that was solved, in the order in which it was asked for.
+
+    role: of the search, for a difference, or to check on a finer mesh. kept: whether an earlier run had solved it.
+    values: by key; numbers: by label, none where it failed; feasible: whether the limits hold; failure: why not solved.
+    """
+
+    role: Role
+    kept: bool
+    refinement: float
+    values: Mapping[str, float]
+    numbers: Mapping[str, float]
+    feasible: bool
+    failure: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(Record):
+    """The best design that was found.
+
+    values: of the variables, by key, in their units; objective: label of the number and its value there, and
+    start_objective where the search began, SI units; limits at the best design. derivatives: "exact" (adjoint) or
+    "differences", by label of the number and key, "none" for a method without; refused: keys without an exact
+    derivative, and why. verified: the check on a finer mesh. path: every design that was solved; solves: how many this
+    run solved; kept: how many came from an earlier run. ended: why the search ended. device: the best design; file: as
+    TOML.
+    """
+
+    title: str
+    values: Mapping[str, float]
+    objective: str
+    value: float
+    start_value: float
+    limits: tuple[LimitAtOptimum, ...]
+    derivatives: Mapping[str, Mapping[str, Kind]]
+    refused: Mapping[str, str]
+    verified: Check | None
+    path: tuple[Step, ...]
+    solves: int
+    kept: int
+    ended: str
+    method: str
+    device: Device
+    assumptions: tuple[str, ...]
+    written: tuple[Path, ...] = ()
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """Designs that could not be solved, in words, and why."""
+        return {_words(step.values): step.failure for step in self.path if step.failure}
+
+    @property
+    def data(self) -> Any:
+        """The path as an xarray.Dataset over `design`: variables by key, numbers by label, role, feasible, failure.
+
+        Raises FieldmapError where xarray is not installed.
+        """
+        xarray = require_xarray()
+        columns: dict[str, Any] = {}
+        for name, values in self._columns().items():
+            columns[name] = ("design", np.array(values))
+        attributes = {
+            "title": self.title,
+            "objective": self.objective,
+            "method": self.method,
+            "ended": self.ended,
+            "assumptions": "\n".join(self.assumptions),
+        }
+        return xarray.Dataset(columns, coords={"design": np.arange(len(self.path))}, attrs=attributes)
+
+    def csv_text(self) -> str:
+        """The path as a table, one line for each design."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        columns = self._columns()
+        writer.writerow(["design", *columns])
+        for number, row in enumerate(zip(*columns.values(), strict=True)):
+            writer.writerow([number, *row])
+        return out.getvalue()
+
+    def _columns(self) -> dict[str, list[Any]]:
+        labels = [self.objective, *(one.number for one in self.limits)]
+        found: dict[str, list[Any]] = {"role": [step.role for step in self.path]}
+        for key in self.values:
+            found[key] = [step.values[key] for step in self.path]
+        for label in dict.fromkeys(labels):
+            found[label] = [step.numbers.get(label, float("nan")) for step in self.path]
+        found["refinement"] = [step.refinement for step in self.path]
+        found["feasible"] = [step.feasible for step in self.path]
+        found["failure"] = [step.failure for step in self.path]
+        return found
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The result as plain Python: variables in their units, all else in SI units."""
+        return plain_items(
+            title=self.title,
+            values=self.values,
+            objective={"number": self.objective, "value": self.value, "at_start": self.start_value},
+            limits=self.limits,
+            derivatives=self.derivatives,
+            refused=self.refused,
+            verified=self.verified,
+            solves=self.solves,
+            kept=self.kept,
+            ended=self.ended,
+            method=self.method,
+            path=self.path,
+            assumptions=self.assumptions,
+        )
+
+
+class NoFeasibleDesign(Infeasible):
+    """No design within the bounds meets all limits. problems: one for each limit that fails at the design that comes
+    nearest; nearest: its values by key; path: what was solved."""
+
+    def __init__(
+        self, *problems: Problem, nearest: Mapping[str, float] | None = None, path: tuple[Step, ...] = ()
+    ) -> None:
+        super().__init__(*problems)
+        self.nearest, self.path = dict(nearest or {}), path
+
+
+def _words(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{key} = {value:g}" for key, value in values.items())

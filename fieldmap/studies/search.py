@@ -1,0 +1,256 @@
+"""The work of an optimisation: designs solved once and kept, with values and derivatives as optimisers take them.
+
+Variables are scaled to 0 and 1 at their bounds, the objective by its size at the start, limits by their bounds. A
+design that cannot be solved counts as worse than all that were solved, by the objective's size at the start, with the
+limits of the design before it: finite, so that a step to it is taken back.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+
+from fieldmap.errors import InputError, Problem
+from fieldmap.parallel import Workers
+from fieldmap.store import Checkpoint
+from fieldmap.studies.design_problem import WITHOUT_SLOPES, DesignProblem, Limit, Number
+from fieldmap.studies.evaluation import Asked, Evaluation, evaluate
+from fieldmap.studies.optimum import Kind, Role, Step
+from fieldmap.typing import Array, Progress
+
+
+class EnoughSolves(Exception):  # noqa: N818 - an end, not an error
+    """As many designs were solved as the problem allows."""
+
+
+class Search:
+    """Designs of a problem, solved once. checkpoint: where they are kept; None: in this run alone."""
+
+    def __init__(
+        self, problem: DesignProblem, team: Workers, checkpoint: Checkpoint | None, say: Progress
+    ) -> None:
+        self.problem, self._team, self._checkpoint, self._say = problem, team, checkpoint, say
+        self.steps: list[Step] = []
+        self.solves = self.kept = 0
+        self.refused: dict[str, str] = {}
+        self.kinds: dict[str, dict[str, Kind]] = {number.label: {} for number in problem.numbers}
+        self._known: dict[str, Evaluation] = {}
+        # What is added to a number to make it that of a finer mesh.
+        self.shift: dict[str, float] = {}
+        low, high = problem.bounds
+        self._low, self._width = low, high - low
+        self._scale = 1.0
+        self._worst = -np.inf
+
+    # Designs.
+
+    def values(self, z: Array) -> Array:
+        """Values (k,) of the variables at scaled ones."""
+        return self._low + np.clip(z, 0.0, 1.0) * self._width
+
+    def scaled(self, values: Array) -> Array:
+        """Scaled values (k,)."""
+        return (values - self._low) / self._width
+
+    def at(self, values: Array) -> Evaluation:
+        """A design of the search, with exact derivatives where the method uses them."""
+        derive = () if self.problem.method in WITHOUT_SLOPES else self.problem.keys
+        (found,) = self._solve([values], self.problem.iron.refinement, "step", derive)
+        return found
+
+    def checked(self, values: Array, refinement: float) -> Evaluation:
+        """A design on another mesh."""
+        (found,) = self._solve([values], refinement, "check", ())
+        return found
+
+    def _solve(
+        self, designs: list[Array], refinement: float, role: Role, derive: tuple[str, ...]
+    ) -> list[Evaluation]:
+        derive = tuple(key for key in derive if key not in self.refused)
+        names = [self._name(role == "step", refinement, design) for design in designs]
+        if role == "difference":
+            as_steps = [self._name(True, refinement, design) for design in designs]
+            names = [
+                step if step in self._known else name for step, name in zip(as_steps, names, strict=True)
+            ]
+        for name in names:
+            piece = self._checkpoint.get(name) if self._checkpoint is not None else None
+            if piece is not None and name not in self._known:
+                self._known[name] = Evaluation(**piece.about)
+                self.kept += 1
+                self._note(self._known[name], role, True)
+        waiting = [k for k, name in enumerate(names) if name not in self._known]
+        if self.solves + self.kept + len(waiting) > self.problem.solves and role != "check":
+            raise EnoughSolves
+        asked = [Asked(self.problem, designs[k], refinement, derive) for k in waiting]
+        for outcome in self._team.map(evaluate, asked):
+            k = waiting[outcome.index]
+            found = outcome.value or Evaluation(
+                self.problem.named(designs[k]), refinement, {}, {}, {}, outcome.reason or "no result"
+            )
+            if self._checkpoint is not None:
+                self._checkpoint.put(names[k], about=asdict(found))
+            self._known[names[k]] = found
+            self.solves += 1
+        for k in waiting:
+            self._note(self._known[names[k]], role, False)
+        return [self._known[name] for name in names]
+
+    def _name(self, derived: bool, refinement: float, design: Array) -> str:
+        return json.dumps([derived, refinement, [float(value).hex() for value in design]])
+
+    def _note(self, found: Evaluation, role: Role, kept: bool) -> None:
+        self.refused |= found.refused
+        feasible = found.solved and self.violation(found) <= self.problem.tolerance
+        self.steps.append(
+            Step(role, kept, found.refinement, found.values, found.numbers, feasible, found.failure)
+        )
+        if found.solved:
+            text = f"{self.problem.objective.label} {found.numbers[self.problem.objective.label]:.6g}"
+        else:
+            text = "failed"
+        share = min(1.0, (self.solves + self.kept) / self.problem.solves)
+        self._say(f"design {len(self.steps)}, {role}: {text}", share)
+
+    # What is judged.
+
+    def number(self, found: Evaluation, number: Number) -> float:
+        """A number of a design, as on the finer mesh where that is known."""
+        return found.numbers[number.label] + self.shift.get(number.label, 0.0)
+
+    def excess(self, found: Evaluation, limit: Limit) -> float:
+        """Violation of a limit over its scale."""
+        assert isinstance(limit.number, Number)
+        return limit.violation(self.number(found, limit.number)) / limit.scale
+
+    def violation(self, found: Evaluation) -> float:
+        """Largest violation over the limits' scales."""
+        return max((self.excess(found, limit) for limit in self.problem.limits), default=0.0)
+
+    def begin(self, values: Array) -> Evaluation:
+        """Solve where the search begins. Raises InputError where that fails."""
+        found = self.at(values)
+        if not found.solved:
+            received = found.failure
+            remedy = "begin at a design that can be solved, or correct the device"
+            must_hold = "the design at which the search begins must be solved"
+            raise InputError(Problem("optimise", must_hold, received, remedy))
+        self._scale = abs(found.numbers[self.problem.objective.label]) or 1.0
+        return found
+
+    def objective(self, z: Array) -> float:
+        """Scaled objective, to be minimised."""
+        found = self.at(self.values(z))
+        if not found.solved:
+            return self._worst + 1.0
+        value = self.problem.sign * self.number(found, self.problem.objective) / self._scale
+        self._worst = max(self._worst, value)
+        return value
+
+    def objective_slopes(self, z: Array) -> Array:
+        """Its derivatives (k,) by the scaled variables."""
+        slopes = self.slopes(self.values(z), self.problem.objective)
+        return self.problem.sign * slopes * self._width / self._scale
+
+    def limits(self, z: Array) -> Array:
+        """What is left to each bound of each limit (m,), scaled: negative where it is violated."""
+        found = self.at(self.values(z))
+        if not found.solved:
+            found = self._last_solved()
+        return np.array([part for part, _, _ in self._rooms(found)])
+
+    def limit_slopes(self, z: Array) -> Array:
+        """Their derivatives (m, k) by the scaled variables."""
+        values = self.values(z)
+        found = self.at(values)
+        found = found if found.solved else self._last_solved()
+        rows = [side * self.slopes(values, number) * self._width for _, side, number in self._rooms(found)]
+        return np.array(rows).reshape(-1, len(values))
+
+    def _rooms(self, found: Evaluation) -> list[tuple[float, float, Number]]:
+        """Room to a bound, the factor of the number in it, and the number."""
+        rooms = []
+        for limit in self.problem.limits:
+            assert isinstance(limit.number, Number)
+            value = self.number(found, limit.number)
+            for side, bound in ((1.0, limit.lower), (-1.0, limit.upper)):
+                if np.isfinite(bound):
+                    rooms.append((side * (value - bound) / limit.scale, side / limit.scale, limit.number))
+        return rooms
+
+    def violations(self, z: Array) -> float:
+        """Sum of the squares of the limits' violations, scaled."""
+        found = self.at(self.values(z))
+        if not found.solved:
+            return 1e3
+        return float(sum(self.excess(found, limit) ** 2 for limit in self.problem.limits))
+
+    def violation_slopes(self, z: Array) -> Array:
+        """Its derivatives (k,)."""
+        values = self.values(z)
+        found = self.at(values)
+        total = np.zeros(len(values))
+        if not found.solved:
+            return total
+        for room, side, number in self._rooms(found):
+            if room < 0.0:
+                total += 2 * room * side * self.slopes(values, number) * self._width
+        return total
+
+    def _last_solved(self) -> Evaluation:
+        return next(found for found in reversed(self._known.values()) if found.solved)
+
+    # Derivatives.
+
+    def slopes(self, values: Array, number: Number) -> Array:
+        """Derivatives (k,) of a number: exact ones, and differences of designs where there are none."""
+        found = self.at(values)
+        exact = found.slopes.get(number.label, {}) if found.solved else {}
+        out = np.zeros(len(values))
+        for k, key in enumerate(self.problem.keys):
+            if key in exact:
+                out[k] = exact[key]
+                self.kinds[number.label][key] = "exact"
+            else:
+                out[k] = self._difference(values, k, number)
+                self.kinds[number.label][key] = "differences"
+        return out
+
+    def _difference(self, values: Array, k: int, number: Number) -> float:
+        """Central difference within the bounds; one-sided where a side cannot be solved, 0 where neither can."""
+        width = self.problem.variables[k].difference
+        sides = [values.copy(), values.copy()]
+        sides[0][k] = max(values[k] - width, self._low[k])
+        sides[1][k] = min(values[k] + width, self._low[k] + self._width[k])
+        found = self._solve(sides, self.problem.iron.refinement, "difference", ())
+        pairs = [(side[k], one) for side, one in zip(sides, found, strict=True) if one.solved]
+        if len(pairs) == 1:
+            here = self.at(values)
+            pairs += [(values[k], here)] if here.solved else []
+        if len(pairs) < 2 or pairs[0][0] == pairs[1][0]:
+            return 0.0
+        (x0, below), (x1, above) = pairs
+        return (above.numbers[number.label] - below.numbers[number.label]) / (x1 - x0)
+
+    # What was found.
+
+    def best(self) -> Evaluation | None:
+        """The best design of the search that meets the limits; None where none does."""
+        good = [found for found in self._of_the_search() if self.violation(found) <= self.problem.tolerance]
+        return min(good, key=self._judged, default=None)
+
+    def nearest(self) -> Evaluation:
+        """The design of the search that comes nearest to meeting the limits."""
+        return min(self._of_the_search(), key=self.violation)
+
+    def _judged(self, found: Evaluation) -> float:
+        return self.problem.sign * self.number(found, self.problem.objective)
+
+    def _of_the_search(self) -> list[Evaluation]:
+        return [
+            found
+            for found in self._known.values()
+            if found.solved and found.refinement == self.problem.iron.refinement
+        ]

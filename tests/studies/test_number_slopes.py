@@ -1,0 +1,165 @@
+"""Exact derivatives of a study's numbers against central differences of whole solves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
+from fieldmap.studies.design_reading import design_problem
+from fieldmap.studies.evaluation import Asked, evaluate
+from tests.conftest import DEVICES
+
+PAYLOAD = """
+[payload]
+mass_g = 10.0
+moment_A_m2 = 0.3
+
+[parameters]
+side = 1.0
+"""
+SIDE = 'position_mm = ["= side", 0.5, 25.0]'
+DEVICE = (DEVICES / "sphere_below_loop.toml").read_text().replace(
+    "position_mm = [0.0, 0.0, 25.0]", SIDE
+) + PAYLOAD
+# The mesh of a sphere whose elements grow with it is the same mesh, larger.
+VARIABLES = {
+    "coil.loop.turns": (100.0, 0.2),
+    "coil.loop.position_mm.3": (25.0, 0.1),
+    "parameters.side": (1.0, 0.1),
+    "coil.loop.outer_radius_mm": (30.5, 2e-2),
+    "material.iron.mu_r": (1000.0, 10.0),
+    "body.sphere.radius_mm": (10.0, 5e-2),
+}
+LINKED = {"body.sphere.radius_mm": (Linked(("body.sphere.mesh_size_mm",), 0.4),)}
+NUMBERS = (
+    *("common_current", "current loop", "power", "flux_density 1 x", "flux_density 1 z", "gradient 1 z z"),
+    *("force_per_ampere 1 z", "inhomogeneity", "largest_inhomogeneity", "inductance loop loop"),
+    *("equilibrium_x", "equilibrium_y", "equilibrium_z", "stiffness_x", "stiffness_z", "equilibrium_area"),
+)
+POINTS = [[0.002, 0.001, -0.016]]
+BOX = ([0.0, 0.0, -0.02], [0.004, 0.004, -0.016])
+
+
+def problem(currents, saturating, variables, numbers=NUMBERS, device=DEVICE, **options):
+    made = [
+        Variable(key, 0.98 * value, 1.02 * value, value, LINKED.get(key, ()))
+        for key, (value, _) in variables.items()
+    ]
+    found = design_problem(
+        device,
+        made,
+        Number("common_current", next(iter(currents)) if isinstance(currents, dict) else ""),
+        (),
+        currents=currents,
+        maximise=False,
+        saturating=saturating,
+        refinement=1.0,
+        points=POINTS,
+        box=BOX,
+        force_share=0.005,
+        method="SLSQP",
+        solves=100,
+        tolerance=1e-4,
+        check_refinement=None,
+        seed=0,
+        **options,
+    )
+    sets = [entry.name for entry in found.current_sets]
+    others = tuple(Number(name, one) for name in numbers for one in sets)
+    return replace(
+        found,
+        iron=replace(found.iron, tolerance=1e-6),
+        title="",
+        objective=others[0],
+        limits=limits_of(others[1:]),
+    )
+
+
+def limits_of(numbers):
+    """Any limits: what is limited has derivatives."""
+    return tuple(Limit(number, upper=1.0) for number in numbers)
+
+
+def values_at(made, changes=None):
+    starts = {one.key: one.start for one in made.variables}
+    return np.array(list((starts | (changes or {})).values()))
+
+
+def slope(made, key, step):
+    """By difference of two solved designs; None where one could not be solved."""
+    start = next(one.start for one in made.variables if one.key == key)
+    ahead, behind = (evaluate(Asked(made, values_at(made, {key: start + s * step}), 1.0)) for s in (1, -1))
+    assert not ahead.failure
+    assert not behind.failure
+    return {name: (ahead.numbers[name] - behind.numbers[name]) / (2 * step) for name in ahead.numbers}
+
+
+def compare(made, steps):
+    """Every exact derivative within a bound of its size; of numbers that hardly follow, of a thousandth of what they
+    would change by if they followed in proportion. Which numbers have one."""
+    found = evaluate(Asked(made, values_at(made), 1.0, made.keys))
+    assert found.solved, found.failure
+    assert not found.refused
+    for key, (value, step) in steps.items():
+        wanted = slope(made, key, step)
+        for label, by in found.slopes.items():
+            size = max(abs(wanted[label]), 1e-3 * abs(found.numbers[label] / value))
+            bound = bound_of(label, key, made.iron.saturating)
+            assert by[key] == pytest.approx(wanted[label], abs=bound * size), (label, key)
+    return set(found.slopes)
+
+
+def bound_of(label, key, saturating):
+    """What differences resolve: the lift current of saturating iron is known to 1e-4, an equilibrium that hardly
+    moves to some nm, a larger sphere is not quite the same mesh."""
+    if saturating and key == "material.iron.mu_r":
+        return 2e-2
+    if label.startswith(("equilibrium", "stiffness")):
+        return 3e-2 if "body" in key or label.startswith("equilibrium_area") else 5e-3
+    return 4e-3 if saturating else 1e-3
+
+
+def test_of_linear_iron_that_carries():
+    made = problem(Carrying([0.001, 0.0005, -0.018]), False, VARIABLES)
+    assert compare(made, VARIABLES) == {number.label for number in made.numbers}
+
+
+def test_of_saturating_iron_with_currents_given():
+    """But for the numbers that only linear iron has: they are left to differences."""
+    steps = {
+        key: VARIABLES[key]
+        for key in ("coil.loop.position_mm.3", "material.iron.mu_r", "body.sphere.radius_mm")
+    }
+    made = problem({"given": 1.5}, True, steps)
+    missing = {"force_per_ampere 1 z, given", "inductance loop loop, given"}
+    assert compare(made, steps) == {number.label for number in made.numbers} - missing
+
+
+def test_of_a_current_and_of_a_difference_of_two_sets():
+    """In the set whose currents are given the current counts, in the one that carries it does not."""
+    sets = {"given": 1.5, "carries": Carrying([0.001, 0.0005, -0.018])}
+    made = problem(sets, False, {"parameters.side": VARIABLES["parameters.side"]}, ("equilibrium_z", "power"))
+    current = Variable("current.loop", 1.0, 2.0, 1.5)
+    shift = Number("equilibrium_z", "given", minus="carries")
+    made = replace(made, variables=(*made.variables, current), limits=(*made.limits, *limits_of([shift])))
+    steps = {"current.loop": (1.5, 0.01), "parameters.side": (1.0, 0.1)}
+    assert compare(made, steps) == {number.label for number in made.numbers}
+    slopes = evaluate(Asked(made, values_at(made), 1.0, made.keys)).slopes
+    assert slopes["power, carries"]["current.loop"] == 0.0
+    assert (
+        slopes["equilibrium_z, given - carries"]["current.loop"]
+        == slopes["equilibrium_z, given"]["current.loop"]
+    )
+
+
+def test_what_changes_otherwise_is_left_to_differences():
+    """The payload, a shape that the mesh cannot follow, a function of Python."""
+    made = problem(1.0, False, {"payload.mass_g": (10.0, 0.1), "coil.loop.turns": (100.0, 1.0)}, ("power",))
+    own = Number("mine", "", of=lambda device, state: float(state.currents[0]))
+    made = replace(made, limits=(*made.limits, *limits_of([own])))
+    found = evaluate(Asked(made, values_at(made), 1.0, made.keys))
+    assert list(found.refused) == ["payload.mass_g"]
+    assert found.numbers["mine"] == 1.0
+    assert list(found.slopes) == ["power"]
+    assert list(found.slopes["power"]) == ["coil.loop.turns"]

@@ -1,0 +1,318 @@
+"""Optima against closed forms; what a run does when it is killed, when designs fail, and when nothing meets the
+limits."""
+
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray
+
+import fieldmap as fm
+from fieldmap.errors import InputError
+from fieldmap.iron import FieldFunction
+from fieldmap.studies import Carrying, Limit, Linked, NoFeasibleDesign, Number, Variable
+from tests.conftest import DEVICES
+
+PAIR = """
+format = 1
+name = "pair"
+title = "Two thin coils"
+
+[parameters]
+spacing = 60.0
+
+[defaults.coil]
+kind = "circular"
+inner_radius_mm = 49.9
+outer_radius_mm = 50.1
+height_mm = 0.2
+turns = 100
+
+[[coil]]
+name = "upper"
+position_mm = [0.0, 0.0, "= spacing / 2"]
+
+[[coil]]
+name = "lower"
+position_mm = [0.0, 0.0, "= -spacing / 2"]
+"""
+LOOP = DEVICES / "thin_loop_with_driver.toml"
+SPHERE = (DEVICES / "sphere_below_loop.toml").read_text()
+DEPTH = 0.06
+# The lift of a thin loop per ampere is largest at a radius of sqrt(2/3) of the depth; the winding is 1 mm wide.
+RADIUS = Variable(
+    "coil.loop.inner_radius_mm", 30.0, 70.0, linked=(Linked(("coil.loop.outer_radius_mm",), 1.0, 1.0),)
+)
+BEST_RADIUS = 1e3 * DEPTH * np.sqrt(2 / 3) - 0.5
+
+
+def lift_per_ampere(radius):
+    """N per ampere on the payload on the axis of the thin loop, in closed form."""
+    return 0.8 * 1000 * 1.5 * 4e-7 * np.pi * radius**2 * DEPTH / (radius**2 + DEPTH**2) ** 2.5
+
+
+@pytest.mark.parametrize("start", [35.0, 60.0, 85.0])
+def test_coils_a_radius_apart_are_the_most_homogeneous(start):
+    """Helmholtz's pair: in a small box the spacing of the most homogeneous field is the radius."""
+    best = fm.optimise(
+        PAIR,
+        [Variable("parameters.spacing", 30, 90, start)],
+        "inhomogeneity",
+        box=([-1e-3] * 3, [1e-3] * 3),
+        tolerance=1e-8,
+    )
+    assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=0.02)
+    assert best.derivatives == {"inhomogeneity": {"parameters.spacing": "exact"}}
+    assert best.value < 2e-3 * best.start_value
+    assert best.verified is None
+
+
+@pytest.mark.parametrize("method", ["SLSQP", "trust-constr", "COBYQA", "optuna"])
+def test_the_loop_that_lifts_with_the_least_current(method):
+    if method == "optuna":
+        pytest.importorskip("optuna")
+    best = fm.optimise(
+        LOOP,
+        [RADIUS],
+        "common_current",
+        currents=Carrying([0, 0, -DEPTH]),
+        method=method,
+        tolerance=1e-6,
+        solves=40,
+    )
+    assert best.values[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=2.0 if method == "optuna" else 0.1)
+    weight = 0.01 * 9.80665
+    assert best.value == pytest.approx(weight / lift_per_ampere(DEPTH * np.sqrt(2 / 3)), rel=1e-3)
+    kind = "exact" if method in ("SLSQP", "trust-constr") else "none"
+    assert best.derivatives["common_current"] == {RADIUS.key: kind}
+
+
+def test_a_limit_that_is_active():
+    """The strongest field at 8 W in 2 ohm: 2 A, whatever the radius; and the radius that is best on the axis."""
+    text = LOOP.read_text().replace("turns = 1000", "turns = 1000\nresistance_ohm = 2.0")
+    best = fm.optimise(
+        text,
+        [Variable("current.loop", 0.5, 5.0), RADIUS],
+        Number("gradient 1 z z"),
+        [Limit("power", upper=8.0)],
+        maximise=True,
+        points=[[0, 0, -DEPTH]],
+        tolerance=1e-7,
+    )
+    assert best.values["current.loop"] == pytest.approx(2.0, rel=1e-5)
+    assert best.values[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=0.1)
+    (power,) = best.limits
+    assert power.active
+    assert power.holds
+    assert power.value == pytest.approx(8.0, rel=1e-5)
+    # As the limit says what can be had: the field of the dipole's lift in closed form.
+    assert best.value == pytest.approx(2.0 * lift_per_ampere(DEPTH * np.sqrt(2 / 3)) / 0.8, rel=1e-3)
+
+
+def test_the_permeability_that_a_measured_field_tells():
+    """A sphere in a uniform field: B on the axis follows from its dipole, (mu_r - 1) / (mu_r + 2)."""
+    flux, radius, place, mu_r = 0.01, 0.01, 0.02, 5.0
+    wanted = flux * (1 + 2 * (mu_r - 1) / (mu_r + 2) * (radius / place) ** 3)
+    law = 'kind = "froehlich"\nmu_r = 1000.0\nsaturation_polarisation_T = 1.5'
+    text = SPHERE.replace(law, 'kind = "linear"\nmu_r = 2.0')
+    text = text.replace("mesh_size_mm = 4.0", "mesh_size_mm = 2.0")
+    text += f"\n[background]\nflux_density_mT = [0.0, 0.0, {1e3 * flux}]\n"
+    misfit = FieldFunction(lambda field: 1e6 * (field.field([0.0, 0.0, -place])[2] - wanted) ** 2)
+    best = fm.optimise(
+        text,
+        [Variable("material.iron.mu_r", 1.5, 20.0)],
+        Number("misfit", of=misfit),
+        [Limit("common_current", upper=2e-6)],
+        currents=1e-6,
+        tolerance=1e-9,
+    )
+    assert best.values["material.iron.mu_r"] == pytest.approx(mu_r, rel=0.02)
+    assert best.derivatives["misfit"] == {"material.iron.mu_r": "exact"}
+
+
+RUN = """
+import os, signal, sys
+from tests.studies.test_optimise import lighter
+
+def tell(text, share):
+    if text.startswith("design 6,"):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+lighter(sys.argv[1], tell)
+"""
+
+
+def lighter(target, progress=None):
+    """The payload's mass has no exact derivative: designs for differences are kept as well."""
+    mass = Variable("payload.mass_g", 5.0, 20.0)
+    limits = [Limit("common_current", lower=0.9)]
+    currents = Carrying([0, 0, -DEPTH])
+    return fm.optimise(
+        LOOP, [RADIUS, mass], "common_current", limits, currents=currents, output=target, progress=progress
+    )
+
+
+def test_a_run_that_was_killed_goes_on(tmp_path):
+    """It solves no design twice, and gives what a run without a break gives."""
+    whole = lighter(tmp_path / "whole.nc")
+    assert whole.kept == 0
+    assert whole.solves == len(whole.path) > 8
+    command = [sys.executable, "-c", RUN, str(tmp_path / "killed.nc")]
+    killed = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert not (tmp_path / "killed.nc").exists()
+    resumed = lighter(tmp_path / "killed.nc")
+    assert (resumed.solves, resumed.kept) == (whole.solves - 6, 6)
+    assert resumed.values == whole.values
+    again = lighter(tmp_path / "killed.nc")
+    assert (again.solves, again.kept) == (0, whole.solves)
+    assert (tmp_path / "killed.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    with xarray.open_dataset(tmp_path / "killed.nc", engine="h5netcdf") as data:
+        np.testing.assert_array_equal(data[RADIUS.key], [step.values[RADIUS.key] for step in whole.path])
+
+
+def test_a_design_that_fails_is_recorded_and_the_search_goes_on():
+    """The sphere that pulls most fills the workspace: spheres beyond its upper end at 12 mm are refused."""
+    best = fm.optimise(
+        SPHERE,
+        [
+            Variable(
+                "body.sphere.radius_mm", 8.0, 16.0, 9.0, linked=(Linked(("body.sphere.mesh_size_mm",), 0.4),)
+            )
+        ],
+        Number("flux_density 1 z"),
+        maximise=True,
+        saturating=False,
+        points=[[0, 0, -0.02]],
+        check_refinement=None,
+    )
+    assert best.failed
+    assert all("GeometryError" in why for why in best.failed.values())
+    assert 11.0 < best.values["body.sphere.radius_mm"] < 12.0
+    failed = [step for step in best.path if step.failure]
+    assert all(step.values["body.sphere.radius_mm"] > 11.9 and not step.feasible for step in failed)
+    assert len(best.data.design) == len(best.path)
+    assert np.isnan(best.data["flux_density 1 z"].values[[bool(step.failure) for step in best.path]]).all()
+
+
+def test_a_start_that_fails_ends_at_once():
+    with pytest.raises(InputError) as caught:
+        fm.optimise(
+            SPHERE, [Variable("body.sphere.radius_mm", 8.0, 16.0, 15.0)], "common_current", saturating=False
+        )
+    assert "GeometryError" in caught.value.problems[0].received
+
+
+def test_an_infeasible_demand_names_the_limit():
+    """A payload that no loop of these radii lifts with 10 mA: off by what the best one needs more."""
+    with pytest.raises(NoFeasibleDesign) as caught:
+        fm.optimise(
+            LOOP,
+            [RADIUS],
+            "power",
+            [Limit("common_current", upper=0.01), Limit("flux_density 1 z", upper=1.0)],
+            currents=Carrying([0, 0, -DEPTH]),
+            points=[[0, 0, -DEPTH]],
+            tolerance=1e-6,
+        )
+    (problem,) = caught.value.problems
+    assert "common_current" in problem.where
+    least = 0.01 * 9.80665 / lift_per_ampere(DEPTH * np.sqrt(2 / 3))
+    nearest, off_by = (float(text.split()[0].rstrip(",")) for text in problem.received.split("off by "))
+    assert nearest == pytest.approx(least, rel=1e-3)
+    assert off_by == pytest.approx(least - 0.01, rel=5e-3)
+    assert caught.value.nearest[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=0.5)
+    assert caught.value.path
+
+
+def at_the_side(device, state):
+    """B_z beside the axis, mT."""
+    return 1e3 * state.field([0.006, 0, -0.013])[2]
+
+
+def test_limits_hold_on_the_finer_mesh():
+    """The largest sphere's field under a limit: coarse meshes give another number, which is corrected."""
+    best = fm.optimise(
+        SPHERE,
+        [Variable("current.loop", 0.5, 5.0)],
+        "flux_density 1 z",
+        [
+            Limit(
+                Number("field at the side", of=at_the_side),
+                upper=1.5,
+            )
+        ],
+        maximise=True,
+        saturating=False,
+        points=[[0, 0, -0.014]],
+        check_refinement=2.0,
+        tolerance=1e-4,
+    )
+    (limit,) = best.limits
+    assert best.verified.times_finer == 2.0
+    assert best.verified.holds
+    assert limit.holds
+    assert limit.active
+    assert limit.finer == pytest.approx(1.5, rel=2e-4)
+    # Linear iron: the current that gives it on a mesh that was solved besides.
+    state = fm.solve_linear(fm.read_device(SPHERE), refinement=2.0).at([1.0])
+    assert best.values["current.loop"] == pytest.approx(1.5 / at_the_side(None, state), rel=3e-4)
+    assert best.derivatives["field at the side"]["current.loop"] == "differences"
+
+
+def test_workers_find_the_same(tmp_path):
+    pytest.importorskip("distributed")
+    arguments = {"currents": Carrying([0, 0, -DEPTH]), "tolerance": 1e-3}
+    variables = [RADIUS, Variable("payload.mass_g", 5.0, 20.0)]
+    one = fm.optimise(LOOP, variables, "common_current", **arguments)
+    two = fm.optimise(LOOP, variables, "common_current", workers=2, **arguments)
+    assert one.values == two.values
+    assert one.derivatives["common_current"] == {RADIUS.key: "exact", "payload.mass_g": "differences"}
+
+
+def test_all_mistakes_at_once():
+    with pytest.raises(InputError) as caught:
+        fm.optimise(
+            LOOP,
+            [
+                Variable("coil.loop.turn", 1, 2),
+                Variable("coil.loop.turns", 5, 4),
+                Variable("current.coil", 0, 1),
+            ],
+            "equilibrium_areas",
+            [
+                Limit("inhomogeneity", upper=1.0),
+                Limit("power", 3.0, 2.0),
+                Limit("largest_flux_density", upper=1.0),
+            ],
+            method="simplex",
+            solves=0,
+            tolerance=2.0,
+            check_refinement=0.5,
+            refinement=-1.0,
+        )
+    where = [problem.where for problem in caught.value.problems]
+    for part in (
+        *("coil.loop.turn", "coil.loop.turns", "current.coil", "equilibrium_areas", "inhomogeneity", "power"),
+        *(
+            "largest_flux_density",
+            "(method)",
+            "(solves)",
+            "(tolerance)",
+            "(check_refinement)",
+            "(refinement)",
+        ),
+    ):
+        assert any(text.endswith(part) for text in where), part
+    assert 'did you mean "equilibrium_area"' in str(caught.value)
+
+
+def test_bounds_that_the_device_refuses():
+    with pytest.raises(InputError) as caught:
+        fm.optimise(LOOP, [Variable("coil.loop.height_mm", -1.0, 2.0)], "power")
+    assert "coil.loop.height_mm" in caught.value.problems[0].where
+    with pytest.raises(InputError) as caught:
+        fm.optimise(LOOP, [Variable("coil.loop.height_mm", 2.0, 3.0)], "power")
+    assert "start" in caught.value.problems[0].must_hold
