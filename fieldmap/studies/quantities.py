@@ -137,7 +137,7 @@ def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
     """The quantities of some groups, in the order of all.
 
     >>> [quantity.name for quantity in recorded(("iron", "field"))]
-    ['flux_density', 'gradient', 'largest_flux_density']
+    ['flux_density', 'gradient', 'largest_flux_density', 'body_flux_density']
     """
     return tuple(quantity for quantity in QUANTITIES if quantity.group in groups)
 
