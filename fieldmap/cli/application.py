@@ -20,6 +20,7 @@ from fieldmap.cli import (
     info,
     linearise,
     make_map,
+    optimise,
     probe,
     schema,
     show,
@@ -154,6 +155,9 @@ COMMANDS: dict[str, Entry] = {
         MAGNETS,
     ),
     "study": Entry(study.study, "fieldmap study pole_disk", "A device with some keys varied.", STUDIES),
+    "optimise": Entry(
+        optimise.optimise, "fieldmap optimise pole_piece", "The best values of keys, within limits.", STUDIES
+    ),
     "thesis": Entry(
         thesis.thesis, "fieldmap thesis S7 S20", "The numbers of the thesis beside ours.", STUDIES
     ),

@@ -5,6 +5,7 @@ numbers of a machine that are found from measurements on it (`fit_machine`), and
 Depends on: errors, device, iron, maps (recipes), levitation, pydantic, xarray and h5netcdf (the extra `studies`).
 """
 
+from fieldmap.studies.design_file import read_design_problem
 from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Linked, Number, Variable
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
@@ -17,7 +18,7 @@ from fieldmap.studies.machine_fit import (
     Unknown,
     fit_machine,
 )
-from fieldmap.studies.optimisation import optimise
+from fieldmap.studies.optimisation import optimise, solve_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum, Step
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.run import StudyRun, run_study
@@ -47,6 +48,8 @@ __all__ = [
     "Variable",
     "fit_machine",
     "optimise",
+    "read_design_problem",
     "read_study",
     "run_study",
+    "solve_problem",
 ]

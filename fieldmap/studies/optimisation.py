@@ -8,6 +8,7 @@ then the number of the finer mesh, to first order.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -25,12 +26,12 @@ from fieldmap.parallel import Workers
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
 from fieldmap.studies.data_set import require_xarray, write_netcdf
+from fieldmap.studies.design_arguments import design_problem
 from fieldmap.studies.design_problem import DesignProblem, Limit, Number, Variable
-from fieldmap.studies.design_reading import design_problem
 from fieldmap.studies.evaluation import Evaluation
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
 from fieldmap.studies.optuna_search import by_optuna, require_optuna
-from fieldmap.studies.search import EnoughSolves, Search
+from fieldmap.studies.search import Search, SearchEnded
 from fieldmap.studies.study import CODE
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -217,8 +218,8 @@ def _minimised(search: Search, z: Array) -> str:
         if problem.method == "optuna":
             return by_optuna(search, z)
         return str(_BY_METHOD[problem.method](search, z).message)
-    except EnoughSolves:
-        return f"{problem.solves} designs were solved, as many as allowed"
+    except SearchEnded as end:
+        return str(end)
 
 
 def _by_slsqp(search: Search, z: Array) -> OptimizeResult:
@@ -236,15 +237,18 @@ def _by_slsqp(search: Search, z: Array) -> OptimizeResult:
 
 def _by_trust_region(search: Search, z: Array) -> OptimizeResult:
     limits = NonlinearConstraint(search.limits, 0.0, np.inf, jac=search.limit_slopes)
-    return minimize(
-        search.objective,
-        z,
-        jac=search.objective_slopes,
-        method="trust-constr",
-        bounds=Bounds(np.zeros(len(z)), np.ones(len(z)), keep_feasible=True),
-        constraints=[limits] if search.problem.limits else [],
-        options={"gtol": search.problem.tolerance, "xtol": search.problem.tolerance},
-    )
+    with warnings.catch_warnings():
+        # Of a function that happens to be linear; nothing is wrong with it.
+        warnings.filterwarnings("ignore", message="delta_grad")
+        return minimize(
+            search.objective,
+            z,
+            jac=search.objective_slopes,
+            method="trust-constr",
+            bounds=Bounds(np.zeros(len(z)), np.ones(len(z)), keep_feasible=True),
+            constraints=[limits] if search.problem.limits else [],
+            options={"gtol": search.problem.tolerance, "xtol": search.problem.tolerance},
+        )
 
 
 def _by_cobyqa(search: Search, z: Array) -> OptimizeResult:
@@ -279,8 +283,8 @@ def _towards_the_limits(search: Search) -> str:
             found = minimize(
                 search.violations, z, jac=slopes, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(z)
             )
-    except EnoughSolves:
-        return f"{search.problem.solves} designs were solved, as many as allowed"
+    except SearchEnded as end:
+        return str(end)
     best = search.best()
     return (
         str(found.message)
@@ -308,7 +312,7 @@ def _nothing(search: Search) -> NoFeasibleDesign:
             Problem(
                 f"optimise, {limit.number.label}",
                 f"must be {side} {bound:g}",
-                f"{received}, {share:.2g} %",
+                f"{received}, {share:.3g} %",
                 "loosen this limit, widen the bounds of the variables, or begin elsewhere",
             )
         )
@@ -348,6 +352,7 @@ def _optimum(
         value=best.numbers[label],
         start_value=first.numbers[label],
         limits=tuple(_at_optimum(search, limit, best, finer if solved else None) for limit in problem.limits),
+        variables=problem.variables,
         derivatives=_kinds(search),
         refused=search.refused,
         verified=check,

@@ -16,6 +16,7 @@ from fieldmap.errors import Infeasible, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.studies.data_set import require_xarray
+from fieldmap.studies.design_problem import Variable, settings_at
 
 Kind = Literal["exact", "differences", "none"]
 Role = Literal["step", "difference", "check"]
@@ -69,11 +70,13 @@ class Optimum(Record):
     """The best design that was found.
 
     values: of the variables, by key, in their units; objective: label of the number and its value there, and
-    start_objective where the search began, SI units; limits at the best design. derivatives: "exact" (adjoint) or
-    "differences", by label of the number and key, "none" for a method without; refused: keys without an exact
-    derivative, and why. verified: the check on a finer mesh. path: every design that was solved; solves: how many this
-    run solved; kept: how many came from an earlier run. ended: why the search ended. device: the best design; file: as
-    TOML.
+    start_value where the search began, SI units; limits at the best design; variables with their bounds.
+
+    derivatives: "exact" (adjoint) or "differences", by label of the number and key, "none" for a method without;
+    refused: keys without an exact derivative, and why. verified: the check on a finer mesh.
+
+    path: every design that was solved; solves: how many this run solved; kept: how many came from an earlier run.
+    ended: why the search ended. device: the best design. written: files.
     """
 
     title: str
@@ -82,6 +85,7 @@ class Optimum(Record):
     value: float
     start_value: float
     limits: tuple[LimitAtOptimum, ...]
+    variables: tuple[Variable, ...]
     derivatives: Mapping[str, Mapping[str, Kind]]
     refused: Mapping[str, str]
     verified: Check | None
@@ -93,6 +97,12 @@ class Optimum(Record):
     device: Device
     assumptions: tuple[str, ...]
     written: tuple[Path, ...] = ()
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Every key of the device file that the best design sets, those that follow a variable too, in their units;
+        for `read_device(device, settings)` and `--set`."""
+        return dict(settings_at(self.variables, self.values))
 
     @property
     def failed(self) -> dict[str, str]:

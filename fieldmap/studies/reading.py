@@ -214,27 +214,45 @@ def read_study(path_or_name: str | Path) -> Study:
     path = STUDY.find(path_or_name)
     study_file = STUDY.load(path)
     contents = STUDY.contents(study_file)
-    recipe = _recipe(contents, study_file)
-    document = _device_document(contents, recipe, study_file)
+    if contents.optimise is not None:
+        must_hold, remedy = "must be a study of variants", "`fieldmap optimise` takes it"
+        raise StudyError(study_file.problem("optimise", must_hold, "a table [optimise]", remedy))
+    document, recipe = named_device(contents, study_file)
     device = device_of(document)
     findings = key_findings(contents, document) + device_findings(contents, device, recipe)
     variants = () if findings else variants_of(contents, document)
     findings += variant_findings(contents, variants)
     if findings:
         raise StudyError(*study_file.problems(findings))
+    sets, iron, record = read_parts(contents, device, recipe)
     return Study(
         path=path,
         text=study_file.text,
         title=contents.title,
         axes=axes_of(contents),
         variants=variants,
-        current_sets=tuple(_current_set(entry, len(device.coils)) for entry in contents.currents),
-        iron=_iron(contents, recipe),
-        record=_record(contents, device, _iron(contents, recipe)),
+        current_sets=sets,
+        iron=iron,
+        record=record,
         device_document=document,
         coil_names=device.coil_names,
         body_names=tuple(body.name for body in device.bodies),
     )
+
+
+def named_device(contents: StudyFile, study_file: Document) -> tuple[Document, Recipe | None]:
+    """The device file that a study names, and the recipe, if it names one. Raises StudyError."""
+    recipe = _recipe(contents, study_file)
+    return _device_document(contents, recipe, study_file), recipe
+
+
+def read_parts(
+    contents: StudyFile, device: Device, recipe: Recipe | None
+) -> tuple[tuple[CurrentSet, ...], IronModel, Record]:
+    """Sets of currents, iron, and what is recorded."""
+    sets = tuple(_current_set(entry, len(device.coils)) for entry in contents.currents)
+    iron = _iron(contents, recipe)
+    return sets, iron, _record(contents, device, iron)
 
 
 def _recipe(contents: StudyFile, study_file: Document) -> Recipe | None:

@@ -101,7 +101,7 @@ def run_study(
     """
     require_xarray()
     order = study if isinstance(study, Study) else read_study(Path(study))
-    target = _target(order, output)
+    target = output_file(order.path, output)
     say = progress or (lambda message, fraction: None)
     with (
         Workers(workers, scheduler) as team,
@@ -174,8 +174,9 @@ def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, 
     return found
 
 
-def _target(study: Study, output: str | PathLike | None) -> Path:
-    target = OUTPUT_FOLDER / f"{study.path.stem}.nc" if output is None else Path(output)
+def output_file(study: Path, output: str | PathLike | None) -> Path:
+    """The NetCDF file of a study file: as asked, or of its name. Raises InputError for one that cannot be it."""
+    target = OUTPUT_FOLDER / f"{study.stem}.nc" if output is None else Path(output)
     if target.suffix != ".nc":
         remedy = "write for example --output maps/out/study.nc; the CSV is put beside it"
         raise InputError(Problem(str(target), "must be a file name that ends in .nc", target.name, remedy))

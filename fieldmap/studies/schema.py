@@ -182,6 +182,89 @@ class RecordKeys(Table):
         return self
 
 
+class VariableKeys(Table):
+    """A key that an optimisation may change."""
+
+    key: Text = Field(
+        description='key path of the device file, "parameters.NAME", or "current.NAME" of a coil',
+        examples=["body.disk.radius_mm"],
+    )
+    lower: float = Field(description="lower bound, in the unit of the key")
+    upper: float = Field(description="upper bound")
+    start: float | None = Field(
+        default=None,
+        description="where the search begins; the device's own value if left out",
+        examples=[60.0],
+    )
+    step: Positive | None = Field(
+        default=None,
+        description="of differences, for derivatives without an exact one; a fiftieth of the range if left out",
+        examples=[0.5],
+    )
+    linked: list[LinkedKeys] = Field(default=[], description="[[optimise.variable.linked]]: keys that follow")
+
+
+class NumberKeys(Table):
+    """A number that studies record."""
+
+    number: Text = Field(
+        description="name of its column in the CSV of a study, without the unit",
+        examples=["flux_density 1 z"],
+    )
+    currents: Text | None = Field(
+        default=None,
+        description="name of the set of currents; the only one if left out",
+        examples=["equal"],
+    )
+    minus: Text | None = Field(
+        default=None, description="set of currents whose number is subtracted", examples=["x = 0.2"]
+    )
+
+
+class ConstraintKeys(NumberKeys):
+    """Bounds of a number."""
+
+    lower: float | None = Field(
+        default=None, description="lower bound, in the number's SI unit", examples=[1e-3]
+    )
+    upper: float | None = Field(
+        default=None, description="upper bound, in the number's SI unit", examples=[3.3]
+    )
+
+
+class OptimiseKeys(Table):
+    """What is optimised, within which limits: `fieldmap optimise`."""
+
+    minimise: NumberKeys | None = Field(default=None, description="the number that is to be smallest")
+    maximise: NumberKeys | None = Field(default=None, description="or the number that is to be largest")
+    variable: Annotated[list[VariableKeys], Field(min_length=1)] = Field(
+        description="[[optimise.variable]]: what may change"
+    )
+    constraint: list[ConstraintKeys] = Field(
+        default=[], description="[[optimise.constraint]]: what must hold"
+    )
+    method: Literal["SLSQP", "trust-constr", "COBYQA", "optuna"] = Field(
+        default="SLSQP", description="by derivatives (the first two), without them, or by Optuna's sampler"
+    )
+    solves: Annotated[int, Field(ge=1)] = Field(default=200, description="designs that are solved at most")
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=1e-4,
+        description="relative change at which the search ends, and violation of a limit that counts as none",
+    )
+    check_refinement: Annotated[float, Field(gt=1, le=10)] = Field(
+        default=1.4, description="how much finer the mesh is on which the best design is checked"
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(default=0, description="of Optuna's sampler")
+
+    @model_validator(mode="after")
+    def _one_objective(self) -> "OptimiseKeys":
+        there = [name for name in ("minimise", "maximise") if getattr(self, name) is not None]
+        if len(there) != 1:
+            received = " and ".join(there) or "neither"
+            raise broken("an optimisation has minimise or maximise", received, "give one of them")
+        return self
+
+
 class StudyFile(Table):
     """A study file."""
 
@@ -194,14 +277,17 @@ class StudyFile(Table):
     variant: list[VariantKeys] = Field(default=[], description="[[variant]]: one by one")
     currents: Annotated[list[CurrentKeys], Field(min_length=1)] = Field(description="[[currents]] tables")
     record: RecordKeys = Field(default=RecordKeys(), description="what is recorded")
+    optimise: OptimiseKeys | None = Field(
+        default=None, description="in the place of variants: the best of all"
+    )
 
     @model_validator(mode="after")
     def _one_of_each(self) -> "StudyFile":
-        for one, other in (("device", "recipe"), ("vary", "variant")):
-            there = [name for name in (one, other) if getattr(self, name)]
+        for names in (("device", "recipe"), ("vary", "variant", "optimise")):
+            there = [name for name in names if getattr(self, name)]
             if len(there) != 1:
-                received = " and ".join(there) or "neither"
-                raise broken(f"a study has {one} or {other}", received, "give one of them")
+                received = " and ".join(there) or "none of them"
+                raise broken(f"a study has {' or '.join(names)}", received, "give one of them")
         if self.recipe is not None and self.iron is not None:
             raise broken(
                 "iron is that of the recipe", "recipe and [iron]", "leave [iron] out, or name the device"
@@ -229,7 +315,7 @@ STUDY = register(
         StudyError,
         "maps",
         "studies",
-        keys=frozenset({"vary", "variant"}),
-        taken_by="`fieldmap study` takes it",
+        keys=frozenset({"vary", "variant", "optimise"}),
+        taken_by="`fieldmap study` takes it, or `fieldmap optimise` where it has [optimise]",
     )
 )

@@ -20,9 +20,12 @@ from fieldmap.studies.evaluation import Asked, Evaluation, evaluate
 from fieldmap.studies.optimum import Kind, Role, Step
 from fieldmap.typing import Array, Progress
 
+# So many designs in a row that lie closer together than the tolerance end the search.
+_SAME = 8
 
-class EnoughSolves(Exception):  # noqa: N818 - an end, not an error
-    """As many designs were solved as the problem allows."""
+
+class SearchEnded(Exception):  # noqa: N818 - an end, not an error
+    """Why the search ends before the optimiser does."""
 
 
 class Search:
@@ -43,6 +46,7 @@ class Search:
         self._low, self._width = low, high - low
         self._scale = 1.0
         self._worst = -np.inf
+        self._last: list[Array] = []
 
     # Designs.
 
@@ -83,7 +87,9 @@ class Search:
                 self._note(self._known[name], role, True)
         waiting = [k for k, name in enumerate(names) if name not in self._known]
         if self.solves + self.kept + len(waiting) > self.problem.solves and role != "check":
-            raise EnoughSolves
+            raise SearchEnded(f"{self.problem.solves} designs were solved, as many as allowed")
+        if role == "step" and waiting:
+            self._settled(designs[0])
         asked = [Asked(self.problem, designs[k], refinement, derive) for k in waiting]
         for outcome in self._team.map(evaluate, asked):
             k = waiting[outcome.index]
@@ -97,6 +103,13 @@ class Search:
         for k in waiting:
             self._note(self._known[names[k]], role, False)
         return [self._known[name] for name in names]
+
+    def _settled(self, design: Array) -> None:
+        """End the search where it goes round in circles, as optimisers may where no design meets the limits."""
+        self._last = [*self._last[1 - _SAME :], self.scaled(design)]
+        if len(self._last) == _SAME and np.ptp(self._last, axis=0).max() < self.problem.tolerance:
+            self._last = []
+            raise SearchEnded(f"{_SAME} designs in a row hardly differ")
 
     def _name(self, derived: bool, refinement: float, design: Array) -> str:
         return json.dumps([derived, refinement, [float(value).hex() for value in design]])

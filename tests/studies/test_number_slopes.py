@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
-from fieldmap.studies.design_reading import design_problem
+from fieldmap.studies.design_arguments import design_problem
 from fieldmap.studies.evaluation import Asked, evaluate
 from tests.conftest import DEVICES
 

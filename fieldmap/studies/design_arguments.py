@@ -1,0 +1,146 @@
+"""A problem of design from the arguments of `fm.optimise`, all mistakes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.device.model import Device
+from fieldmap.device.reader import TEXT, device_of
+from fieldmap.device.schema import DEVICE
+from fieldmap.errors import DeviceFileError, InputError, Problem
+from fieldmap.inputs.document import Document, parsed
+from fieldmap.inputs.findings import Finding
+from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
+from fieldmap.studies.design_checks import checked
+from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Number, Variable
+from fieldmap.studies.quantities import (
+    GROUPS,
+)
+from fieldmap.studies.study import CurrentSet, IronModel, Record
+from fieldmap.typing import PathLike
+
+WHERE = "optimise"
+
+
+def design_problem(
+    device: PathLike | Device,
+    variables: Sequence[Variable],
+    objective: Number | str | Callable[..., Any],
+    constraints: Sequence[Limit],
+    *,
+    currents: Any,
+    maximise: bool,
+    saturating: bool | None,
+    refinement: float,
+    points: ArrayLike | None,
+    box: tuple[ArrayLike, ArrayLike] | None,
+    force_share: float,
+    method: str,
+    solves: int,
+    tolerance: float,
+    check_refinement: float | None,
+    seed: int,
+) -> DesignProblem:
+    """The arguments of `optimise` as a problem. Raises InputError with one Problem for every mistake."""
+    document = _document(device)
+    made = device_of(document)
+    problems: list[Problem] = []
+    sets = _current_sets(currents, made, problems)
+    used = {body.material for body in made.bodies}
+    curved = any(made.materials[name].saturates for name in used)
+    corners = None if box is None else (np.asarray(box[0], dtype=float), np.asarray(box[1], dtype=float))
+    limit = made.driver.current_limit if made.driver is not None else None
+    where = np.asarray([] if points is None else points, dtype=float).reshape(-1, 3)
+    draft = DesignProblem(
+        title=f"Optimum of {made.name}",
+        document=document,
+        variables=tuple(variables),
+        objective=_number(objective, sets),
+        sign=-1.0 if maximise else 1.0,
+        limits=tuple(replace(one, number=_number(one.number, sets)) for one in constraints),
+        current_sets=sets,
+        iron=IronModel(curved if saturating is None else saturating, refinement=refinement),
+        record=Record(GROUPS, where, force_share, limit, corners),
+        coil_names=made.coil_names,
+        body_names=tuple(body.name for body in made.bodies),
+        method=method,
+        solves=solves,
+        tolerance=tolerance,
+        check_refinement=check_refinement,
+        seed=seed,
+    )
+    done, findings = checked(draft, made)
+    problems += [_told(finding, draft) for finding in findings]
+    if problems:
+        raise InputError(*problems)
+    return done
+
+
+def _told(finding: Finding, draft: DesignProblem) -> Problem:
+    """A mistake at the argument that it is in."""
+    match finding.location:
+        case ("variable", int(k), *_):
+            where = f"{WHERE}, {draft.variables[k].key}"
+        case ("objective", *_):
+            where = f"{WHERE}, {draft.objective.label}"
+        case ("limit", int(k), *_):
+            number = draft.limits[k].number
+            where = f"{WHERE}, {number.label if isinstance(number, Number) else number}"
+        case _:
+            where = f"{WHERE}({finding.location[0]})"
+    return Problem(where, finding.must_hold, finding.received, finding.remedy)
+
+
+def _document(device: PathLike | Device) -> Document:
+    if isinstance(device, Device):
+        path = device.source or Path(TEXT)
+        return DEVICE.prepared(parsed(path, device.text or device.to_toml(), DeviceFileError))
+    if isinstance(device, str) and "\n" in device:
+        return DEVICE.prepared(parsed(Path(TEXT), device, DeviceFileError))
+    return DEVICE.load(DEVICE.find(device))
+
+
+def _current_sets(given: Any, device: Device, problems: list[Problem]) -> tuple[CurrentSet, ...]:
+    named = given if isinstance(given, Mapping) else {"": 1.0 if given is None else given}
+    sets = []
+    for name, one in named.items():
+        carrying = isinstance(one, Carrying)
+        amperes = (1.0 if one.shares is None else one.shares) if isinstance(one, Carrying) else one
+        try:
+            shares = np.array(np.broadcast_to(np.asarray(amperes, dtype=float), len(device.coils)))
+        except ValueError:
+            shares = np.zeros(len(device.coils))
+        common = float(np.abs(shares).mean()) if len(shares) else 0.0
+        if not common or not np.isfinite(common):
+            must_hold = f"one number for all coils, or one for each of {len(device.coils)}, not all 0"
+            remedy = "write amperes, or Carrying(position)"
+            problems.append(Problem(f"{WHERE}(currents)", must_hold, f"{amperes}"[:80], remedy))
+            shares, common = np.ones(len(device.coils)), 1.0
+        if carrying and (device.payload is None or device.workspace is None):
+            must_hold = "the device needs a [payload] and a [workspace] for currents that carry"
+            remedy = "add them, or write amperes"
+            problems.append(Problem(f"{WHERE}(currents)", must_hold, "none", remedy))
+        place = np.asarray(one.position, dtype=float) if isinstance(one, Carrying) else None
+        sets.append(CurrentSet(str(name), shares / common, None if carrying else common, place))
+    return tuple(sets)
+
+
+def _number(given: Any, sets: Sequence[CurrentSet]) -> Number:
+    """A number with its set of currents, where there is one only."""
+    if isinstance(given, Number):
+        number = given
+    elif isinstance(given, str):
+        number = Number(given)
+    elif isinstance(given, FieldQuantity):
+        number = Number(type(given).__name__, of=given)
+    else:
+        number = Number(getattr(given, "__name__", "function"), of=given)
+    if not number.currents and len(sets) == 1:
+        number = replace(number, currents=sets[0].name)
+    return number
