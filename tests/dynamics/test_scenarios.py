@@ -94,6 +94,11 @@ def test_a_run_has_its_metrics_and_is_repeatable(written):
     assert 0.02 < depth.step.rise_time < 0.4
     assert one.metrics.event == ""
     assert run_metrics(one.scenario, one) == one.metrics
+    told = str(one).splitlines()
+    assert one.scenario.contents.title in told[0]
+    assert told[1].startswith(f"its end at {one.time[-1]:.4g} s")
+    assert f"depth {true[-1]:.3f} mm" in told[1]
+    assert f"{depth.rms_error_mm:.4f}" in next(line for line in told if line.startswith("depth"))
 
 
 def wanted_by(written, pieces, **changes):

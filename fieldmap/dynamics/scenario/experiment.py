@@ -254,10 +254,13 @@ def _into_map(reading: Array, zero_mm: float) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScenarioRun(LevitationRun):
-    """A run (`LevitationRun`) with its scenario and its metrics."""
+    """A run (`LevitationRun`) with its scenario and its metrics. `print(run)` tells what became of it."""
 
     scenario: Scenario
     metrics: RunMetrics
+
+    def __str__(self) -> str:
+        return f"{self.scenario.contents.title}\n{self.metrics}"
 
 
 def simulate(

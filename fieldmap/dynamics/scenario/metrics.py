@@ -1,5 +1,6 @@
 """What a run of a scenario is judged by."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +47,33 @@ class RunMetrics(Record):
     end_mm_per_s: tuple[float, float, float]
     end_A: tuple[float, ...]
     iron: IronUse
+
+    def __str__(self) -> str:
+        return "\n".join(_lines(self))
+
+
+def _lines(metrics: RunMetrics) -> Iterator[str]:
+    x, y, depth = (f"{value:.3f}" for value in metrics.end_mm)
+    amperes = ", ".join(f"{value:.3g}" for value in metrics.end_A)
+    how = metrics.event or "its end"
+    yield f"{how} at {metrics.end_s:.4g} s: x {x}, y {y}, depth {depth} mm; currents {amperes} A"
+    for axis in metrics.axes:
+        yield (
+            f"{axis.axis}: {axis.rms_error_mm:.4f} mm rms off its reference, {axis.largest_error_mm:.4f} at most"
+            + ("" if axis.step is None else f"; step {_of_step(axis.step)}")
+        )
+    yield f"largest lean {metrics.largest_lean_deg:.2f} degrees, current {metrics.largest_current_A:.3f} A"
+    if metrics.touched:
+        yield f"touched: {', '.join(metrics.touched)}"
+    if metrics.iron.solves:
+        yield f"iron solved at {metrics.iron.solves} steps; {metrics.iron.unsolved} did not converge"
+
+
+def _of_step(step: StepMetrics) -> str:
+    settled = (
+        f"settles in {step.settling_time:.3g} s" if np.isfinite(step.settling_time) else "does not settle"
+    )
+    return f"overshoots by {100.0 * step.overshoot:.1f} %, {settled}"
 
 
 def reading_mm(scenario: Scenario, points: Array) -> Array:
