@@ -29,7 +29,6 @@ from fieldmap.kernels.map.iron_block import NEWTON_STEPS, OUTSIDE, SOLVES, UNSOL
 from fieldmap.kernels.motion import closed_loop as kernel
 from fieldmap.kernels.motion.closed_loop import ControlLaw, Moving, Signals, Timing, closed_loop
 from fieldmap.kernels.motion.currents import MODELLED
-from fieldmap.kernels.motion.inverse import NO_INVERSE
 from fieldmap.kernels.motion.layout import STATE, Plant
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -138,7 +137,7 @@ def simulate_closed_loop(
             NO_FUNCTION,
             controller.arrays,
             machine.allocation.numbers(),
-            NO_INVERSE if inverse is None else inverse,
+            inverse if inverse is not None and inverse.rounds > 0 else None,
         )
     loop, event = start_loop(machine, law, controller.memory, schedule, state, currents, seed)
     if event == kernel.NOTHING:
@@ -169,7 +168,7 @@ def machine_for(machine: Machine, gives: str) -> Machine:
 def function_law(machine: Machine, address: int, controller: FunctionController) -> ControlLaw:
     """The control law of a function at an address, or of outputs that are given."""
     limits = controller.limits(len(machine.allocation.output_names))
-    return ControlLaw(address, limits, machine.allocation.numbers(), NO_INVERSE)
+    return ControlLaw(address, limits, machine.allocation.numbers(), None)
 
 
 def start_loop(
@@ -187,7 +186,7 @@ def start_loop(
     n, m = machine.drive.coils, len(machine.allocation.output_names)
     _check_coils(machine, amperes)
     # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
-    plant = machine.plant(schedule.step, EXACT if law.inverse.rounds else None)
+    plant = machine.plant(schedule.step, None if law.inverse is None else EXACT)
     timing, sensing = schedule.clock, machine.sensors.numbers
     signals = draw_signals(machine, schedule, seed)
     moving = Moving(begin, amperes, guarded(memory), np.empty(6))
@@ -214,7 +213,7 @@ def run_of(machine: Machine, schedule: Schedule, loop: Loop, event: int) -> Levi
         event=event_of(event, loop.time, loop.moving.state, loop.moving.currents),
         touched=tuple(name for name, bit in CONTACTS.items() if touched & bit),
         assumptions=machine.assumptions,
-        forces=loop.law.inverse.rounds > 0,
+        forces=loop.law.inverse is not None,
         output_names=machine.allocation.output_names,
         iron=iron_use(machine, loop.plant),
     )

@@ -4,6 +4,9 @@ field: (block, weights, places, numbers): a map's coefficients, the weights of i
 cell whose coefficients lie in its row of numbers (q, n), -1 for none. `forget` after any change of the weights.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -11,7 +14,7 @@ from fieldmap.kernels.map.lookup import of_kind
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN_INLINED, WHOLE, cell_number, locate
 
 NAN = np.nan
-_cell_size, _gather, _gathered = of_kind("cell_size"), of_kind("gather"), of_kind("gathered")
+_cell_size = of_kind("cell_size")
 
 
 @njit(cache=True)
@@ -30,23 +33,30 @@ def forget(field):
         places[p] = -1
 
 
-@njit(**WHOLE)
-def _superpose_all(block, weights, i, j, k, out):
-    """out (n,): what is kept of a cell."""
-    _gather(block, weights, i, j, k, out)
+def kept_in(gather: Callable[..., Any], gathered: Callable[..., Any]) -> Callable[..., Any]:
+    """`kept_at` of one interpolant, by its kernels `gather` and `gathered` (`InterpolantKernels`)."""
+
+    # Without caches of their own: they are compiled into what calls them.
+    @njit(**{**WHOLE, "cache": False})
+    def superpose_all(block, weights, i, j, k, out):
+        gather(block, weights, i, j, k, out)
+
+    @njit(**{**PLAIN_INLINED, "cache": False})
+    def kept(field, p, x, y, z):
+        block, weights, places, numbers = field
+        status, i, j, k, tx, ty, tz = locate(block, x, y, z)
+        if status != INSIDE:
+            return status, (NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
+        place = cell_number(block, i, j, k)
+        kept = numbers[p]
+        if places[p] != place:
+            superpose_all(block, weights, i, j, k, kept)
+            places[p] = place
+        return status, gathered(block, kept, tx, ty, tz)
+
+    return kept
 
 
-@njit(**PLAIN_INLINED)
-def kept_at(field, p, x, y, z):
-    """(status, the three of the field, the nine of its gradient), as `fieldmap.kernels.map.lookup.superposed_at`, for
-    point number p at x, y, z."""
-    block, weights, places, numbers = field
-    status, i, j, k, tx, ty, tz = locate(block, x, y, z)
-    if status != INSIDE:
-        return status, (NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
-    place = cell_number(block, i, j, k)
-    kept = numbers[p]
-    if places[p] != place:
-        _superpose_all(block, weights, i, j, k, kept)
-        places[p] = place
-    return status, _gathered(block, kept, tx, ty, tz)
+kept_at = kept_in(of_kind("gather"), of_kind("gathered"))
+"""`kept_at(field, p, x, y, z)`: (status, the three of the field, the nine of its gradient), as
+`fieldmap.kernels.map.lookup.superposed_at`, for point number p at x, y, z, of any interpolant."""

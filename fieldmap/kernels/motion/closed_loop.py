@@ -91,8 +91,8 @@ class Moving(NamedTuple):
 
 class ControlLaw(NamedTuple):
     """From what is seen to voltages. address: of a function (`fieldmap.kernels.control.function`), NO_FUNCTION or
-    GIVEN; controller: `Block`, of which a function takes the limits only; allocation, inverse: `Allocation`,
-    `Inverse`."""
+    GIVEN; controller: `Block`, of which a function takes the limits only; allocation: `Allocation`; inverse: `Inverse`,
+    or None for outputs that go to the coils as they are: the loop is then compiled without the search."""
 
     address: int
     controller: Any
@@ -155,15 +155,15 @@ SCAN, EVER, WITHIN, AT_ONCE = 0, 1, 2, 3
 @njit(**WHOLE)
 def _to_coils(plant, allocation, inverse, seen, outputs, voltages):
     """Fill voltages (n,) of the coils: from the outputs, or from the forces that they are at the place that is seen."""
-    if inverse.rounds == 0:
+    if inverse is None:
         allocate(allocation, outputs, voltages)
-        return
-    believed, point = inverse.believed, np.empty(3)
-    sensed_point(believed, plant.seen_at, point)
-    for k in range(3):
-        believed[POSITION + k] += seen[k] - point[k]
-    find_signals(plant, allocation, outputs, inverse)
-    allocate(allocation, inverse.signals, voltages)
+    else:
+        believed, point = inverse.believed, np.empty(3)
+        sensed_point(believed, plant.seen_at, point)
+        for k in range(3):
+            believed[POSITION + k] += seen[k] - point[k]
+        find_signals(plant, allocation, outputs, inverse)
+        allocate(allocation, inverse.signals, voltages)
 
 
 @njit(**PLAIN)
@@ -290,9 +290,9 @@ def _mechanics(first, timing, plant, field, sensing, scans, asked, ending, movin
     return NOTHING, per_period, held
 
 
-@njit(**WHOLE)
 def begin(timing, plant, sensing, signals, moving, outputs):
-    """The `Room` of a run of so many outputs, with the load at the start and the first scan; an event."""
+    """The `Room` of a run of so many outputs, with the load at the start and the first scan; an event. Not compiled:
+    what it calls is, for others."""
     superposition, coils, currents, body = plant.superposition, plant.coils, moving.currents, plant.body
     field = keep_field(plant.block, np.empty(int(plant.block[SETS])), field_points(body))
     asked, points = (currents.copy(), currents.copy(), currents.copy()), (np.empty(3), np.empty(3))
@@ -327,7 +327,7 @@ def begin(timing, plant, sensing, signals, moving, outputs):
     return room, event
 
 
-@njit(**WHOLE)
+@njit(**PLAIN)
 def closed_loop(timing, plant, sensing, law, ending, signals, moving, room, progress, rows):
     """Run until the end or an event, which is returned; at given outputs until they are asked for: PAUSED.
 
@@ -347,12 +347,14 @@ def closed_loop(timing, plant, sensing, law, ending, signals, moving, room, prog
             progress[SENSED] = 1
             if law.address == GIVEN:
                 return PAUSED
-        asked[2][:] = asked[1]
+        for k in range(currents.shape[0]):
+            asked[2][k] = asked[1][k]
         event, held = _sample(sample, time, plant, law, signals, memory, room, asked[1], progress)
         if event != NOTHING:
             return event
         if loads.shape[0] > 1 and sample > 0:
-            body[FORCE : FORCE + 6] = loads[sample]
+            for k in range(6):
+                body[FORCE + k] = loads[sample, k]
             find_load(room.field, body, state, load)
         if sample % every == 0 and progress[ROWS] < rows.shape[0]:
             _record(rows[progress[ROWS]], state, currents, asked[0], room.seen, room.outputs)

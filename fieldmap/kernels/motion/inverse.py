@@ -12,22 +12,19 @@ from fieldmap.kernels.control.instruments import GAIN, OFFSET
 from fieldmap.kernels.map.cached_field import forget, keep_field
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, SETS, WHOLE
 from fieldmap.kernels.motion.currents import allocate, find_weights
-from fieldmap.kernels.motion.layout import POSITION, STATE
+from fieldmap.kernels.motion.layout import POSITION
 from fieldmap.kernels.motion.magnet import field_points, magnet_wrench
 
 
 class Inverse(NamedTuple):
-    """rounds: how many a sample is given, 0 for a controller whose outputs go to the coils as they are; limits (2, 3)
-    of the outputs; signals (3,): those of the last sample, where the search begins and what it leaves behind; believed
-    (13,): the state whose turn is taken for the body's, its place filled in."""
+    """rounds: how many a sample is given; limits (2, 3) of the outputs; signals (3,): those of the last sample, where
+    the search begins and what it leaves behind; believed (13,): the state whose turn is taken for the body's, its
+    place filled in."""
 
     rounds: int
     limits: Any
     signals: Any
     believed: Any
-
-
-NO_INVERSE = Inverse(0, np.zeros((2, 3)), np.zeros(3), np.zeros(STATE))
 
 
 @njit(**PLAIN)

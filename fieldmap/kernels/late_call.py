@@ -1,0 +1,146 @@
+"""Compiled functions that others call by an address, found when it is first needed.
+
+numba links a function that a compiled one calls into it and optimises both again, at every level of callers. Of a large
+function that many call this is most of the time of compiling. A late function is compiled by itself, once, as a C
+function. Its callers hold the name of a cell of memory, read the address there, and, where they find none, call what
+compiles the function or takes it from numba's files. No address is part of compiled code, so that numba can keep it in
+files.
+"""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from threading import RLock
+from typing import Any
+
+import llvmlite.binding as llvm
+from llvmlite import ir
+from numba import cfunc, config, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+
+class LateFunctions:
+    """C functions of equal arguments, of which a caller names one by its number: often one alone.
+
+    name: of the symbols, for the whole process. functions: their bodies as `numba.cfunc` takes them, with the arguments
+    of the C function. returns, arguments: types of numba; an array stands for the address of its first number, and
+    must be contiguous. options: those of `numba.cfunc`.
+
+    `call(number, (...))`: for compiled code, with the arguments in a tuple. Raises IndexError for a number that no
+    function has, RuntimeError if the function could not be compiled.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        returns: types.Type,
+        arguments: tuple[types.Type, ...],
+        functions: Sequence[Callable[..., Any]],
+        **options: Any,
+    ) -> None:
+        self.name, self._functions, self._options = name, tuple(functions), options
+        places = [types.CPointer(t.dtype) if isinstance(t, types.Array) else t for t in arguments]
+        self._signature = returns(*places)
+        self._compiled: dict[int, Any] = {}
+        self._lock = RLock()
+        # Both live as long as the process, as the symbols do.
+        self._cells = (ctypes.c_void_p * len(self._functions))()
+        self._finder = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t)(self.find)
+        llvm.add_symbol(name, ctypes.addressof(self._cells))
+        address = ctypes.cast(self._finder, ctypes.c_void_p).value
+        llvm.add_symbol(f"{name}_find", 0 if address is None else address)
+        self.call: Any = _call(name, len(self._functions), self._signature, arguments)
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            self.call = lambda number, given: self._functions[number](*given)
+
+    def __repr__(self) -> str:
+        return f"LateFunctions({self.name}, {len(self._functions)})"
+
+    def find(self, number: int = 0) -> None:
+        """Compile a function unless it has been. `call` does so by itself, but cannot pass an interrupt on."""
+        with self._lock:
+            if number not in self._compiled:
+                self._compiled[number] = cfunc(self._signature, **self._options)(self._functions[number])
+                self._cells[number] = self._compiled[number].address
+
+
+def _call(name: str, functions: int, c_signature: Any, arguments: tuple[types.Type, ...]) -> Any:
+    def late_call(_: Any, number: Any, given: Any) -> Any:
+        if len(given.types) != len(arguments) or not all(map(_fits, given.types, arguments)):
+            return None
+
+        def generate(target: Any, builder: Any, signature: Any, values: Any) -> Any:
+            kinds = [target.get_value_type(t) for t in c_signature.args]
+            kind = ir.FunctionType(target.get_value_type(c_signature.return_type), kinds)
+            word = ir.IntType(target.address_size)
+            cells = _external(builder.module, ir.ArrayType(word, functions), name)
+            chosen = target.cast(builder, values[0], number, types.intp)
+            # As one without a sign, a number below zero is large.
+            with builder.if_then(builder.icmp_unsigned(">=", chosen, word(functions)), likely=False):
+                text = f"{name} has {functions} functions, numbered from 0"
+                target.call_conv.return_user_exc(builder, IndexError, (text,))
+            cell = builder.gep(cells, [ir.IntType(32)(0), chosen])
+            with builder.if_then(cgutils.is_null(builder, builder.load(cell)), likely=False):
+                finder = ir.FunctionType(ir.VoidType(), [word])
+                found = cgutils.get_or_insert_function(builder.module, finder, f"{name}_find")
+                builder.call(found, [chosen])
+            address = builder.load(cell)
+            with builder.if_then(cgutils.is_null(builder, address), likely=False):
+                text = f"{name} could not be compiled"
+                target.call_conv.return_user_exc(builder, RuntimeError, (text,))
+            parts = zip(given.types, arguments, cgutils.unpack_tuple(builder, values[1]), strict=True)
+            places = [
+                target.make_array(t)(target, builder, value=value).data
+                if isinstance(t, types.Array)
+                else target.cast(builder, value, t, wanted)
+                for t, wanted, value in parts
+            ]
+            return builder.call(builder.inttoptr(address, kind.as_pointer()), places)
+
+        return c_signature.return_type(number, given), generate
+
+    return intrinsic(late_call)
+
+
+def _fits(given: Any, wanted: Any) -> bool:
+    if not isinstance(wanted, types.Array):
+        return isinstance(given, types.Number)
+    return isinstance(given, types.Array) and (given.dtype, given.ndim, given.layout) == (
+        wanted.dtype,
+        wanted.ndim,
+        "C",
+    )
+
+
+def _external(module: Any, kind: Any, name: str) -> Any:
+    try:
+        return module.get_global(name)
+    except KeyError:
+        return ir.GlobalVariable(module, kind, name)
+
+
+@intrinsic
+def _array_at(context, address, shape):
+    """A contiguous array of a shape, a tuple, whose first number is at a pointer; for functions without counts of
+    references, in which `numba.carray` is not allowed."""
+    kind = types.Array(address.dtype, len(shape.types), "C")
+
+    def generate(target, builder, signature, values):
+        array = target.make_array(kind)(target, builder)
+        sizes = cgutils.unpack_tuple(builder, values[1])
+        width = target.get_abi_sizeof(target.get_data_type(kind.dtype))
+        strides: list[Any] = []
+        step = target.get_constant(types.intp, width)
+        for size in reversed(sizes):
+            strides.insert(0, step)
+            step = builder.mul(step, size)
+        populate_array(array, values[0], sizes, strides, target.get_constant(types.intp, width), meminfo=None)
+        return array._getvalue()
+
+    return kind(address, shape), generate
+
+
+array_at: Any = (lambda array, _: array) if config.DISABLE_JIT else _array_at  # type: ignore[attr-defined]
+"""`array_at(pointer, shape)`, in the body of a late function. Nothing is compiled there with NUMBA_DISABLE_JIT, and
+arrays are given as they are."""
