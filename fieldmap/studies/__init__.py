@@ -1,6 +1,6 @@
 """Parameter studies: a device with some keys varied, solved at sets of currents, and what comes out as one data set;
-numbers of a machine that are found from measurements on it (`fit_machine`), and those for which it is best
-(`optimise`).
+numbers of a machine that are found from measurements on it (`fit_machine`), those for which it is best (`optimise`),
+and what their tolerances make of its results (`analyse_tolerances`).
 
 Depends on: errors, device, iron, maps (recipes), levitation, pydantic, xarray and h5netcdf (the extra `studies`).
 """
@@ -23,6 +23,13 @@ from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Op
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.run import StudyRun, run_study
 from fieldmap.studies.study import Study
+from fieldmap.studies.tolerances import (
+    NumberSpread,
+    Sampled,
+    ToleranceAnalysis,
+    Uncertain,
+    analyse_tolerances,
+)
 
 __all__ = [
     "Carrying",
@@ -38,14 +45,19 @@ __all__ = [
     "MachineFit",
     "NoFeasibleDesign",
     "Number",
+    "NumberSpread",
     "Optimum",
     "Readings",
     "ReadingsFit",
+    "Sampled",
     "Step",
     "Study",
     "StudyRun",
+    "ToleranceAnalysis",
+    "Uncertain",
     "Unknown",
     "Variable",
+    "analyse_tolerances",
     "fit_machine",
     "optimise",
     "read_design_problem",

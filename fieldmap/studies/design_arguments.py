@@ -19,13 +19,9 @@ from fieldmap.inputs.findings import Finding
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.studies.design_checks import checked
 from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Number, Variable
-from fieldmap.studies.quantities import (
-    GROUPS,
-)
+from fieldmap.studies.quantities import GROUPS
 from fieldmap.studies.study import CurrentSet, IronModel, Record
 from fieldmap.typing import PathLike
-
-WHERE = "optimise"
 
 
 def design_problem(
@@ -46,12 +42,15 @@ def design_problem(
     tolerance: float,
     check_refinement: float | None,
     seed: int,
+    besides: Sequence[Number | str | Callable[..., Any]] = (),
+    caller: str = "optimise",
 ) -> DesignProblem:
-    """The arguments of `optimise` as a problem. Raises InputError with one Problem for every mistake."""
-    document = _document(device)
+    """The arguments of `optimise`, or of another caller, as a problem. Raises InputError with one Problem for every
+    mistake."""
+    document = device_document(device)
     made = device_of(document)
     problems: list[Problem] = []
-    sets = _current_sets(currents, made, problems)
+    sets = current_sets(currents, made, f"{caller}(currents)", problems)
     used = {body.material for body in made.bodies}
     curved = any(made.materials[name].saturates for name in used)
     corners = None if box is None else (np.asarray(box[0], dtype=float), np.asarray(box[1], dtype=float))
@@ -74,30 +73,34 @@ def design_problem(
         tolerance=tolerance,
         check_refinement=check_refinement,
         seed=seed,
+        besides=tuple(_number(one, sets) for one in besides),
     )
     done, findings = checked(draft, made)
-    problems += [_told(finding, draft) for finding in findings]
+    problems += [_told(finding, draft, caller) for finding in findings]
     if problems:
         raise InputError(*problems)
     return done
 
 
-def _told(finding: Finding, draft: DesignProblem) -> Problem:
+def _told(finding: Finding, draft: DesignProblem, caller: str) -> Problem:
     """A mistake at the argument that it is in."""
     match finding.location:
         case ("variable", int(k), *_):
-            where = f"{WHERE}, {draft.variables[k].key}"
+            where = f"{caller}, {draft.variables[k].key}"
         case ("objective", *_):
-            where = f"{WHERE}, {draft.objective.label}"
+            where = f"{caller}, {draft.objective.label}"
         case ("limit", int(k), *_):
             number = draft.limits[k].number
-            where = f"{WHERE}, {number.label if isinstance(number, Number) else number}"
+            where = f"{caller}, {number.label if isinstance(number, Number) else number}"
+        case ("besides", int(k), *_):
+            where = f"{caller}, {draft.besides[k].label}"
         case _:
-            where = f"{WHERE}({finding.location[0]})"
+            where = f"{caller}({finding.location[0]})"
     return Problem(where, finding.must_hold, finding.received, finding.remedy)
 
 
-def _document(device: PathLike | Device) -> Document:
+def device_document(device: PathLike | Device) -> Document:
+    """The device file of a path, a name, a text of several lines, or a device made in Python."""
     if isinstance(device, Device):
         path = device.source or Path(TEXT)
         return DEVICE.prepared(parsed(path, device.text or device.to_toml(), DeviceFileError))
@@ -106,7 +109,9 @@ def _document(device: PathLike | Device) -> Document:
     return DEVICE.load(DEVICE.find(device))
 
 
-def _current_sets(given: Any, device: Device, problems: list[Problem]) -> tuple[CurrentSet, ...]:
+def current_sets(given: Any, device: Device, where: str, problems: list[Problem]) -> tuple[CurrentSet, ...]:
+    """The argument `currents` as sets of currents, as `optimise` describes it. where: what its mistakes, which go to
+    `problems`, are told of."""
     named = given if isinstance(given, Mapping) else {"": 1.0 if given is None else given}
     sets = []
     for name, one in named.items():
@@ -120,12 +125,12 @@ def _current_sets(given: Any, device: Device, problems: list[Problem]) -> tuple[
         if not common or not np.isfinite(common):
             must_hold = f"one number for all coils, or one for each of {len(device.coils)}, not all 0"
             remedy = "write amperes, or Carrying(position)"
-            problems.append(Problem(f"{WHERE}(currents)", must_hold, f"{amperes}"[:80], remedy))
+            problems.append(Problem(where, must_hold, f"{amperes}"[:80], remedy))
             shares, common = np.ones(len(device.coils)), 1.0
         if carrying and (device.payload is None or device.workspace is None):
             must_hold = "the device needs a [payload] and a [workspace] for currents that carry"
             remedy = "add them, or write amperes"
-            problems.append(Problem(f"{WHERE}(currents)", must_hold, "none", remedy))
+            problems.append(Problem(where, must_hold, "none", remedy))
         place = np.asarray(one.position, dtype=float) if isinstance(one, Carrying) else None
         sets.append(CurrentSet(str(name), shares / common, None if carrying else common, place))
     return tuple(sets)

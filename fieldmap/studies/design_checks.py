@@ -1,6 +1,6 @@
 """What must hold of a problem of design: each mistake at its place, however the problem was written down.
 
-Places are ("variable", number, ...), ("objective",), ("limit", number) and the names of settings.
+Places are ("variable", number, ...), ("objective",), ("limit", number), ("besides", number) and the names of settings.
 """
 
 from __future__ import annotations
@@ -81,6 +81,7 @@ def _of_variable(
 def _of_numbers(draft: DesignProblem, device: Device) -> Iterator[Finding]:
     asked: list[tuple[Location, Number | str]] = [(("objective",), draft.objective)]
     asked += [(("limit", k), limit.number) for k, limit in enumerate(draft.limits)]
+    asked += [(("besides", k), number) for k, number in enumerate(draft.besides)]
     for place, number in asked:
         assert isinstance(number, Number)
         yield from _of_number(place, number, draft, device)

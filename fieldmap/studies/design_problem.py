@@ -143,7 +143,7 @@ class DesignProblem(records.Record):
     their sets of currents written out. sign: 1 to minimise the objective, -1 to maximise it. method: one of METHODS;
     solves: at most that many; tolerance: relative change of the objective at which the search ends, and violation of a
     limit that counts as none; check_refinement: how much finer the mesh is on which the optimum is checked, None for
-    no check."""
+    no check. besides: other numbers that are asked of each design."""
 
     title: str
     document: Document
@@ -161,12 +161,13 @@ class DesignProblem(records.Record):
     tolerance: float
     check_refinement: float | None
     seed: int = 0
+    besides: tuple[Number, ...] = ()
 
     @property
     def numbers(self) -> tuple[Number, ...]:
-        """Objective first, then those of the limits, each once."""
+        """Objective first, then those of the limits and others, each once."""
         limited = [limit.number for limit in self.limits]
-        every = [self.objective, *(one for one in limited if isinstance(one, Number))]
+        every = [self.objective, *(one for one in limited if isinstance(one, Number)), *self.besides]
         return tuple({one.label: one for one in every}.values())
 
     @property

@@ -41,6 +41,8 @@ _CORRECTIONS = 2
 _ACTIVE = 1e-2
 # First radius of the trust region of methods without derivatives, of the distance between the bounds.
 _FIRST_RADIUS = 0.25
+# The same once a limit has failed on the finer mesh: the best design is near.
+_NEAR_RADIUS = 0.0625
 
 
 def optimise(
@@ -191,7 +193,7 @@ def _search(search: Search) -> Optimum:
     if best is None:
         raise _nothing(search)
     check = None
-    for _ in range(_CORRECTIONS + 1):
+    for _ in range(_CORRECTIONS):
         check, finer = _checked(search, best)
         if check is None or check.failure or check.holds:
             break
@@ -259,11 +261,13 @@ def _by_cobyqa(search: Search, z: Array) -> OptimizeResult:
         method="COBYQA",
         bounds=Bounds(np.zeros(len(z)), np.ones(len(z))),
         constraints=[limits] if search.problem.limits else [],
-        options={
-            "initial_tr_radius": _FIRST_RADIUS,
-            "final_tr_radius": min(search.problem.tolerance**0.5, 0.5 * _FIRST_RADIUS),
-        },
+        options=_trust_region(search.problem, _NEAR_RADIUS if search.shift else _FIRST_RADIUS),
     )
+
+
+def _trust_region(problem: DesignProblem, radius: float) -> dict[str, float]:
+    """Of COBYQA: first and last radius. Near an optimum the objective changes with the square of the distance."""
+    return {"initial_tr_radius": radius, "final_tr_radius": min(problem.tolerance**0.5, 0.5 * radius)}
 
 
 _BY_METHOD = {"SLSQP": _by_slsqp, "trust-constr": _by_trust_region, "COBYQA": _by_cobyqa}
@@ -275,7 +279,7 @@ def _towards_the_limits(search: Search) -> str:
     slopes = None if search.problem.method in ("COBYQA", "optuna") else search.violation_slopes
     try:
         if slopes is None:
-            options = {"initial_tr_radius": _FIRST_RADIUS}
+            options = _trust_region(search.problem, _FIRST_RADIUS)
             found = minimize(
                 search.violations, z, method="COBYQA", bounds=[(0.0, 1.0)] * len(z), options=options
             )
@@ -328,13 +332,8 @@ def _checked(search: Search, best: Evaluation) -> tuple[Check | None, Evaluation
     finer = search.checked(_array(best, problem), refinement)
     if not finer.solved:
         return Check(refinement, times, float("nan"), False, finer.failure), finer
-    holds = all(_violation(finer, limit) <= problem.tolerance for limit in problem.limits)
+    holds = search.violation(finer) <= problem.tolerance
     return Check(refinement, times, finer.numbers[problem.objective.label], holds), finer
-
-
-def _violation(found: Evaluation, limit: Limit) -> float:
-    assert isinstance(limit.number, Number)
-    return limit.violation(found.numbers[limit.number.label]) / limit.scale
 
 
 def _optimum(
@@ -377,7 +376,7 @@ def _at_optimum(search: Search, limit: Limit, best: Evaluation, finer: Evaluatio
         lower=limit.lower,
         upper=limit.upper,
         active=room <= _ACTIVE,
-        holds=_violation(last, limit) <= search.problem.tolerance,
+        holds=search.excess(last, limit) <= search.problem.tolerance,
     )
 
 

@@ -19,7 +19,7 @@ from fieldmap.studies.data_set import require_xarray
 from fieldmap.studies.design_problem import Variable, settings_at
 
 Kind = Literal["exact", "differences", "none"]
-Role = Literal["step", "difference", "check"]
+Role = Literal["step", "difference", "check", "sample"]
 
 
 @dataclass(frozen=True, repr=False)

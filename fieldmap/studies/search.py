@@ -69,6 +69,10 @@ class Search:
         (found,) = self._solve([values], refinement, "check", ())
         return found
 
+    def sampled(self, designs: list[Array]) -> list[Evaluation]:
+        """Designs for their numbers alone, in their order."""
+        return self._solve(designs, self.problem.iron.refinement, "sample", ())
+
     def _solve(
         self, designs: list[Array], refinement: float, role: Role, derive: tuple[str, ...]
     ) -> list[Evaluation]:
@@ -112,7 +116,8 @@ class Search:
             raise SearchEnded(f"{_SAME} designs in a row hardly differ")
 
     def _name(self, derived: bool, refinement: float, design: Array) -> str:
-        return json.dumps([derived, refinement, [float(value).hex() for value in design]])
+        # Scaled values that are scaled back differ from what they were by rounding.
+        return json.dumps([derived, refinement, [f"{value:.12g}" for value in design]])
 
     def _note(self, found: Evaluation, role: Role, kept: bool) -> None:
         self.refused |= found.refused
@@ -131,7 +136,8 @@ class Search:
 
     def number(self, found: Evaluation, number: Number) -> float:
         """A number of a design, as on the finer mesh where that is known."""
-        return found.numbers[number.label] + self.shift.get(number.label, 0.0)
+        shift = self.shift.get(number.label, 0.0) if self._on_search_mesh(found) else 0.0
+        return found.numbers[number.label] + shift
 
     def excess(self, found: Evaluation, limit: Limit) -> float:
         """Violation of a limit over its scale."""
@@ -213,7 +219,7 @@ class Search:
         return total
 
     def _last_solved(self) -> Evaluation:
-        return next(found for found in reversed(self._known.values()) if found.solved)
+        return self._of_the_search()[-1]
 
     # Derivatives.
 
@@ -262,8 +268,7 @@ class Search:
         return self.problem.sign * self.number(found, self.problem.objective)
 
     def _of_the_search(self) -> list[Evaluation]:
-        return [
-            found
-            for found in self._known.values()
-            if found.solved and found.refinement == self.problem.iron.refinement
-        ]
+        return [found for found in self._known.values() if found.solved and self._on_search_mesh(found)]
+
+    def _on_search_mesh(self, found: Evaluation) -> bool:
+        return found.refinement == self.problem.iron.refinement

@@ -197,6 +197,40 @@ def test_a_design_that_fails_is_recorded_and_the_search_goes_on():
     assert np.isnan(best.data["flux_density 1 z"].values[[bool(step.failure) for step in best.path]]).all()
 
 
+def test_a_design_that_cannot_lift_is_recorded_and_the_search_goes_on():
+    """The first step, a quarter of the range, puts the loop around the payload, where no current lifts it; it lifts
+    with the least current half a radius above it."""
+    place = Variable("coil.loop.position_mm.3", -90.0, 20.0, -32.5)
+    best = fm.optimise(
+        LOOP,
+        [place],
+        "common_current",
+        [Limit("common_current", upper=3.0)],
+        currents=Carrying([0, 0, -DEPTH]),
+        method="COBYQA",
+        tolerance=1e-6,
+    )
+    ((words, why),) = best.failed.items()
+    assert words == "coil.loop.position_mm.3 = -60"
+    assert "Infeasible" in why
+    number = [step.values[place.key] for step in best.path].index(-60.0)
+    assert 0 < number < len(best.path) - 3
+    assert best.values[place.key] == pytest.approx(-38.0, abs=0.1)
+
+
+def test_no_design_is_solved_twice():
+    """Optimisers ask for the start again, scaled and scaled back."""
+    best = fm.optimise(
+        LOOP,
+        [Variable("coil.loop.position_mm.3", -60.3, -7.1, -50.7)],
+        "common_current",
+        currents=Carrying([0, 0, -DEPTH]),
+        method="COBYQA",
+    )
+    places = [step.values["coil.loop.position_mm.3"] for step in best.path]
+    assert np.diff(np.sort(places)).min() > 1e-9
+
+
 def test_a_start_that_fails_ends_at_once():
     with pytest.raises(InputError) as caught:
         fm.optimise(
@@ -253,6 +287,7 @@ def test_limits_hold_on_the_finer_mesh():
     (limit,) = best.limits
     assert best.verified.times_finer == 2.0
     assert best.verified.holds
+    assert [step.feasible for step in best.path if step.role == "check"] == [False, True]
     assert limit.holds
     assert limit.active
     assert limit.finer == pytest.approx(1.5, rel=2e-4)
@@ -260,6 +295,33 @@ def test_limits_hold_on_the_finer_mesh():
     state = fm.solve_linear(fm.read_device(SPHERE), refinement=2.0).at([1.0])
     assert best.values["current.loop"] == pytest.approx(1.5 / at_the_side(None, state), rel=3e-4)
     assert best.derivatives["field at the side"]["current.loop"] == "differences"
+
+
+def test_a_limit_is_corrected_twice_at_most():
+    """A number that no correction to first order brings below its limit, as the finer mesh has 2.5 whatever happens."""
+    meshes = []
+
+    def stubborn(device, state):
+        if state.report.tetrahedra not in meshes:
+            meshes.append(state.report.tetrahedra)
+        return 2.5 if meshes.index(state.report.tetrahedra) else float(state.currents[0])
+
+    best = fm.optimise(
+        SPHERE,
+        [Variable("current.loop", 0.4, 5.0, 3.0)],
+        "flux_density 1 z",
+        [Limit(Number("stubborn", of=stubborn), upper=2.0)],
+        maximise=True,
+        saturating=False,
+        points=[[0, 0, -0.014]],
+        refinement=0.5,
+        check_refinement=2.0,
+    )
+    checks = [step for step in best.path if step.role == "check"]
+    np.testing.assert_allclose([step.values["current.loop"] for step in checks], [2.0, 1.5, 1.0], rtol=1e-3)
+    assert not any(step.feasible for step in checks)
+    assert not best.verified.holds
+    assert not best.limits[0].holds
 
 
 def test_workers_find_the_same(tmp_path):

@@ -1,0 +1,315 @@
+"""How far the numbers of a study are uncertain where numbers of the device are: by derivatives, and by random devices.
+
+To first order the variance of a number is the sum of (derivative times standard deviation)^2 over independent numbers
+of the device. Derivatives are exact where the adjoint gives them and differences of solved devices otherwise
+(`fieldmap.studies.search`). Random devices, each solved, hold that sum to account: they contain what is not linear, and
+where bodies change, the noise of the mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldmap.device.model import Device
+from fieldmap.device.reader import device_of
+from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
+from fieldmap.iron.sensitivity.changes import Parameters
+from fieldmap.iron.sensitivity.derivatives import Derivatives
+from fieldmap.parallel import Workers
+from fieldmap.records import Record
+from fieldmap.store import Checkpoint, checkpoint_path
+from fieldmap.studies.design_arguments import current_sets, design_problem, device_document
+from fieldmap.studies.design_problem import CURRENT, DesignProblem, Linked, Number, Variable
+from fieldmap.studies.evaluation import Evaluation
+from fieldmap.studies.optimisation import problem_fingerprint
+from fieldmap.studies.optimum import Kind
+from fieldmap.studies.search import Search
+from fieldmap.studies.study import CurrentSet
+from fieldmap.typing import Array, PathLike, Progress
+
+_CALLER = "analyse_tolerances"
+# Random devices for each process.
+_AT_A_TIME = 4
+# Of the range that holds 95 % of the samples.
+_TAILS = (0.025, 0.975)
+
+
+@dataclass(frozen=True, repr=False)
+class Uncertain(Record):
+    """A number of the device that is uncertain.
+
+    key: a key path, "parameters.NAME", or "current.NAME", which names one number, or several that are equal and deviate
+    together. deviation: standard deviation in the unit of the key. linked: keys that follow. step: of differences,
+    where there is no exact derivative; the deviation unless given. Where bodies change, each device has a mesh of its
+    own: a step should be large against what the mesh makes of it.
+    """
+
+    key: str
+    deviation: float
+    linked: tuple[Linked, ...] = ()
+    step: float | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class Sampled(Record):
+    """Random devices: how many were solved, mean and standard deviation of a number with the standard errors of both,
+    and the range that holds 95 % of them."""
+
+    count: int
+    mean: float
+    mean_error: float
+    deviation: float
+    deviation_error: float
+    range: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NumberSpread(Record):
+    """A number and its uncertainty, SI units. By key: derivative per unit of the key, its kind ("exact" or
+    "differences"), and share of the variance, from 0 to 1. deviation: standard deviation to first order; sampled: that
+    of random devices, None where none were asked for."""
+
+    number: str
+    value: float
+    derivatives: Mapping[str, float]
+    kinds: Mapping[str, Kind]
+    deviation: float
+    shares: Mapping[str, float]
+    sampled: Sampled | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToleranceAnalysis(Record):
+    """Uncertainties of numbers of a device. deviations: by key, in its unit; refused: keys without an exact derivative,
+    and why; failed: random devices that could not be solved, and why; solves: devices that this run solved; kept: those
+    of an earlier run."""
+
+    title: str
+    deviations: Mapping[str, float]
+    numbers: tuple[NumberSpread, ...]
+    refused: Mapping[str, str]
+    failed: Mapping[str, str]
+    solves: int
+    kept: int
+
+    def __getitem__(self, number: str) -> NumberSpread:
+        """The number of this label. Raises KeyError for one that was not asked for."""
+        return {one.number: one for one in self.numbers}[number]
+
+
+def analyse_tolerances(
+    device: PathLike | Device,
+    uncertain: Sequence[Uncertain],
+    numbers: Sequence[Number | str | Callable[..., Any]],
+    *,
+    currents: Any = None,
+    saturating: bool | None = None,
+    refinement: float = 1.0,
+    points: ArrayLike | None = None,
+    box: tuple[ArrayLike, ArrayLike] | None = None,
+    force_share: float = 0.01,
+    samples: int = 0,
+    seed: int = 0,
+    output: PathLike | None = None,
+    resume: bool = True,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> ToleranceAnalysis:
+    """How far numbers that studies record are uncertain, and which number of the device makes them so.
+
+    uncertain: independent numbers of the device with their standard deviations. numbers, currents, saturating,
+    refinement, points, box and force_share: as `optimise` takes them. samples: random devices that are solved beside
+    (Monte Carlo), normally distributed, drawn with a seed; 0 for none, else at least 2. output: devices are kept in
+    OUTPUT.partial, and a run that was killed goes on from them. workers: devices solved at a time.
+
+    Raises InputError for arguments that make no sense, where the device itself cannot be solved, or neither side of a
+    difference; Infeasible where fewer than two random devices can be.
+
+    >>> from fieldmap.studies import Uncertain, analyse_tolerances
+    >>> found = analyse_tolerances(
+    ...     "loop_and_sphere", [Uncertain("coil.loop.turns", 0.5), Uncertain("current.loop", 0.02)],
+    ...     ["flux_density 1 z"], points=[[0, 0, -0.014]], currents=2.0,
+    ... )                                                                         # doctest: +SKIP
+    >>> found["flux_density 1 z"].shares                                          # doctest: +SKIP
+    """
+    problem = _problem(
+        device,
+        uncertain,
+        numbers,
+        samples,
+        currents=currents,
+        saturating=saturating,
+        refinement=refinement,
+        points=points,
+        box=box,
+        force_share=force_share,
+        seed=seed,
+    )
+    deviations = {one.key: float(one.deviation) for one in uncertain}
+    keep = (
+        nullcontext()
+        if output is None
+        else Checkpoint(checkpoint_path(Path(output)), problem_fingerprint(problem), resume)
+    )
+    say = progress or (lambda message, fraction: None)
+    with Workers(workers) as team, keep as checkpoint:
+        search = Search(problem, team, checkpoint, say)
+        centre = np.array([one.start for one in problem.variables], dtype=float)
+        nominal = search.at(centre)
+        if not nominal.solved:
+            remedy = "correct the device, or take another refinement"
+            raise InputError(Problem(_CALLER, "the device must be solved", nominal.failure, remedy))
+        slopes = {number.label: search.slopes(centre, number) for number in problem.numbers}
+        _check_differences(search, nominal)
+        draws = np.random.default_rng(seed).standard_normal((samples, len(centre)))
+        rows = list(centre + draws * np.array(list(deviations.values())))
+        # Progress is told after each of these.
+        few = _AT_A_TIME * workers
+        drawn = [one for k in range(0, samples, few) for one in search.sampled(rows[k : k + few])]
+    solved = [one for one in drawn if one.solved]
+    if drawn and len(solved) < 2:
+        must_hold, remedy = "at least two random devices must be solved", "see why they fail"
+        raise Infeasible(Problem(_CALLER, must_hold, drawn[0].failure, remedy))
+    return ToleranceAnalysis(
+        title=f"Tolerances of {device_of(problem.document).name}",
+        deviations=deviations,
+        numbers=tuple(
+            _spread(search, number, nominal, slopes[number.label], deviations, solved)
+            for number in problem.numbers
+        ),
+        refused=search.refused,
+        failed={_words(one): one.failure for one in drawn if not one.solved},
+        solves=search.solves,
+        kept=search.kept,
+    )
+
+
+def _problem(
+    device: PathLike | Device,
+    uncertain: Sequence[Uncertain],
+    numbers: Sequence[Number | str | Callable[..., Any]],
+    samples: int,
+    *,
+    currents: Any,
+    seed: int,
+    **of_the_device: Any,
+) -> DesignProblem:
+    """The device and what is asked of it, as a problem of design whose variables reach as far as differences do."""
+    problems = list(_mistakes(uncertain, numbers, samples))
+    made = device_of(device_document(device))
+    sets = current_sets(currents, made, f"{_CALLER}(currents)", problems)
+    variables = []
+    for one in uncertain:
+        try:
+            value = _value(one.key, made, sets)
+        except FieldmapError as error:
+            problems += [replace(problem, where=f"{_CALLER}, {one.key}") for problem in error.problems]
+            continue
+        step = one.step or one.deviation
+        variables.append(Variable(one.key, value - step, value + step, value, one.linked, step))
+    if problems:
+        raise InputError(*problems)
+    return design_problem(
+        device,
+        variables,
+        numbers[0],
+        (),
+        besides=numbers[1:],
+        currents=currents,
+        maximise=False,
+        method="SLSQP",
+        solves=1 + 2 * len(uncertain) + samples,
+        tolerance=1e-4,
+        check_refinement=None,
+        seed=seed,
+        caller=_CALLER,
+        **of_the_device,
+    )
+
+
+def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: int) -> list[Problem]:
+    found = []
+    for name, given in (("uncertain", uncertain), ("numbers", numbers)):
+        if not given:
+            found.append(Problem(f"{_CALLER}({name})", "must name at least one", "none", "name one"))
+    if not isinstance(samples, int | np.integer) or samples < 0 or samples == 1:
+        must_hold = "must be 0, or at least 2: one sample has no standard deviation"
+        found.append(Problem(f"{_CALLER}(samples)", must_hold, f"{samples!r}", "write 0, or 100"))
+    for one in uncertain:
+        for name, value in (("deviation", one.deviation), ("step", one.step)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                where, must_hold = f"{_CALLER}, {one.key}", f"{name} must be above 0"
+                found.append(Problem(where, must_hold, f"{value}", "correct it"))
+    return found
+
+
+def _value(key: str, device: Device, sets: Sequence[CurrentSet]) -> float:
+    """The device's own value of a key."""
+    given = [entry for entry in sets if entry.common is not None]
+    name = key.removeprefix(CURRENT)
+    if key.startswith(CURRENT) and given and name in (*device.coil_names, "*"):
+        amperes = (given[0].common or 0.0) * given[0].shares
+        return float(amperes[0 if name == "*" else device.coil_names.index(name)])
+    if key.startswith(CURRENT):
+        return 0.0  # the problem's own check says what is wrong with it
+    return Parameters(device).value(key)
+
+
+def _check_differences(search: Search, nominal: Evaluation) -> None:
+    """Raise InputError for numbers of the device that can be changed to neither side."""
+    problems = []
+    for key, value in nominal.values.items():
+        moved = [step for step in search.steps if step.role == "difference" and step.values[key] != value]
+        if moved and all(step.failure for step in moved):
+            must_hold, remedy = "the device must be solved to one side at least", "give another step"
+            problems.append(Problem(f"{_CALLER}, {key}", must_hold, moved[0].failure, remedy))
+    if problems:
+        raise InputError(*problems)
+
+
+def _spread(
+    search: Search,
+    number: Number,
+    nominal: Evaluation,
+    slopes: Array,
+    deviations: Mapping[str, float],
+    solved: Sequence[Evaluation],
+) -> NumberSpread:
+    value = nominal.numbers[number.label]
+    by = dict(zip(deviations, map(float, slopes), strict=True))
+    first_order = Derivatives(np.array(value), {key: np.array(slope) for key, slope in by.items()}, 0)
+    spread = first_order.spread(deviations)
+    return NumberSpread(
+        number=number.label,
+        value=value,
+        derivatives=by,
+        kinds=dict(search.kinds[number.label]),
+        deviation=float(spread.deviation),
+        shares={key: float(share) for key, share in spread.shares.items()},
+        sampled=_sampled(np.array([one.numbers[number.label] for one in solved])) if solved else None,
+    )
+
+
+def _sampled(values: Array) -> Sampled:
+    """Statistics of samples (n,). The standard error of the deviation is that of normally distributed numbers."""
+    count, deviation = len(values), float(values.std(ddof=1))
+    low, high = (float(value) for value in np.quantile(values, _TAILS))
+    return Sampled(
+        count=count,
+        mean=float(values.mean()),
+        mean_error=deviation / np.sqrt(count),
+        deviation=deviation,
+        deviation_error=deviation / np.sqrt(2 * (count - 1)),
+        range=(low, high),
+    )
+
+
+def _words(found: Evaluation) -> str:
+    return ", ".join(f"{key} = {value:g}" for key, value in found.values.items())
