@@ -50,6 +50,10 @@ class Box(Made):
 
     size: tuple[float, float, float]
 
+    def __post_init__(self) -> None:
+        # An array would be no tuple to those that look for one, and boxes could not be compared.
+        object.__setattr__(self, "size", tuple(self.size))
+
 
 @dataclass(frozen=True, repr=False)
 class Sphere(Made):

@@ -66,7 +66,7 @@ L_SHAPE = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]) * 0.01
     ("shape", "order"),
     [
         (Box((0.01, 0.02, 0.03)), 8),  # D2h
-        (Box((0.02, 0.02, 0.03)), 16),  # D4h
+        (Box(np.array([0.02, 0.02, 0.03])), 16),  # D4h
         (Box((0.02, 0.02, 0.02)), 48),  # Oh
         (ExtrudedPolygon(HEXAGON, 0.01), 24),  # D6h
         (ExtrudedPolygon(L_SHAPE, 0.01), 2),  # Cs: the plane half way up
