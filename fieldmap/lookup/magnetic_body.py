@@ -151,7 +151,9 @@ class MagneticBody(Record):
             return fixed, np.zeros((n, 0)), np.zeros((n, 0, 3, 3))
         induced, energies, by_field = np.empty((n, s, 3)), np.empty((n, s)), np.empty((n, s, size, size))
         at = np.ascontiguousarray(flux[:, len(self.points) :])
-        induced_moments(self.soft_numbers, np.ascontiguousarray(turn), at, induced, energies, by_field)
+        # A copy of turns that must not be written to, for which the kernel would be compiled as well.
+        turns = np.require(turn, requirements=("C_CONTIGUOUS", "WRITEABLE"))
+        induced_moments(self.soft_numbers, turns, at, induced, energies, by_field)
         return np.concatenate([fixed, induced], axis=1), energies, by_field
 
     def _asked(

@@ -216,7 +216,7 @@ def test_symmetric_meshes():
     """The mirror planes of the iron, which the coils' currents break."""
     device = fm.read_device("loop_and_sphere")
     with_planes, without = (
-        NonlinearSolver(device, symmetry=symmetry).solve([1.5], tolerance=1e-7)
+        NonlinearSolver(device, 0.6, symmetry=symmetry).solve([1.5], tolerance=1e-7)
         for symmetry in ("auto", "none")
     )
     quantity, keys = FluxDensityAt([0.002, 0.001, -0.014]), ["current.loop", "coil.loop.position_mm.1"]

@@ -126,9 +126,9 @@ class FluxElements(Record):
         return np.stack([kernel.strength(*given) for given in arguments])
 
     def _arrays(self, potential, field, source):
-        """The arguments that all kernels begin with."""
-        values = np.ascontiguousarray(potential)
-        return values, field[source], kernel.SHAPE, self.area, self.volume, self.unknowns
+        """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
+        values, coils = np.ascontiguousarray(potential), np.ascontiguousarray(field[source])
+        return values, coils, kernel.SHAPE, self.area, self.volume, self.unknowns
 
 
 def _means(faces: Index, count: int) -> csr_matrix:

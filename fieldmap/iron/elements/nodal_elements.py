@@ -189,7 +189,7 @@ class NodalElements(Record):
         """Element vectors (e, 10) of int (db/dh - 1) t' . grad N at phi (n,) in a field of one source, for a change t'
         of it: the source of that number of `change`."""
         law = (material.law, *material.tables.arrays)
-        changed = (change.constant[number], change.bubble[number])
+        changed = (np.ascontiguousarray(change.constant[number]), change.bubble[number])
         arguments = (*self._arrays(potential, field, 0), self.volume, *law, *changed)
         return kernel.source_response(*arguments)
 
@@ -227,9 +227,9 @@ class NodalElements(Record):
             yield np.einsum("kn,enc,ekd->ced", combine, nodal, self.gradients, optimize=True)
 
     def _arrays(self, potential, field, source):
-        """The arguments that all kernels begin with."""
-        values = np.ascontiguousarray(potential)
-        return values, field.constant[source], field.bubble[source], self.nodes, self.gradients
+        """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
+        values, constant = np.ascontiguousarray(potential), np.ascontiguousarray(field.constant[source])
+        return values, constant, field.bubble[source], self.nodes, self.gradients
 
 
 def _middles_and_means(triangles: Index, edges: Index, corners: int) -> tuple[Index, csr_matrix]:

@@ -22,6 +22,11 @@ _TOUCH_DEGREE = 8
 _SHARES = 16
 
 
+def _for_kernels(points: Array) -> Array:
+    """Points (n, 3) in the one order for which the kernels are compiled, and writable; others are copied."""
+    return np.require(points, requirements=("C_CONTIGUOUS", "WRITEABLE"))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ChargedFaces(Record):
     """Triangles with their kernels' geometry: corners (n, 3, 3), normals (n, 3), areas, centres, radii."""
@@ -98,11 +103,13 @@ class ChargedFaces(Record):
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
-        return surface_field(points, self.corners, self.normals, self._as_charges(), density)
+        at = _for_kernels(points)
+        return surface_field(at, self.corners, self.normals, self._as_charges(), density)
 
     def field_and_gradient(self, points: Array, density: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
-        return surface_field_and_gradient(points, self.corners, self.normals, self._as_charges(), density)
+        at = _for_kernels(points)
+        return surface_field_and_gradient(at, self.corners, self.normals, self._as_charges(), density)
 
     def weights(self, points: Array, by_field: Array, by_gradient: Array) -> Array:
         """What a unit density on each face counts in sums over points (n, 3), (k, m): those of by_field (k, n, 3) times

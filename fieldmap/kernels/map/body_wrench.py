@@ -5,7 +5,7 @@ from numba import carray, njit
 
 from fieldmap.kernels.addresses import reals, words
 from fieldmap.kernels.map.current_solver import FOUND, SolverState, current_slopes
-from fieldmap.kernels.map.induced_moment import induced_moment, moment_slope
+from fieldmap.kernels.map.induced_moment import ALONE, induced_moment, moment_slope
 from fieldmap.kernels.map.lookup import evaluate_units
 from fieldmap.kernels.map.map_block import OUTER, SETS
 
@@ -44,8 +44,8 @@ def wrench_and_slopes(dipoles, arms, soft, turn, flux, slope, weights, wrench, s
             x = turn[0, 0] * b[0] + turn[1, 0] * b[1] + turn[2, 0] * b[2]
             y = turn[0, 1] * b[0] + turn[1, 1] * b[1] + turn[2, 1] * b[2]
             z = turn[0, 2] * b[0] + turn[1, 2] * b[1] + turn[2, 2] * b[2]
-            mx, my, mz, _ = induced_moment(soft, 0, p - fixed, x, y, z)
-            moment_slope(soft, 0, p - fixed, x, y, z, work, own)
+            mx, my, mz, _ = induced_moment(soft, ALONE, p - fixed, x, y, z)
+            moment_slope(soft, ALONE, p - fixed, x, y, z, work, own)
             for i in range(3):
                 m[i] = turn[i, 0] * mx + turn[i, 1] * my + turn[i, 2] * mz
                 for j in range(3):

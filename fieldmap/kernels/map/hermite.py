@@ -31,6 +31,8 @@ from fieldmap.kernels.map.map_block import (
     superpose,
 )
 
+# Of a 0 in the call itself numba makes another type than of a number, and compiles what is called once for each.
+_ZERO = np.int64(0)
 NODE = 24  # numbers of one set at a node: three components of eight
 
 # A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing.
@@ -224,22 +226,13 @@ def _bends(block, corners, tx, ty, tz, second):
 
 @njit(**map_block.INLINED)
 def _contracted(block, i, j, k, tx, ty, tz):
-    return of_nodes(block, _nodes(block, 3), i, j, k, 0, tx, ty, tz)
+    return of_nodes(block, _nodes(block, 3), i, j, k, _ZERO, tx, ty, tz)
 
 
 @njit(**map_block.INLINED)
 def _superposed(block, weights, i, j, k, tx, ty, tz):
-    return of_nodes(
-        block,
-        _corners(block, i, j, k, NODE, weights),
-        np.int64(0),
-        np.int64(0),
-        np.int64(0),
-        np.int64(0),
-        tx,
-        ty,
-        tz,
-    )
+    corners = _corners(block, i, j, k, NODE, weights)
+    return of_nodes(block, corners, _ZERO, _ZERO, _ZERO, _ZERO, tx, ty, tz)
 
 
 @njit(**map_block.INLINED)
@@ -273,7 +266,7 @@ def _gather(block, weights, i, j, k, out):
 
 @njit(**map_block.INLINED)
 def _gathered(block, numbers, tx, ty, tz):
-    return of_nodes(block, numbers.reshape((2, 2, 2, 3, 8)), 0, 0, 0, 0, tx, ty, tz)
+    return of_nodes(block, numbers.reshape((2, 2, 2, 3, 8)), _ZERO, _ZERO, _ZERO, _ZERO, tx, ty, tz)
 
 
 KERNELS = InterpolantKernels(

@@ -26,6 +26,8 @@ from numba import njit
 from fieldmap.kernels.map.map_block import OUTER, PLAIN, PLAIN_INLINED
 
 POINT, AXES, FACTORS, VOLUME, RELUCTANCE, LAW, KNOTS, SIZE = 0, 3, 12, 15, 16, 17, 18, 19
+# The base of an array of soft pieces alone. Not a plain 0: numba would compile what is called for it once more.
+ALONE = np.int64(0)
 MOST_STEPS = 60
 _ROUNDING = 4e-16
 
@@ -240,13 +242,13 @@ def induced_moments(soft, turns, flux, moments, energies, slopes):
             x = r[0, 0] * b[0] + r[1, 0] * b[1] + r[2, 0] * b[2]
             y = r[0, 1] * b[0] + r[1, 1] * b[1] + r[2, 1] * b[2]
             z = r[0, 2] * b[0] + r[1, 2] * b[1] + r[2, 2] * b[2]
-            mx, my, mz, energy = induced_moment(soft, 0, p, x, y, z)
+            mx, my, mz, energy = induced_moment(soft, ALONE, p, x, y, z)
             energies[n, p] = energy
             for i in range(3):
                 moments[n, p, i] = r[i, 0] * mx + r[i, 1] * my + r[i, 2] * mz
             if slopes.shape[2] == 0:
                 continue
-            moment_slope(soft, 0, p, x, y, z, work, own)
+            moment_slope(soft, ALONE, p, x, y, z, work, own)
             for i in range(3):
                 for k in range(3):
                     total = 0.0
