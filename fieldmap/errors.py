@@ -58,6 +58,10 @@ class StudyError(InputError):
     """A study file is wrong; `problems` lists every error of the file."""
 
 
+class FitError(InputError):
+    """A fit file is wrong; `problems` lists every error of the file."""
+
+
 class ScenarioError(InputError):
     """A scenario file is wrong; `problems` lists every error of the file."""
 

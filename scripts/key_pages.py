@@ -31,6 +31,7 @@ TITLES = {
     "planar device": "Keys of planar device files",
     "recipe": "Keys of map recipes",
     "study": "Keys of study files",
+    "fit": "Keys of fit files",
     "scenario": "Keys of scenario files",
 }
 ABOUT = {
@@ -39,6 +40,7 @@ ABOUT = {
     "planar device": "[Machines in two dimensions](../planar.md) explains the tables.",
     "recipe": "[Map recipes](../recipes.md) explains what a map is asked for.",
     "study": "[Parameter studies](../studies.md) explains what is varied and recorded.",
+    "fit": "[A machine's unknown numbers](../fit_machine.md) explains what is fitted to what.",
     "scenario": "[Simulation](../dynamics.md) explains what a run is.",
 }
 # The unit is the last part of a key. Longer ones first: A_per_m ends in m as well.

@@ -15,6 +15,7 @@ from fieldmap.cli import (
     check,
     equilibrium,
     export,
+    fit,
     identify,
     import_map,
     info,
@@ -157,6 +158,12 @@ COMMANDS: dict[str, Entry] = {
     "study": Entry(study.study, "fieldmap study pole_disk", "A device with some keys varied.", STUDIES),
     "optimise": Entry(
         optimise.optimise, "fieldmap optimise pole_piece", "The best values of keys, within limits.", STUDIES
+    ),
+    "fit": Entry(
+        fit.fit,
+        "fieldmap fit loop_and_sphere -o fitted.toml",
+        "Unknown numbers of a device, from measurements.",
+        STUDIES,
     ),
     "thesis": Entry(
         thesis.thesis, "fieldmap thesis S7 S20", "The numbers of the thesis beside ours.", STUDIES

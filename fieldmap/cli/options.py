@@ -39,10 +39,19 @@ def recipes(incomplete: str) -> list[str]:
 def studies(incomplete: str) -> list[str]:
     """Names of shipped studies that begin like this.
 
-    >>> studies("po")
+    >>> studies("pole_d")
     ['pole_disk']
     """
     return _begin([name.split("/")[-1] for name in shipped_names("maps", "studies")], incomplete)
+
+
+def fits(incomplete: str) -> list[str]:
+    """Names of shipped fits that begin like this.
+
+    >>> fits("loop")
+    ['loop_and_sphere']
+    """
+    return _begin([name.split("/")[-1] for name in shipped_names("maps", "fits")], incomplete)
 
 
 def scenarios(incomplete: str) -> list[str]:

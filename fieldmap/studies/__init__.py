@@ -7,6 +7,7 @@ Depends on: errors, device, iron, maps (recipes), levitation, pydantic, xarray a
 
 from fieldmap.studies.design_file import read_design_problem
 from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Linked, Number, Variable
+from fieldmap.studies.fit_reading import Fit, read_fit
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
     FieldReadings,
@@ -37,6 +38,7 @@ __all__ = [
     "ComputedReadings",
     "DesignProblem",
     "FieldReadings",
+    "Fit",
     "InductanceReadings",
     "LiftCurrentReadings",
     "Limit",
@@ -61,6 +63,7 @@ __all__ = [
     "fit_machine",
     "optimise",
     "read_design_problem",
+    "read_fit",
     "read_study",
     "run_study",
     "solve_problem",

@@ -18,7 +18,7 @@ SHIPPED = [
 
 
 def test_packages_register_their_kinds():
-    assert set(KINDS) == {"device", "material", "planar device", "recipe", "scenario", "study"}
+    assert set(KINDS) == {"device", "fit", "material", "planar device", "recipe", "scenario", "study"}
 
 
 @pytest.mark.parametrize(("kind", "name"), SHIPPED, ids=lambda value: str(getattr(value, "name", value)))

@@ -1,0 +1,206 @@
+"""Fit files: readings of a thin loop, whose field, lift current and inductance are known in closed form."""
+
+import numpy as np
+import pytest
+from scipy.constants import g, mu_0
+
+from fieldmap.errors import FitError, InputError
+from fieldmap.studies import read_fit
+from tests.conftest import DEVICES
+
+RADIUS, TURNS, CURRENT = 0.044, 1000, 2.0
+HEIGHT_MM = 1.5
+HEAD = """format = 1
+title = "Where the loop hangs"
+device = "thin_loop.toml"
+
+[[unknown]]
+key = "coil.loop.position_mm.3"
+start = 0.0
+lower = -5.0
+upper = 5.0
+"""
+
+
+def on_axis(z):
+    """B on the axis of a filament at HEIGHT_MM (Jackson, section 5.5)."""
+    d = z - 1e-3 * HEIGHT_MM
+    return 0.5 * mu_0 * TURNS * CURRENT * RADIUS**2 / (RADIUS**2 + d**2) ** 1.5
+
+
+def slope_on_axis(z):
+    d = z - 1e-3 * HEIGHT_MM
+    return -1.5 * mu_0 * TURNS * RADIUS**2 * d / (RADIUS**2 + d**2) ** 2.5
+
+
+@pytest.fixture
+def fit_file(tmp_path):
+    """fit_file(text): the path of a fit file beside the device."""
+    (tmp_path / "thin_loop.toml").write_text((DEVICES / "thin_loop.toml").read_text())
+
+    def write(text):
+        path = tmp_path / "fit.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def probe(use, heights_mm, components='["x", "z"]'):
+    values = [[0.0, 1e3 * on_axis(1e-3 * z)] for z in heights_mm]
+    return f"""
+[[flux_density]]
+name = "probe {use}"
+use = "{use}"
+components = {components}
+currents_A = {CURRENT}
+points_mm = {[[0, 0, z] for z in heights_mm]}
+measured_mT = {values}
+deviation_mT = {[0.01] * len(heights_mm)}
+"""
+
+
+def lift(use, depths_mm):
+    # Places are the magnet's. Its moment points up, so B must grow upwards.
+    weight, moment = 0.01 * g, 0.8
+    amperes = [weight / (moment * slope_on_axis(1e-3 * z)) for z in depths_mm]
+    return f"""
+[[lift_current]]
+name = "lift"
+use = "{use}"
+positions_mm = {[[0, 0, z] for z in depths_mm]}
+measured_A = {amperes}
+deviation_A = 0.01
+"""
+
+
+def test_the_height_of_a_loop_from_a_probe_on_its_axis(fit_file):
+    asked = read_fit(
+        fit_file(HEAD + probe("fit", [-70, -80]) + probe("predict", [-60]) + lift("predict", [-100]))
+    )
+    found = asked.run()
+    assert found.values["coil.loop.position_mm.3"] == pytest.approx(HEIGHT_MM, abs=0.01)
+    fitted, *predicted = found.tables
+    assert [one.used for one in found.tables] == [True, False, False]
+    assert [one.name for one in found.tables] == ["probe fit", "probe predict", "lift"]
+    assert fitted.measured == pytest.approx([0.0, on_axis(-0.07), 0.0, on_axis(-0.08)])
+    assert asked.labels["probe fit"][1] == "Bz at (0, 0, -70) mm"
+    for one in predicted:
+        assert one.after == pytest.approx(one.measured, rel=1e-3, abs=1e-9)
+        assert one.misfit_before > 5 * one.misfit
+    # By hand: one parameter, d ln B / dz; deviations of 0.01 mT.
+    step = 1e-6
+    slopes = [(on_axis(z - step) - on_axis(z + step)) / (2 * step) for z in (-0.07, -0.08)]
+    assert found.deviations["coil.loop.position_mm.3"] == pytest.approx(
+        1e3 * 1e-5 / np.linalg.norm(slopes), rel=0.01
+    )
+
+
+def test_a_height_from_lift_currents(fit_file):
+    found = read_fit(fit_file(HEAD + lift("fit", [-85, -95]))).run()
+    assert found.values["coil.loop.position_mm.3"] == pytest.approx(HEIGHT_MM, abs=0.02)
+
+
+def test_turns_from_an_inductance_and_a_prior(fit_file):
+    """L = mu0 N^2 R (ln(8 R / 0.2235 (a + b)) - 2) of a thin ring of section a b (Maxwell)."""
+    per_turn = mu_0 * RADIUS * (np.log(8 * RADIUS / (0.2235 * 2e-3)) - 2)
+    text = HEAD.replace("coil.loop.position_mm.3", "coil.loop.turns")
+    text = text.replace("start = 0.0\nlower = -5.0\nupper = 5.0", "start = 1000.0\nprior = [1000.0, 100.0]")
+    text += f"""
+[[inductance]]
+name = "bridge"
+coils = [["loop", "loop"]]
+measured_mH = [{1e3 * per_turn * 1100**2}]
+deviation_mH = 0.02
+"""
+    asked = read_fit(fit_file(text))
+    assert asked.labels["bridge"] == ("loop",)
+    assert asked.unknowns[0].prior == (1000.0, 100.0)
+    found = asked.run()
+    assert found.values["coil.loop.turns"] == pytest.approx(1100, rel=1e-3)
+    assert found.deviations["coil.loop.turns"] == pytest.approx(0.02e-3 / (2 * per_turn * 1100), rel=0.01)
+
+
+def test_the_shipped_fit_has_the_numbers_that_its_readings_were_made_of():
+    asked = read_fit("loop_and_sphere")
+    assert asked.device_path.name == "loop_and_sphere.toml"
+    found = asked.run()
+    truth = {"coil.loop.position_mm.3": 25.4, "coil.loop.turns": 98.6}
+    for key, value in truth.items():
+        assert abs(found.values[key] - value) < 2 * found.deviations[key]
+    assert found.tables[1].misfit < 2.5 < found.tables[1].misfit_before
+
+
+MISTAKES = """format = 1
+title = "Mistakes"
+device = "thin_loop.toml"
+
+[[unknown]]
+key = "coil.loop.hight_mm"
+start = 1.0
+
+[[inductance]]
+name = "bridge"
+coils = [["loop", "lop"]]
+measured_mH = [1.0, 2.0]
+deviation_mH = 0.1
+
+[[flux_density]]
+name = "probe"
+currents_A = [1.0, 2.0]
+points_mm = [[0, 0, -70]]
+measured_mT = [[0, 0, 1]]
+deviation_mT = [0.1, 0.1]
+
+[[lift_current]]
+name = "lift"
+positions_mm = [[0, 0, -90]]
+measured_A = [1.0]
+deviation_A = 0.1
+shares = [1.0, 1.0]
+"""
+PLACES = [
+    (6, "unknown.1.key"),
+    (11, "inductance.bridge.coils.1"),
+    (12, "inductance.bridge.measured_mH"),
+    (17, "flux_density.probe.currents_A"),
+    (20, "flux_density.probe.deviation_mT"),
+    (27, "lift_current.lift.shares"),
+]
+
+
+def test_what_does_not_fit_the_device_is_told_by_line(fit_file):
+    path = fit_file(MISTAKES)
+    with pytest.raises(FitError) as caught:
+        read_fit(path)
+    found = [problem.where.removeprefix(f"{path}:") for problem in caught.value.problems]
+    assert found == [f"{line}: {key}" for line, key in PLACES]
+    assert "height_mm" in caught.value.problems[0].remedy
+    assert '"loop"' in caught.value.problems[1].remedy
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ("upper = 5.0", "upper = -1.0", "unknown.1"),
+        ("upper = 5.0", "prior = [0.0, 0.0]", "unknown.1"),
+        ("deviation_mT = [0.01, 0.01]", "deviation_mT = 0.0", "flux_density.probe fit.deviation_mT"),
+        ('components = ["x", "z"]', 'components = ["z"]', "flux_density.probe fit"),
+        ('components = ["x", "z"]', 'components = ["z", "z"]', "flux_density.probe fit"),
+        ("currents_A = 2.0", 'currents_A = "two"', "flux_density.probe fit.currents_A"),
+        ("points_mm = [[0, 0, -70], ", "points_mm = [", "flux_density.probe fit"),
+        ('device = "thin_loop.toml"', 'device = "thin_lop.toml"', "device"),
+    ],
+)
+def test_mistakes_of_the_file_itself(fit_file, old, new, where):
+    text = HEAD + probe("fit", [-70, -80])
+    assert old in text
+    with pytest.raises(FitError) as caught:
+        read_fit(fit_file(text.replace(old, new)))
+    (problem,) = caught.value.problems
+    assert problem.where.endswith(f": {where}")
+
+
+def test_a_fit_needs_readings(fit_file):
+    with pytest.raises(InputError):
+        read_fit(fit_file(HEAD)).run()
