@@ -5,17 +5,19 @@ Places are ("variable", number, ...), ("objective",), ("limit", number), ("besid
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fieldmap.device.changes import key_finding
+from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError
+from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding, closest, one_of
-from fieldmap.inputs.key_paths import Location, matches, value_at
+from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
 from fieldmap.studies.design_problem import CURRENT, METHODS, DesignProblem, Number, Variable
 from fieldmap.studies.quantities import (
     GROUPS,
@@ -34,7 +36,7 @@ def checked(draft: DesignProblem, device: Device) -> tuple[DesignProblem, list[F
     found = [*_of_variables(draft, device), *_of_numbers(draft, device), *_of_settings(draft)]
     if not found:
         draft = replace(draft, variables=tuple(_started(one, draft) for one in draft.variables))
-        found += _of_starts(draft)
+        found += [*_of_pairs(draft), *_of_starts(draft)]
     return draft, found
 
 
@@ -151,6 +153,45 @@ def _started(variable: Variable, draft: DesignProblem) -> Variable:
     data = draft.document.data
     values = [value_at(data, place) for place in matches(data, variable.key)]
     return replace(variable, start=float(values[0]))
+
+
+def _of_pairs(draft: DesignProblem) -> Iterator[Finding]:
+    """Keys that one variable sets and that follow another one as well, which would then do nothing there."""
+    data = draft.document.data
+    followed = [_followers(variable, draft.document) for variable in draft.variables]
+    told: set[frozenset[str]] = set()
+    for k, variable in enumerate(draft.variables):
+        own = {place for key, _ in variable.settings(0.0) for place in matches(data, key)}
+        for other, places in zip(draft.variables, followed, strict=True):
+            pair = frozenset((variable.key, other.key))
+            if other is variable or pair in told or not own & places:
+                continue
+            told.add(pair)
+            key = dotted(data, min(own & places, key=str))
+            remedy = "leave one of them out, or let both act by a parameter of the device file"
+            received = f"{key} follows {other.key} and is set with {variable.key}"
+            yield Finding(("variable", k, "key"), "no key may follow two variables", received, remedy)
+
+
+def _followers(variable: Variable, document: Document) -> set[Location]:
+    """Every place of the device file whose value follows a variable."""
+    start = variable.start or 0.0
+    sides = [
+        changed(document, variable.settings(start + side * variable.difference)).data for side in (0.0, 0.5)
+    ]
+    return set(_differing(sides[0], sides[1], ()))
+
+
+def _differing(one: Any, other: Any, place: Location) -> Iterator[Location]:
+    steps: Iterable[Any] = ()
+    if isinstance(one, dict) and isinstance(other, dict):
+        steps = one.keys() & other.keys()
+    elif isinstance(one, list) and isinstance(other, list):
+        steps = range(min(len(one), len(other)))
+    elif one != other:
+        yield place
+    for step in steps:
+        yield from _differing(one[step], other[step], (*place, step))
 
 
 def _of_starts(draft: DesignProblem) -> Iterator[Finding]:

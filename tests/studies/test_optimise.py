@@ -378,3 +378,24 @@ def test_bounds_that_the_device_refuses():
     with pytest.raises(InputError) as caught:
         fm.optimise(LOOP, [Variable("coil.loop.height_mm", 2.0, 3.0)], "power")
     assert "start" in caught.value.problems[0].must_hold
+
+
+def test_a_key_that_follows_two_variables():
+    """By a key of its own, and by an expression that another variable would replace; two that meet in one expression
+    are well."""
+    text = PAIR.replace("spacing = 60.0", "spacing = 60.0\nmiddle = 0.0")
+    text = text.replace('"= spacing / 2"', '"= middle + spacing / 2"')
+    spacing, middle = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spacing", "middle"))
+    upper = Variable("coil.upper.position_mm.3", 10.0, 60.0)
+    turns = Variable("coil.*.turns", 50.0, 150.0)
+    lower = Variable("coil.lower.turns", 50.0, 150.0)
+    with pytest.raises(InputError) as caught:
+        fm.optimise(text, [spacing, middle, upper, turns, lower], "power")
+    told = [(problem.where, problem.received.split()[0]) for problem in caught.value.problems]
+    assert told == [
+        ("optimise, coil.upper.position_mm.3", "coil.upper.position_mm.3"),
+        ("optimise, coil.upper.position_mm.3", "coil.upper.position_mm.3"),
+        ("optimise, coil.*.turns", "coil.lower.turns"),
+    ]
+    best = fm.optimise(text, [spacing, middle], "inhomogeneity", box=([-1e-3] * 3, [1e-3] * 3))
+    assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=1.0)
