@@ -2,7 +2,8 @@
 
     python scripts/pictures.py [NAME ...] [--maps maps/out]
 
-NAME: app, drive_unit, figure_6_5, pole_disk, reachable, show or workspace; all unless given. Maps must be there.
+NAME: app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, show or workspace; all unless given. Maps
+must be there.
 After it, `pytest tests/docs --rewrite-pictures` takes the new files into the records.
 """
 
@@ -93,14 +94,31 @@ def pole_disk(folder: Path, maps: Path) -> None:
 
 def figure_6_5(folder: Path, maps: Path) -> None:
     """A figure of the report on the thesis; minutes."""
-    command("thesis", "S14_x_branches", "--report", str(folder / "report"), "--maps", str(maps))
+    of_report("S14_x_branches", "figure_6_5", folder, maps)
+
+
+def joints_x(folder: Path, maps: Path) -> None:
+    """Both branches along x with joints; minutes, unless the runs are cached."""
+    of_report("S14_x_joints", "joints_x", folder, maps)
+
+
+def joints_y(folder: Path, maps: Path) -> None:
+    """The same along y."""
+    of_report("S14_y_joints", "joints_y", folder, maps)
+
+
+def of_report(part: str, name: str, folder: Path, maps: Path) -> None:
+    """The figure of one part of the report on the thesis."""
+    command("thesis", part, "--report", str(folder / "report"), "--maps", str(maps))
     for scheme in ("", DARK):
         found = [*(folder / "report" / "plots").glob(f"*{scheme}.png")]
         plot = next(path for path in found if path.stem.endswith(DARK) == bool(scheme))
-        shutil.copy(plot, folder / f"figure_6_5{scheme}.png")
+        shutil.copy(plot, folder / f"{name}{scheme}.png")
 
 
-PICTURES: tuple[Draw, ...] = (app, drive_unit, figure_6_5, pole_disk, reachable, show, workspace)
+PICTURES: tuple[Draw, ...] = (
+    app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, show, workspace,
+)  # fmt: skip
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ Engineering and Science, Wiley 1977, section 7.7).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -27,13 +27,14 @@ from fieldmap.levitation import lift_current
 from fieldmap.records import Record
 from fieldmap.typing import Array, PathLike
 
+Workers = Callable[[Callable[["_Job"], "list[Array]"], "Sequence[_Job]"], Iterable["list[Array]"]]
+"""What does the same with many things, as `map` does."""
 # Difference for derivatives, as a share of the value where the unknown begins: above what a new mesh changes.
 _STEP = 0.01
 # Along a combination of unknowns that the readings hold no better than this share of their values they tell nothing.
 _UNKNOWN = 1.0
 # Unknowns with more than this part in such a combination belong to it.
 _PART = 0.2
-_XTOL = 1e-5
 
 
 @dataclass(frozen=True, repr=False)
@@ -198,12 +199,16 @@ def fit_machine(
     predict: Sequence[Readings] = (),
     solve: Callable[[Device], AnyField] | None = None,
     on_solve: Callable[[Mapping[str, float]], None] | None = None,
+    close: float = 1e-5,
+    workers: Workers = map,
 ) -> MachineFit:
     """Find numbers of a device from measurements.
 
     device: a file, its name, or made in Python. readings: what is fitted; predict: tables that are not, computed with
     the fit and with error bars from it. solve: the field of a device, `solve_linear` or, where its iron saturates,
-    `NonlinearSolver` unless given. on_solve is called with the values of each solve.
+    `NonlinearSolver` unless given. on_solve is called with the values of each solve. close: the search ends where all
+    unknowns change by less than this share of their values. workers: a function like `map` that computes the
+    derivatives' solves, such as the `map` of a pool of processes; readings and `solve` are then pickled.
 
     Raises InputError for keys that the device lacks, tables without numbers, fewer readings than unknowns; and what
     reading and solving a device with the values that are tried raise.
@@ -215,7 +220,7 @@ def fit_machine(
         found = fit_machine("my_rig.toml", unknowns, [table], predict=[other])
         print(found.values, found.deviations, found.indistinct)
     """
-    work = _Work(device, tuple(unknowns), (*readings, *predict), solve or _solved, on_solve)
+    work = _Work(device, tuple(unknowns), (*readings, *predict), solve or _solved, on_solve, workers)
     _check(work, len(readings))
     start = np.array([unknown.start for unknown in work.unknowns])
     bounds = np.array([(unknown.lower, unknown.upper) for unknown in work.unknowns]).T
@@ -226,11 +231,11 @@ def fit_machine(
         return np.concatenate([work.left(x, fitted), work.prior(x)])
 
     def jacobian(x: Array) -> Array:
-        return np.vstack([work.one_sided_slopes(x, bounds, fitted), work.prior_slopes])
+        return np.vstack([work.differences(x, bounds, fitted, central=False), work.prior_slopes])
 
     scale = np.maximum(np.abs(start), work.steps)
-    answer = least_squares(residual, start, jacobian, bounds=tuple(bounds), x_scale=scale, xtol=_XTOL)
-    slopes = work.slopes(answer.x, bounds)
+    answer = least_squares(residual, start, jacobian, bounds=tuple(bounds), x_scale=scale, xtol=close)
+    slopes = work.slopes(answer.x, bounds, fitted)
     covariance, indistinct = _covariance(np.vstack([slopes[used], work.prior_slopes]), answer.x, work)
     values = work.named(answer.x)
     after = work.left(answer.x)
@@ -263,6 +268,35 @@ def _solved(device: Device) -> AnyField:
     return solve_linear(device)
 
 
+@dataclass(frozen=True)
+class _Job:
+    """Tables of one device: what a worker needs."""
+
+    device: PathLike
+    values: dict[str, float]
+    solve: Callable[[Device], AnyField]
+    tables: list[Readings]
+
+
+def _solve_job(job: _Job) -> list[Array]:
+    device = read_device(job.device, job.values)
+    field = job.solve(device)
+    return [_of_table(table, device, field) for table in job.tables]
+
+
+def _of_table(table: Readings, device: Device, field: AnyField) -> Array:
+    values, wanted = np.ravel(table.computed(device, field)), np.size(table.measured)
+    if len(values) != wanted:
+        must_hold = f"must give as many numbers as were measured, {wanted}"
+        remedy = "let the function return one for each"
+        raise InputError(Problem(f"fit_machine, {table.name}", must_hold, str(len(values)), remedy))
+    return values
+
+
+def _point(x: Array) -> bytes:
+    return np.ascontiguousarray(x).tobytes()
+
+
 class _Work:
     """The device with any values of the unknowns; what was computed is kept."""
 
@@ -273,7 +307,9 @@ class _Work:
         readings: tuple[Readings, ...],
         solve: Callable[[Device], AnyField],
         on_solve: Callable[[Mapping[str, float]], None] | None,
+        workers: Workers,
     ) -> None:
+        self._workers = workers
         self.unknowns, self.readings = unknowns, readings
         self._name = device.to_toml() if isinstance(device, Device) else device
         self._solve, self._on_solve = solve, on_solve
@@ -316,45 +352,62 @@ class _Work:
 
     def computed(self, x: Array, tables: range) -> Array:
         """All tables (n,) with these values of the unknowns; NaN for those that are not asked for."""
-        point = np.ascontiguousarray(x).tobytes()
-        missing = [number for number in tables if (point, number) not in self._kept]
-        if missing:
-            device = self.device_at(x)
-            field = self._solve(device)
-            self.solves += 1
-            for number in missing:
-                self._kept[point, number] = self._of_table(self.readings[number], device, field)
-            if self._on_solve is not None:
-                self._on_solve(self.named(x))
+        self.prepare([x], tables)
         values = np.full(len(self.measured), np.nan)
         for number in tables:
-            values[self.numbers == number] = self._kept[point, number]
+            values[self.numbers == number] = self._kept[_point(x), number]
         return values
 
-    def _of_table(self, table: Readings, device: Device, field: AnyField) -> Array:
-        values, wanted = np.ravel(table.computed(device, field)), np.size(table.measured)
-        if len(values) != wanted:
-            must_hold = f"must give as many numbers as were measured, {wanted}"
-            remedy = "let the function return one for each"
-            raise InputError(Problem(f"fit_machine, {table.name}", must_hold, str(len(values)), remedy))
-        return values
+    def prepare(self, points: Sequence[Array], tables: range) -> None:
+        """Solve what is not known yet of tables at several sets of values; more than one device by `workers`."""
+        apart = {_point(x): x for x in points}
+        missing = [
+            (point, number) for point in apart for number in tables if (point, number) not in self._kept
+        ]
+        # Workers get a table each, one process all tables of a device, which it then solves once.
+        groups = [[one] for one in missing]
+        if self._workers is map:
+            groups = [[one for one in missing if one[0] == point] for point in dict(missing)]
+        jobs = [
+            _Job(
+                self._name,
+                self.named(apart[group[0][0]]),
+                self._solve,
+                [self.readings[number] for _, number in group],
+            )
+            for group in groups
+        ]
+        solved = map(_solve_job, jobs) if len(jobs) < 2 else self._workers(_solve_job, jobs)
+        for group, job, found in zip(groups, jobs, solved, strict=True):
+            self.solves += 1
+            self._kept |= dict(zip(group, found, strict=True))
+            if self._on_solve is not None:
+                self._on_solve(job.values)
 
-    def slopes(self, x: Array, bounds: Array) -> Array:
-        """Derivatives (n, k) of what is left by the unknowns, by central differences within the bounds."""
-        columns = []
+    def slopes(self, x: Array, bounds: Array, fitted: range) -> Array:
+        """Derivatives (n, k) of what is left by the unknowns: central differences for the tables that are fitted, to
+        one side for the others."""
+        others = range(fitted.stop, len(self.readings))
+        found = np.empty((int(self.read.sum()), len(x)))
+        found[self.rows_of(fitted)] = self.differences(x, bounds, fitted, central=True)
+        if others:
+            found[self.rows_of(others)] = self.differences(x, bounds, others, central=False)
+        return found
+
+    def differences(self, x: Array, bounds: Array, tables: range, central: bool) -> Array:
+        """Derivatives (n, k) of some tables within the bounds."""
+        pairs = []
         for k, step in enumerate(self.steps):
             low, high = x.copy(), x.copy()
             low[k], high[k] = max(x[k] - step, bounds[0, k]), min(x[k] + step, bounds[1, k])
-            columns.append((self.left(high) - self.left(low)) / (high[k] - low[k]))
-        return np.column_stack(columns)
-
-    def one_sided_slopes(self, x: Array, bounds: Array, tables: range) -> Array:
-        """The same of some tables by differences to the side that the bounds leave room for."""
-        here, columns = self.left(x, tables), []
-        for k, step in enumerate(self.steps):
-            there = x.copy()
-            there[k] += step if x[k] + step <= bounds[1, k] else -step
-            columns.append((self.left(there, tables) - here) / (there[k] - x[k]))
+            if not central:
+                low, high = (x, high) if high[k] > x[k] else (low, x)
+            pairs.append((low, high))
+        self.prepare([point for pair in pairs for point in pair], tables)
+        columns = [
+            (self.left(high, tables) - self.left(low, tables)) / (high[k] - low[k])
+            for k, (low, high) in enumerate(pairs)
+        ]
         return np.column_stack(columns)
 
     def prior(self, x: Array) -> Array:

@@ -29,16 +29,20 @@ from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 Axis = Literal["x", "y"]
-History = Literal["demagnetised", "cycled", "restarted", "wiped", "saturated"]
+History = Literal["demagnetised", "cycled", "restarted", "wiped", "saturated", "shaken"]
 HISTORIES: dict[str, str] = {
     "demagnetised": "iron that was never magnetised; currents rise evenly to the level of the origin",
     "cycled": "the same, then the signal has been to the end of the table, to the opposite end and back to 0",
     "restarted": "as cycled, then all currents were switched off and raised evenly again",
     "wiped": "as cycled, then the largest current in all coils, and evenly down to the level of the origin",
     "saturated": "demagnetised, then the largest current in all coils, and evenly down to the level of the origin",
+    "shaken": "demagnetised, then all currents swing about the level of the origin, from zero to twice the level and "
+    "less and less, as a controller's do that catches the magnet",
 }
 LARGEST_CURRENT = shared_value("section_3_7.largest_current_A")
 """The amplifier's limit, A."""
+SWINGS = np.array([-1.0, 1.0, -0.7, 0.7, -0.4, 0.4, -0.2, 0.2, -0.07, 0.0])
+"""Of the history "shaken": currents less their level, over the level, from turn to turn."""
 _LIFT_TOLERANCE, _TRIALS = 2e-3, 6
 # d log lift / d log level to begin with: between (7-18) and the level at which the unscaled model lifts.
 _EXPONENT = 0.9
@@ -91,6 +95,11 @@ def prepared(solver: HysteresisSolver, history: History, protocol: Protocol, end
     """The iron at signal 0 before the run, after a history in which the signal went to `end` and -`end`."""
     check_choice("history", history, get_args(History))
     level = protocol.level
+    if history == "shaken":
+        memory = solver.demagnetised
+        for swing in SWINGS:
+            memory = solver.step(np.full(6, (1.0 + swing) * level), memory).memory
+        return memory
     memory = _evenly(solver, solver.demagnetised, 0.0, level, 3)
     if history == "saturated":
         memory = _evenly(solver, memory, level, LARGEST_CURRENT, 3)
@@ -135,12 +144,24 @@ def walk(
             memory = solver.step(protocol.currents(level, between), memory).memory
         near = found[-1][0].position[:2] if found else np.zeros(2)
         target = found[0][0].lift if found and protocol.rule == "held" else None
-        state, point, level = _settled(solver, memory, float(signal), level, target, near, protocol)
+        guess = _next_level(found, signals, level) if protocol.rule == "held" else level
+        state, point, level = _settled(solver, memory, float(signal), guess, target, near, protocol)
         memory, before = state.memory, float(signal)
         found.append((point, level))
     places = np.array([point.position[:2] for point, _ in found])
     lifts = np.array([point.lift for point, _ in found])
     return Walk(np.asarray(signals, dtype=float), places, np.array([u for _, u in found]), lifts, memory)
+
+
+def _next_level(
+    found: Sequence[tuple[StationaryPoint, float]], signals: Sequence[float] | Array, level: float
+) -> float:
+    """Where the search for the level begins: as it went before, where the signal goes on as before."""
+    k = len(found)
+    if k < 2:
+        return level
+    before, now = signals[k - 1] - signals[k - 2], signals[k] - signals[k - 1]
+    return level * (level / found[-2][1]) ** (now / before) if before * now > 0.0 else level
 
 
 def _settled(

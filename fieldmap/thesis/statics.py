@@ -15,6 +15,7 @@ from fieldmap.levitation import GRAVITY
 from fieldmap.sources import bare_inductance
 from fieldmap.thesis import detail
 from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
+from fieldmap.thesis.joints import about_the_joints, lift_law, shipped_unit
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -142,6 +143,8 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
         "relative_slope": [_relative_slope(middle, each) for each in hs[:-1]],
         "lift_over_weight": shares,
     }
+    jointed = lift_law(shipped_unit(), zs)
+    numbers |= {"lift_with_joints": jointed.shares, "slope_with_joints": jointed.relative_slope}
     best = int(np.argmin(spread))
     facts = {
         "refinement": detail.refinement(REFINEMENT),
@@ -151,6 +154,7 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
         "spread": spread[best],
         "deepest_mm": zs[-1],
         "factor": 1.0 / shares[best].mean(),
+        **about_the_joints(),
     }
     return Answers(numbers, _lift_figures(inputs, currents, shares), facts)
 

@@ -17,11 +17,14 @@ from fieldmap.thesis import detail
 from fieldmap.thesis.available_maps import map_path
 from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
 from fieldmap.thesis.equilibrium_shift import DRAWN_H, Axis, Shift, shift
+from fieldmap.thesis.joints import about_the_joints, joint_range
 from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import SENSOR_ZERO_DEPTH, magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
+X_END = 0.45
+"""The x signal to which runs with joints go: a coil reaches the limit before."""
 SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
 """y < 0 mirrors y > 0."""
 
@@ -51,11 +54,15 @@ def ranges(inputs: dict[str, Any]) -> Answers:
         numbers[f"x_range_{name}"] = ranges
         numbers[f"y_range_{name}"] = [2.0 * side for side in sides["y", 1.0]]
         curves.append(_figure(z_s))
+        ends: tuple[tuple[Axis, float], ...] = (("x", X_END), ("y", inputs["largest_y_signal"]))
+        for axis, largest in ends:
+            numbers[f"{axis}_range_{name}_joints"] = joint_range(axis, z_s, limit, largest)
     numbers["vertical_range"] = [_deepest(h, limit, True) for h in hs]
     numbers["vertical_range_unscaled"] = [_deepest(h, limit, False) for h in hs]
     facts = {
         "stability": "stable sideways" if _all_stable(inputs["depths_mm"]) else "not stable sideways",
         "off_mm": _checked_at_half(),
+        **about_the_joints(),
     }
     return Answers(numbers, tuple(curves), facts)
 

@@ -181,6 +181,9 @@ def number_locations(data: dict) -> list[tuple]:
             waiting += [((*location, key), value) for key, value in here.items()]
         elif isinstance(here, list) and here and isinstance(here[0], dict):
             waiting += [((*location, k), value) for k, value in enumerate(here)]
+        elif location[-1] == "between":
+            # Names of bodies.
+            continue
         elif isinstance(here, int | float | list):
             found.append(location)
     return [location for location in found if location != ("format",)]

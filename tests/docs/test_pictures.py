@@ -50,6 +50,14 @@ LONG = {
         "fieldmap thesis S14_x_branches --report report",
         ("part:S14_x_branches", "device:drive_unit", "recipe:division"),
     ),
+    "joints_x.png": (
+        "fieldmap thesis S14_x_joints --report report",
+        ("part:S14_x_joints", "device:drive_unit_joints"),
+    ),
+    "joints_y.png": (
+        "fieldmap thesis S14_y_joints --report report",
+        ("part:S14_y_joints", "device:drive_unit_joints"),
+    ),
     "pole_disk.png": ("fieldmap study pole_disk", ("study:pole_disk", "device:drive_unit")),
     "reachable.png": (
         "fieldmap show eight_coils --what reachable --quantity B --limit 5",

@@ -183,3 +183,40 @@ def test_mistakes_are_told_together():
     longer = ComputedReadings("longer", lambda device, field: [1.0, 2.0], [1.0], 1.0)
     with pytest.raises(InputError):
         fit_machine(pair(), [OUTER], [longer], solve=coils_alone)
+
+
+def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only():
+    rng = np.random.default_rng(4)
+    table, unknowns = noisy(pair(), rng, 2e-6), [OUTER, TURNS_LIKE]
+    asked, batches = [], []
+
+    def far_off(device, _):
+        asked.append((1e3 * device.coils[0].outer_radius, 1e3 * device.coils[1].outer_radius))
+        return CoilSet(device.coils).field([0.0, 0.0, -0.02], [1.0, 1.0])
+
+    other = ComputedReadings("other", far_off, np.zeros(3), 1e-6)
+
+    def workers(function, things):
+        batches.append(len(things))
+        return [function(one) for one in things]
+
+    plain = fit_machine(pair(), unknowns, [table], [other], solve=coils_alone)
+    at_the_end = list(plain.values.values())
+    assert asked[0] == pytest.approx((14.0, 22.0))
+    assert asked[1] == pytest.approx(at_the_end)
+    # One difference for each unknown.
+    assert len(asked) == 4
+    assert [round(float(np.abs(np.subtract(one, at_the_end)).max()), 3) for one in asked[2:]] == [0.14, 0.22]
+    spread = fit_machine(pair(), unknowns, [table], [other], solve=coils_alone, workers=workers)
+    assert spread.values == plain.values
+    np.testing.assert_array_equal(spread.covariance, plain.covariance)
+    assert set(batches) <= {2, 3, 4}
+
+
+def test_a_search_that_is_close_enough_ends():
+    table = noisy(pair(), np.random.default_rng(4), 2e-6)
+    rough, fine = (
+        fit_machine(pair(), [OUTER], [table], solve=coils_alone, close=close) for close in (0.05, 1e-6)
+    )
+    assert rough.solves < fine.solves
+    assert rough.values[OUTER.key] == pytest.approx(fine.values[OUTER.key], rel=0.05)
