@@ -1,4 +1,4 @@
-"""Tolerances of the drive unit: lift current and what a direction signal does.
+"""Tolerances of the drive unit: docs/derivatives.md, "The drive unit".
 
     python scripts/drive_unit_tolerances.py [--samples 50] [--kept FOLDER]
 
