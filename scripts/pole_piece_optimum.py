@@ -27,7 +27,7 @@ BEST_OF_TWELVE = (56.0, 6.0)
 # Of the search without a limit: relative change of the area.
 TOLERANCE = 1e-2
 # A, that no disk lifts with, and designs that may be solved to find that out.
-TOO_LITTLE, DESIGNS = 3.0, 40
+TOO_LITTLE, DESIGNS = 3.0, 25
 
 
 def as_in_the_study(problem: DesignProblem) -> DesignProblem:
