@@ -113,7 +113,7 @@ class InductanceReadings(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LiftCurrentReadings(Record):
-    """Currents that carry the payload: measured (n,), A, of the common current, with the payload's centre at positions
+    """Currents that carry the payload: measured (n,), A, of the common current, with the payload's magnet at positions
     (n, 3), m. shares (c,): currents of the coils per ampere, 1 unless given."""
 
     name: str
