@@ -68,7 +68,7 @@ KEYS = {
     "material.iron.mu_r": 5.0,
     "material.iron.saturation_polarisation_T": 2e-3,
     "material.steel.B_T.2": 2e-4,
-    "material.soft.mu_r": 0.4,
+    "material.soft.mu_r": 0.2,
     "material.magnet.remanence_T.1": 1e-3,
     "material.magnet.mu_r": 1e-3,
     "background.flux_density_mT.3": 0.02,
