@@ -91,7 +91,8 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
         return mu_r, f"{who}: linear, mu_r = {mu_r:g} as requested"
     slope = material.initial_mu_r
     if isinstance(material, SaturatingMaterial):
-        return slope, f"{who}: linear, mu_r = {slope:.0f}, {material.initial_slope}; no saturation"
+        memory = f", {material.left_out}" if material.coercive_field else ""
+        return slope, f"{who}: linear, mu_r = {slope:.0f}, {material.initial_slope}; no saturation{memory}"
     return slope, f"{who}: {material.description}"
 
 

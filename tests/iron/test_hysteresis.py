@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere, placed
 from fieldmap.errors import InputError
-from fieldmap.iron import NonlinearSolver
+from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
 from fieldmap.iron.mesh.mesh import generate_mesh
@@ -180,6 +180,10 @@ def test_materials_bring_their_own_coercive_fields(ball, solver):
     np.testing.assert_array_equal(found[0].potential, found[1].potential)
     assert own.assumptions[0].startswith("iron 'steel'")
     assert "25000 A/m" in own.assumptions[0]
+    # Solutions that do not follow it say so; of iron without it there is nothing to say.
+    for material, said in ((hard, True), (replace(STEEL, coercive_field=0.0), False)):
+        device = replace(ball, coils=(coil,), bodies=(body,), materials={"steel": material})
+        assert any("25000 A/m" in text for text in solve_linear(device).assumptions) is said
     beside = replace(body, name="soft", material="soft", parts=(Part(Sphere(0.01), placed((0, 0, 0.1))),))
     both = HysteresisSolver(
         replace(
