@@ -2,8 +2,10 @@
 
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 
+from fieldmap.currents import divide_currents
 from fieldmap.errors import StudyError
 from fieldmap.inputs.findings import one_of, shown
 from fieldmap.inputs.kinds import FileKind, register
@@ -49,6 +51,7 @@ def _quantity(value: Any) -> Any:
 
 Value = Annotated[Any, BeforeValidator(_value)]
 Amperes = Annotated[Any, BeforeValidator(_amperes)]
+MOST_AMPERES = 1e9
 
 
 class LinkedKeys(Table):
@@ -94,6 +97,15 @@ class DivisionKeys(Table):
     x: float = Field(default=0.0, description="direction signal along x")
     y: float = Field(default=0.0, description="direction signal along y")
     n: Positive = Field(default=1.0, description="how much more the two coils on the x axis follow x")
+
+    @model_validator(mode="after")
+    def _of_some_size(self) -> "DivisionKeys":
+        with np.errstate(over="ignore", invalid="ignore"):
+            largest = float(np.abs(divide_currents(self.u_A or 1.0, self.x, self.y, self.n)).max())
+        if not largest <= MOST_AMPERES:
+            must_hold = f"the division must leave every coil below {MOST_AMPERES:g} A"
+            raise broken(must_hold, f"a coil at {largest:.3g}", "narrow x, y and n, or lower u_A")
+        return self
 
 
 class CurrentKeys(Table):

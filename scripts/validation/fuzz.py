@@ -9,7 +9,8 @@ MUTATIONS = 1000
 SEED = 20261123
 # As `fuzzing.kinds` has them; that module imports what it needs to make and read all of them.
 KINDS = (
-    *("device files", "map recipes", "scenarios", "studies", "planar devices", "B-H curves", "expressions"),
+    *("device files", "map recipes", "scenarios", "studies", "optimisations", "fits", "planar devices"),
+    *("B-H curves", "expressions"),
     *("map files", "recorded runs", "readings of B (CSV)", "logs of rigs (CSV)", "mag_manip (YAML)"),
     *(
         "surfaces (STL)",

@@ -121,6 +121,13 @@ points_mm = [[0, 0, -90]]
         ("amperes_A = 1.0", "amperes_A = [1.0, 2.0]", 10, "currents.one.amperes_A", "each of the 1 coils"),
         ("amperes_A = 1.0", "amperes_A = 0.0", 10, "currents.one.amperes_A", "not all of them 0"),
         ("amperes_A = 1.0", "division = { u_A = 1.0 }", 10, "currents.one.division", "six coils"),
+        (
+            "amperes_A = 1.0",
+            "division = { u_A = 1.0, x = 1e308, n = 3.0 }",
+            10,
+            "currents.one.division",
+            "1e+09 A",
+        ),
         ("[record]", '[iron]\nmodel = "saturating"\n[record]', 12, "iron.model", "iron to saturate"),
         (
             "points_mm = [[0, 0, -90]]",

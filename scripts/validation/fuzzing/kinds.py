@@ -10,6 +10,8 @@ KINDS: dict[str, Kind] = {
         toml_kinds.RECIPES,
         toml_kinds.SCENARIOS,
         toml_kinds.STUDIES,
+        toml_kinds.OPTIMISATIONS,
+        toml_kinds.FITS,
         toml_kinds.PLANAR,
         toml_kinds.CURVES,
         toml_kinds.EXPRESSIONS,

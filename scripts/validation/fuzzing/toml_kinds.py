@@ -1,4 +1,5 @@
-"""TOML files that people write: devices, recipes, scenarios, studies, planar devices, curves of materials."""
+"""TOML files that people write: devices, recipes, scenarios, studies, optimisations, fits, planar devices, curves of
+materials."""
 
 import math
 import tomllib
@@ -6,6 +7,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import fieldmap as fm
 from fieldmap.device.toml_text import toml_text
@@ -16,6 +19,8 @@ from fieldmap.inputs.expressions import ExpressionError, evaluate
 from fieldmap.maps.recipe import choose_grid, read_recipe, read_recipe_device
 from fieldmap.planar import read_planar_device
 from fieldmap.shipped import shipped_file, shipped_names
+from fieldmap.studies.design_file import read_design_problem
+from fieldmap.studies.fit_reading import read_fit
 from fieldmap.studies.reading import read_study
 from validation.fuzzing.case import Case, Generator, Kind, not_finite
 from validation.fuzzing.mutations import bytes_of, characters, other_files, strange_places, structure
@@ -246,6 +251,40 @@ def fault_of_study(found: Any, data: dict[str, Any], path: Path) -> str:
     return ""
 
 
+def fault_of_optimisation(found: Any, data: dict[str, Any], path: Path) -> str:
+    """The variables and limits of the file, between the bounds that it states."""
+    if lost := not_finite([found.check_refinement, found.tolerance]):
+        return f"NaN or infinity in {lost}"
+    keys = data["optimise"]["variable"]
+    if len(found.variables) != len(keys) or len(found.limits) != len(data["optimise"].get("constraint", [])):
+        return "variables or limits lost"
+    for ours, theirs in zip(found.variables, keys, strict=True):
+        if not (near(ours.lower, theirs["lower"]) and near(ours.upper, theirs["upper"])):
+            return f"bounds {ours.lower}, {ours.upper} of {theirs}"
+    return ""
+
+
+FIT_TABLES = ("flux_density", "inductance", "lift_current")
+
+
+def fault_of_fit(found: Any, data: dict[str, Any], path: Path) -> str:
+    """The unknowns and tables of the file, each reading a number."""
+    tables = [table for name in FIT_TABLES for table in data.get(name, [])]
+    if len(found.unknowns) != len(data["unknown"]) or len(found.readings) + len(found.predict) != len(tables):
+        return "unknowns or tables lost"
+    # What was not measured is NaN.
+    read = sum(int(np.isfinite(table.measured).sum()) for table in (*found.readings, *found.predict))
+    told = sum(
+        np.size(value) for table in tables for key, value in table.items() if key.startswith("measured")
+    )
+    if read != told:
+        return f"{read} readings of {told}"
+    for ours, theirs in zip(found.unknowns, data["unknown"], strict=True):
+        if not near(ours.start, theirs["start"]):
+            return f"a start at {ours.start} of {theirs}"
+    return ""
+
+
 def fault_of_planar(device: Any, data: dict[str, Any], path: Path) -> str:
     """Numbers that are none, and coils that are lost."""
     lost = not_finite([device.coils, device.bodies, device.walls, device.moment])
@@ -402,7 +441,21 @@ SCENARIOS = text_kind(
     _read_scenario,
     fault_of_scenario,
 )
-STUDIES = text_kind("studies", _texts("maps", shipped_names("maps", "studies")), read_study, fault_of_study)
+_OPTIMISATIONS = [
+    name
+    for name in shipped_names("maps", "studies")
+    if "optimise" in tomllib.loads(shipped_file("maps", name).read_text())
+]
+STUDIES = text_kind(
+    "studies",
+    _texts("maps", [name for name in shipped_names("maps", "studies") if name not in _OPTIMISATIONS]),
+    read_study,
+    fault_of_study,
+)
+OPTIMISATIONS = text_kind(
+    "optimisations", _texts("maps", _OPTIMISATIONS), read_design_problem, fault_of_optimisation
+)
+FITS = text_kind("fits", _texts("maps", shipped_names("maps", "fits")), read_fit, fault_of_fit)
 PLANAR = text_kind(
     "planar devices",
     _texts("geometry", ["planar_drive_unit", "planar_drive_unit_8mm"]),
