@@ -118,7 +118,8 @@ def parse_variation(text: str, option: str) -> tuple[str, list[object]]:
 def _toml_value(text: str) -> object:
     try:
         value: object = tomllib.loads(f"v = {text}")["v"]
-    except tomllib.TOMLDecodeError:
+    except ValueError:
+        # No TOML, or a whole number of more digits than Python reads.
         return text
     return value
 

@@ -1,6 +1,7 @@
 """A TOML file as read: its text and data, and what is wrong in it, tied to its lines."""
 
 import re
+import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -100,6 +101,12 @@ def parsed(path: Path, text: str, error: type[InputError]) -> Document:
         raise error(Problem(str(path), "must be valid TOML", received, "write them flat")) from None
     except tomllib.TOMLDecodeError as wrong:
         raise error(_syntax_problem(path, text, str(wrong))) from wrong
+    except ValueError:
+        # Python reads no whole number of more digits.
+        long = re.search(rf"[\d_]{{{sys.get_int_max_str_digits() or 1}}}", text)
+        where = str(path) if long is None else f"{path}:{text.count(chr(10), 0, long.start()) + 1}"
+        must_hold, received = "the file must be valid TOML", "a whole number of thousands of digits"
+        raise error(Problem(where, must_hold, received, "write it with fewer digits")) from None
 
 
 def _syntax_problem(path: Path, text: str, message: str) -> Problem:

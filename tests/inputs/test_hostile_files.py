@@ -2,6 +2,7 @@
 
 import pytest
 
+from fieldmap.cli.arguments import parse_setting
 from fieldmap.device import read_device
 from fieldmap.dynamics import read_scenario
 from fieldmap.errors import DeviceFileError, InputError, RecipeError, ScenarioError, StudyError
@@ -30,6 +31,16 @@ def test_a_name_that_no_file_can_have(tmp_path, text, key):
     with pytest.raises(DeviceFileError) as caught:
         read_device(path)
     assert any(problem.where.endswith(key) for problem in caught.value.problems)
+
+
+def test_a_whole_number_that_python_does_not_read(tmp_path):
+    path = tmp_path / "device.toml"
+    path.write_text(HEAD + COIL.replace("turns = 1", f"turns = {'9' * 5000}"))
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(path)
+    line = path.read_text().splitlines().index(f"turns = {'9' * 5000}") + 1
+    assert [problem.where for problem in caught.value.problems] == [f"{path}:{line}"]
+    assert parse_setting(f"coil.c.turns={'9' * 5000}", "--set")[1] == "9" * 5000
 
 
 def test_such_a_name_for_any_file():
