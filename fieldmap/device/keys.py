@@ -147,7 +147,8 @@ def device_data(device: Any, whole: bool = True) -> DeviceData:
         paths={(key,): f"{key}s" for key in ("coil", "joint", "section", "reference", "material")}
     )
     made.paths |= {("body",): "bodies", ("title",): "title", ("name",): "name"}
-    title = device.name if device.title == "" and isinstance(device.name, str) else device.title
+    untitled = isinstance(device.title, str) and not device.title and isinstance(device.name, str)
+    title = device.name if untitled else device.title
     made.data = {"format": 1, "name": device.name, "title": title}
     _materials(made, device.materials)
     tables = [_body(made, body, k) for k, body in enumerate(device.bodies)]

@@ -52,7 +52,8 @@ class Box(Made):
 
     def __post_init__(self) -> None:
         # An array would be no tuple to those that look for one, and boxes could not be compared.
-        object.__setattr__(self, "size", tuple(self.size))
+        if isinstance(self.size, np.ndarray) and self.size.ndim == 1:
+            object.__setattr__(self, "size", tuple(self.size.tolist()))
 
 
 @dataclass(frozen=True, repr=False)

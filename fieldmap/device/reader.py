@@ -116,20 +116,22 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     >>> read_device("drive_unit", {"parameters.gap": 120.0}).bodies[-1].parts[0].placement.position.tolist()
     [0.0, 0.0, -0.126]
     """
+    if isinstance(changes, Mapping) and not changes:
+        changes = None
     if isinstance(path_or_name, Device):
-        if changes:
+        if changes is not None:
             must_hold, remedy = "must be a file or a name where keys are changed", "write device.replace(...)"
             raise DeviceFileError(Problem("read_device", must_hold, "a device", remedy))
         return path_or_name
     if isinstance(path_or_name, str) and "\n" in path_or_name:
         document = DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError))
-        return device_of(with_changes(document, changes) if changes else document)
+        return device_of(document if changes is None else with_changes(document, changes))
     if not isinstance(path_or_name, str | os.PathLike):
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
         remedy = f'write for instance read_device("{DEFAULT}")'
         raise DeviceFileError(Problem("read_device", must_hold, type(path_or_name).__name__, remedy))
     document = DEVICE.load(DEVICE.find(path_or_name))
-    return device_of(with_changes(document, changes) if changes else document)
+    return device_of(document if changes is None else with_changes(document, changes))
 
 
 def material(

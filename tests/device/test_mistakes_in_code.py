@@ -96,6 +96,7 @@ def test_a_material_that_is_not_there():
 
 
 COIL = fm.CircularCoil("a", 0.02, 0.03, 0.01, 100)
+IRON = fm.LinearMaterial("iron", 1000.0)
 
 
 def paths(**values):
@@ -140,7 +141,30 @@ def test_all_mistakes_at_once_at_paths_that_python_understands():
         ),
         ({"coils": [fm.CircularCoil("a", 0.1, 0.2, 0.3, 4, placement=3)]}, "coils[0].placement"),
         ({"coils": []}, 'Device "d"'),
+        ({"coils": [COIL], "title": np.zeros(3)}, "title"),
+        (
+            {"bodies": [fm.Body("rod", "iron", fm.Box(3.0), mesh_size=0.01)], "materials": {"iron": IRON}},
+            "bodies[0].parts[0].shape.size",
+        ),
+        (
+            {
+                "bodies": [fm.Body("rod", "iron", fm.Box(np.ones((1, 3))), mesh_size=0.01)],
+                "materials": {"iron": IRON},
+            },
+            "bodies[0].parts[0].shape.size",
+        ),
     ],
 )
 def test_things_in_the_wrong_place(values, path):
     assert paths(**values) == [path]
+
+
+def test_an_array_is_a_size():
+    assert fm.Box(np.array([1.0, 2.0, 3.0])) == fm.Box((1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize("changes", [np.zeros(3), np.zeros(0), ["parameters.gap"]])
+def test_changes_that_are_no_mapping(changes):
+    with pytest.raises(InputError) as caught:
+        fm.read_device("drive_unit", changes)
+    assert [problem.where for problem in caught.value.problems] == ["changes"]
