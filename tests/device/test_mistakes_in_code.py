@@ -101,7 +101,7 @@ IRON = fm.LinearMaterial("iron", 1000.0)
 
 def paths(**values):
     with pytest.raises(InputError) as caught:
-        fm.Device("d", "", **{"coils": [COIL], **values})
+        fm.Device("d", **{"title": "", "coils": [COIL], **values})
     return [problem.where.rpartition(": ")[2] for problem in caught.value.problems]
 
 
@@ -151,7 +151,7 @@ def test_all_mistakes_at_once_at_paths_that_python_understands():
                 "bodies": [fm.Body("rod", "iron", fm.Box(np.ones((1, 3))), mesh_size=0.01)],
                 "materials": {"iron": IRON},
             },
-            "bodies[0].parts[0].shape.size",
+            "bodies[0].parts[0].shape.size[0]",
         ),
     ],
 )
