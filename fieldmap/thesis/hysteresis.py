@@ -156,12 +156,17 @@ def walk(
 def _next_level(
     found: Sequence[tuple[StationaryPoint, float]], signals: Sequence[float] | Array, level: float
 ) -> float:
-    """Where the search for the level begins: as it went before, where the signal goes on as before."""
+    """Where the search for the level begins: on the parabola, or the line, of its logarithm through those before, as
+    far back as the signal went the same way."""
     k = len(found)
-    if k < 2:
+    if k == 0:
         return level
-    before, now = signals[k - 1] - signals[k - 2], signals[k] - signals[k - 1]
-    return level * (level / found[-2][1]) ** (now / before) if before * now > 0.0 else level
+    steps = np.diff(signals[: k + 1])
+    count = 1
+    while count < min(3, k) and steps[-1] * steps[-1 - count] > 0.0:
+        count += 1
+    known = np.log([one for _, one in found[k - count :]])
+    return float(np.exp(np.polyval(np.polyfit(signals[k - count : k], known, count - 1), signals[k])))
 
 
 def _settled(

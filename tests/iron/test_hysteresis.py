@@ -200,9 +200,18 @@ def test_materials_bring_their_own_coercive_fields(ball, solver):
 def test_where_newton_begins_leaves_no_trace(solver):
     """A state near the one that is asked for saves steps, and changes it by what the solver's tolerance allows."""
     memory = solver.step([100.0], solver.demagnetised).memory
-    plain = solver.step([-60.0], memory)
-    near = solver.step([-60.0], memory, near=solver.step([-61.0], memory))
+    plain = solver.step([-30.0], memory)
+    near = solver.step([-30.0], memory, near=solver.step([-30.5], memory))
     assert near.steps < plain.steps
     point = np.array([[0.0, 0.01, 0.08]])
     np.testing.assert_allclose(near.field(point), plain.field(point), rtol=1e-6)
     assert near.loss == pytest.approx(plain.loss, rel=1e-5)
+
+
+@pytest.mark.parametrize("currents", [[80.0], [20.0], [-40.0]])
+def test_first_guess_of_a_step(solver, currents):
+    """On as before, or in proportion to currents that turn: closer to the state than the potential before it."""
+    memory = solver.step([60.0], solver.step([40.0], solver.demagnetised).memory).memory
+    found = solver.step(currents, memory).memory.potential
+    guess = memory.continued(np.array(currents))
+    assert np.linalg.norm(guess - found) < 0.4 * np.linalg.norm(memory.potential - found)

@@ -61,6 +61,16 @@ def points():
     return size * random.normal(size=(count, 3)), previous
 
 
+def test_a_direction_that_turns_past_itself():
+    """Newton's method for the direction of h - r fails here, a case of some hundred thousand: the bounds find mu."""
+    h = np.array([[-0.00301318, -0.00383429, 0.00023671]])
+    previous = np.array([[[0.00188384, 0.00492946, -0.00800917]]])
+    r = law(h, previous, np.array([[7e-3]]), np.ones(1))[2]
+    pull, way = (h - r[0])[0], vector(r[0, 0]) - vector(previous[0, 0])
+    assert np.linalg.norm(pull) == pytest.approx(7e-3, rel=1e-9)
+    assert way @ pull == pytest.approx(np.linalg.norm(way) * np.linalg.norm(pull), rel=1e-9)
+
+
 def test_cells_minimise_energy_plus_friction(points):
     """|h - r| = kappa where a cell moved, and the polarisation moved along h - r; |h - r| <= kappa where it stayed."""
     h, previous = points

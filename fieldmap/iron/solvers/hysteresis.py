@@ -30,6 +30,9 @@ from fieldmap.typing import Array
 # As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
 _MOST_HALVINGS = 4
+# Newton's method begins where the last step goes on to, if the currents go on in the same direction, up to the cosine,
+# and not much farther.
+_ALONG, _FURTHEST = 0.8, 2.0
 
 
 @dataclass(frozen=True)
@@ -85,12 +88,24 @@ class Pinning(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IronMemory(Record):
-    """History of the iron of one solver: its material with the fields of the play cells, and the last potential (n,)
-    and currents (c,)."""
+    """History of the iron of one solver: its material with the fields of the play cells, the last potential (n,) and
+    currents (c,), and by how much both changed in the last step."""
 
     material: HysteresisMagnetisation
     potential: Array
     currents: Array
+    potential_change: Array
+    currents_change: Array
+
+    def continued(self, currents: Array) -> Array:
+        """Potential (n,) that currents (c,) are likely to make: changed on as in the last step, or, where the currents
+        turn, in proportion to them."""
+        before, now = self.currents_change, currents - self.currents
+        if before @ now >= _ALONG * np.linalg.norm(before) * np.linalg.norm(now) > 0.0:
+            share = min(float(now @ before) / float(before @ before), _FURTHEST)
+            return self.potential + share * self.potential_change
+        square = float(self.currents @ self.currents)
+        return self.potential * (float(currents @ self.currents) / square if square > 0.0 else 1.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,7 +201,8 @@ class HysteresisSolver:
             (self.pinning or Pinning(0.0)).weights,
             np.zeros((len(law), 4, self._cells, 3)),
         )
-        return IronMemory(material, np.zeros(count), np.zeros(len(self.device.coils)))
+        nothing, coils = np.zeros(count), np.zeros(len(self.device.coils))
+        return IronMemory(material, nothing, coils, nothing, coils)
 
     @property
     def _cells(self) -> int:
@@ -216,11 +232,11 @@ class HysteresisSolver:
             must = "must lie between 0 and 1"
             raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
-        if near is not None:
-            try:
-                return self._at(values, memory, residual, near.memory.potential)
-            except NotConverged:
-                pass
+        start = memory.continued(values) if near is None else near.memory.potential
+        try:
+            return self._at(values, memory, residual, start)
+        except NotConverged:
+            pass
         return self._step(values, memory, residual, _MOST_HALVINGS)
 
     def _step(self, currents: Array, memory: IronMemory, residual: float, halvings: int) -> HystereticState:
@@ -243,7 +259,8 @@ class HysteresisSolver:
         field = CoilField(constant[None], (currents @ self._unit.bubble)[None])
         elements, before = self._form.elements, memory.material
         state = self._form.solve(before, field, residual, start[:, None])
-        h, _, polarisation, _ = elements.evaluated(state.potential[:, 0], field, 0, before)
+        potential = state.potential[:, 0]
+        h, _, polarisation, _ = elements.evaluated(potential, field, 0, before)
         after = before.after(h)
         form = self._form
         report = report_of(form.name, form.iron, elements.count, state.iron, {}, self.assumptions)
@@ -260,7 +277,7 @@ class HysteresisSolver:
             *about,
             state,
             self._linkage(polarisation),
-            IronMemory(after, state.potential[:, 0], currents),
+            IronMemory(after, potential, currents, potential - memory.potential, currents - memory.currents),
             before.dissipated(after, elements.volume) / MU0,
             state.iron.iterations,
             bounds=self.device.bounds,

@@ -60,6 +60,7 @@ def tested_matrices(values, gradients, volume):
 _STEPS, _INNER_STEPS = 60, 60
 _CLOSE, _INNER_CLOSE = 1e-12, 1e-15
 _LEAST = 1e-13
+_TURNS, _ANGLE = 12, 1e-13
 
 
 @njit(cache=True, inline="always")
@@ -116,6 +117,48 @@ def _straight(h, p, kappa, share, law, offset, knots, coefficients, r):
 
 
 @njit(cache=True)
+def _turned(h, p, kappa, away, law, offset, knots, coefficients, r):
+    """Fill r (3,) with the new reversible field of a cell that moves and return mu; -1 where the search does not end.
+
+    r lies on the circle of radius kappa about h, in the plane of h and p: Newton's method for the direction of h - r,
+    along which J(r) - J(p) has to point. It begins straight towards h. A step asks for the law once.
+    """
+    _, _, chord = _chord(p, law, offset, knots, coefficients)
+    # u: from p to h; v: across, in the plane of both. All vectors of the search have these two components.
+    ux, uy, uz = (h[0] - p[0]) / away, (h[1] - p[1]) / away, (h[2] - p[2]) / away
+    h_u = h[0] * ux + h[1] * uy + h[2] * uz
+    vx, vy, vz = h[0] - h_u * ux, h[1] - h_u * uy, h[2] - h_u * uz
+    h_v = _norm(vx, vy, vz)
+    inverse = 1.0 / h_v if h_v > 0.0 else 0.0
+    vx, vy, vz = inverse * vx, inverse * vy, inverse * vz
+    jp_u, jp_v = chord * (h_u - away), chord * h_v
+    n_u, n_v = 1.0, 0.0
+    for _ in range(_TURNS):
+        r_u, r_v = h_u - kappa * n_u, h_v - kappa * n_v
+        s = math.sqrt(r_u * r_u + r_v * r_v)
+        j, slope = _polarisation(s, law, offset, knots, coefficients)
+        chord = j / s if s > 1e-30 else slope
+        g_u, g_v = chord * r_u - jp_u, chord * r_v - jp_v
+        along, across = g_u * n_u + g_v * n_v, g_v * n_u - g_u * n_v
+        if along <= 0.0:
+            return -1.0
+        # How the component across follows the angle.
+        t = (r_v * n_u - r_u * n_v) / s if s > 1e-30 else 0.0
+        stiffness = along + kappa * (chord + (slope - chord) * t * t)
+        angle = across / stiffness
+        if abs(angle) <= _ANGLE:
+            r[0] = h_u * ux + h_v * vx - kappa * (n_u * ux + n_v * vx)
+            r[1] = h_u * uy + h_v * vy - kappa * (n_u * uy + n_v * vy)
+            r[2] = h_u * uz + h_v * vz - kappa * (n_u * uz + n_v * vz)
+            return max(along / kappa, _LEAST)
+        angle = min(max(angle, -0.5), 0.5)
+        n_u, n_v = n_u - angle * n_v, n_v + angle * n_u
+        size = math.sqrt(n_u * n_u + n_v * n_v)
+        n_u, n_v = n_u / size, n_v / size
+    return -1.0
+
+
+@njit(cache=True)
 def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     """Fill r (3,) with the new reversible field of a cell and return mu; 0 where it stays, infinity if kappa is 0.
 
@@ -128,6 +171,9 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     if away <= kappa:
         r[0], r[1], r[2] = p[0], p[1], p[2]
         return 0.0
+    mu = _turned(h, p, kappa, away, law, offset, knots, coefficients, r)
+    if mu > 0.0:
+        return mu
     jx, jy, jz, s, mu = _straight(h, p, kappa, kappa / away, law, offset, knots, coefficients, r)
     low, high = 0.0, math.inf
     for _ in range(_STEPS):
