@@ -18,7 +18,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
-from fieldmap.dynamics import CoilDrive, Drag, RigidBody, linearised, sampled_field, state_of
+from fieldmap.dynamics import (
+    CoilDrive,
+    Drag,
+    FieldOfCurrents,
+    RigidBody,
+    linearised,
+    modelled,
+    sampled_field,
+    state_of,
+    tabled,
+)
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.extras import require
 from fieldmap.field import as_field
@@ -28,8 +38,9 @@ from fieldmap.kernels.map.cached_field import keep_field
 from fieldmap.kernels.map.lookup import evaluate_with
 from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.control_period import advance_period
+from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.kernels.motion.step import find_load
-from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map
+from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map, saturates
 from fieldmap.store import Grid, MapData
 from fieldmap.typing import Array
 
@@ -44,6 +55,7 @@ else:
 
 ENVIRONMENT = "fieldmap/Levitation-v0"
 ACTIONS = ("currents", "signals")
+IRON = ("model", "table", "linearised")
 EFFORT = 0.01
 """Weight of the mean square of the actions in the reward."""
 SECONDS = 10.0
@@ -71,11 +83,12 @@ class LevitationEnv(Env):
     up to `start`, m, and turned about x and y by up to `tilt`, rad.
 
     field: a map, its path, or any field with a box; body: with its magnet; target (3,): of its centre of mass, m. Left
-    out all three: a made-up rig. A map of saturating iron is linearised about the currents at rest. span: unless given,
-    the largest current at rest, or 0.5 of the weight. period, step: s, as of `fieldmap.dynamics.Schedule`. noise:
-    standard deviations (3,), m. drive: of the coils; currents follow at once unless given. drag: a little air unless
-    given. Raises FieldmapError without Gymnasium, InputError for arguments that do not fit, Infeasible where no
-    currents carry the body.
+    out all three: a made-up rig. iron, of a map of saturating iron: its "model", solved whenever currents change; a
+    "table" over its current division, faster; or "linearised" about the currents at rest, right near them only. span:
+    unless given, the largest current at rest, or 0.5 of the weight. period, step: s, as of
+    `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; currents follow at once
+    unless given. drag: a little air unless given. Raises FieldmapError without Gymnasium, InputError for arguments that
+    do not fit, Infeasible where no currents carry the body, NotConverged where the iron has no solution.
 
     >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
     """
@@ -90,6 +103,7 @@ class LevitationEnv(Env):
         *,
         action: str = "currents",
         span: float | None = None,
+        iron: str = "model",
         period: float = _PERIOD,
         step: float = 2e-4,
         noise: ArrayLike = (0.0, 0.0, 0.0),
@@ -102,6 +116,7 @@ class LevitationEnv(Env):
     ) -> None:
         require("gymnasium", "gymnasium", "LevitationEnv")
         check_choice("LevitationEnv(action)", action, ACTIONS)
+        check_choice("LevitationEnv(iron)", iron, IRON)
         check_positive("LevitationEnv", period=period, step=step, limit=limit)
         check_not_negative("LevitationEnv", start=start, tilt=tilt)
         self.render_mode = render_mode
@@ -117,23 +132,22 @@ class LevitationEnv(Env):
         place = self.target + body.magnet_at
         self.rest = np.asarray(field.currents_for(place, force=weight, moment=moment))
         n = len(self.rest)
-        known = linearised(field, self.rest)
+        known = _field_of_currents(field, self.rest, iron)
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
         if action == "currents":
             wide = float(np.abs(self.rest).max()) if span is None else float(span)
             self._to_currents = wide * np.eye(n)
         else:
             share = 0.5 if span is None else float(span)
+            about_rest = linearised(field, self.rest).block
             self._to_currents = (
-                share * weight[2] * np.linalg.pinv(_force_per_ampere(known.block, place, moment, n))
+                share * weight[2] * np.linalg.pinv(_force_per_ampere(about_rest, place, moment, n))
             )
-        self._coils, self._scale = drive.numbers(self._step), float(known.numbers.scale)
+        self._coils, self._superposition = drive.numbers(self._step), known.begin()
         self._at_once = bool((self._coils[:, :2] == 0.0).all())
         self._limits = drive.steady
         self._numbers = body.numbers(Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag)
-        # Behind those of the coils the constant part of linearised iron, of weight 1.
-        weights = np.full(int(known.block[SETS]), self._scale)
-        self._kept = keep_field(known.block, weights, body.magnet.count)
+        self._kept = keep_field(known.block, np.empty(int(known.block[SETS])), body.magnet.count)
         self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
         self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._to_currents.shape[1],), np.float64)
         self.observation_space = _gymnasium.spaces.Box(-np.inf, np.inf, (12 + n,), np.float64)
@@ -150,7 +164,7 @@ class LevitationEnv(Env):
             begin = state_of(self.target + off, quaternion=(1.0, *np.tan(half), 0.0))
         self._state[:] = check_signal("LevitationEnv.reset(state)", begin, columns=13)
         self._currents[:] = self.rest
-        self._kept[1][: len(self.rest)] = self._scale * self.rest
+        find_weights(*self._superposition, self._currents, self._kept[1])
         self._kept[2][:] = -1
         status, _ = find_load(self._kept, self._numbers, self._state, self._load)
         if status != INSIDE:
@@ -170,7 +184,7 @@ class LevitationEnv(Env):
             self._step,
             self._steps,
             self._at_once,
-            self._scale,
+            *self._superposition,
             self._coils,
             self._numbers,
             self._kept,
@@ -206,6 +220,13 @@ class LevitationEnv(Env):
         out[9:12] = state[10:13]
         out[12:] = self._currents
         return out
+
+
+def _field_of_currents(field: FieldMap, currents: Array, iron: str) -> FieldOfCurrents:
+    """How the field follows the currents; linear iron is superposed."""
+    if not saturates(field) or iron == "model":
+        return modelled(field)
+    return tabled(field) if iron == "table" else linearised(field, currents)
 
 
 def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:

@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmap.dynamics import Drag, move
+from fieldmap.dynamics import Drag, RigidBody, move
 from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.lookup import FiniteMagnet
 
 gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "fieldmap[gymnasium]")')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from fieldmap.interop.levitation_env import ENVIRONMENT, LevitationEnv  # noqa: E402
+
+from tests.dynamics.conftest import saturating_map  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 
@@ -83,6 +86,24 @@ def test_the_motion_is_that_of_our_simulator(ring):
     np.testing.assert_allclose(
         env.field.field([0, 0, -0.1], 1.0), ring.map.field([0, 0, -0.1], 1.0), rtol=1e-12
     )
+
+
+@pytest.mark.parametrize(("iron", "error"), [("model", 2e-5), ("linearised", None)])
+def test_the_iron_saturates(iron, error):
+    """Beside our simulator in the field of the map itself, an ampere and more off the currents at rest."""
+    field = saturating_map(free=True)
+    body = RigidBody(0.01119, np.full(3, 2e-7), FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])))
+    env = LevitationEnv(
+        field, body, (0.0, 0.0, 0.0), span=1.5, iron=iron, drag=Drag(), step=1e-4, start=0.0, tilt=0.0
+    )
+    env.reset(seed=0)
+    begin, action = env.state, np.array([0.9, 0.2, -0.5, 1.0, 0.6, -0.1])
+    for _ in range(2):
+        env.step(action)
+    run = move(field.at(env.rest + 1.5 * action), body, begin, 2 * env.period, 1e-4)
+    moved = np.abs(run.states[-1] - begin).max()
+    off = np.abs(env.state - run.states[-1]).max() / moved
+    assert off < error if error else off > 1e-2
 
 
 def test_rest_signals_and_reward(ring):
