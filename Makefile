@@ -4,18 +4,21 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install map test style kernels_without_compilation bench validate mutants docs clean
+.PHONY: install map test slow style kernels_without_compilation bench validate mutants docs clean
 
 install: $(STAMP)
 
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
-# Two at a time, for two processors: what needs one each, then all tests in two processes. A file's tests stay in one
-# process, which makes what they share once.
+# Two at a time, for two processors: what needs one each, then the tests in two processes. A file's tests stay in one
+# process, which makes what they share once. Those of tests/slow.txt belong to `make validate`.
 test: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 --output-sync=target style kernels_without_compilation
-	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules fieldmap tests
+	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules -m "not slow" fieldmap tests
+
+slow: $(STAMP)
+	$(BIN)/pytest -q -n 2 --dist loadfile -m slow tests
 
 style:
 	$(BIN)/ruff check fieldmap tests scripts
@@ -23,12 +26,12 @@ style:
 	$(BIN)/mypy
 
 kernels_without_compilation:
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels -m "not slow"
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
 
-validate: $(VENV)/.installed-programs
+validate: $(VENV)/.installed-programs slow
 	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop
 	$(BIN)/python scripts/validate.py
 

@@ -33,6 +33,37 @@ def pytest_configure(config):
             os.environ.setdefault(name, str(max(1, (os.cpu_count() or 1) // workers)))
 
 
+SLOW = Path(__file__).parent / "slow.txt"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark the tests of slow.txt, before those with or without a mark are selected. A line that names no test is an
+    error."""
+    lines = SLOW.read_text(encoding="utf-8").splitlines()
+    named = {line for line in lines if line and not line.startswith("#")}
+    found, functions = set(), set()
+    for item in items:
+        function = item.nodeid.split("[")[0]
+        functions.add(function)
+        if of := named & {item.nodeid, function, item.nodeid.split("::")[0]}:
+            item.add_marker("slow")
+            found |= of
+    # Of a part of the tests, or without a library, what is not there says nothing.
+    files = {function.split("::")[0] for function in functions}
+    lost = {name for name in named - found if name.split("[")[0] in functions}
+    lost |= {name for name in named - found if name.split("::")[0] in files and not is_written(name)}
+    if lost:
+        raise pytest.UsageError(f"tests/slow.txt names tests that are not there: {', '.join(sorted(lost))}")
+
+
+def is_written(name):
+    """Whether the file of a test has it."""
+    file, _, function = name.split("[")[0].partition("::")
+    path = SLOW.parents[1] / file
+    return path.is_file() and f"def {function}(" in path.read_text(encoding="utf-8")
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--rewrite-golden", action="store_true", help="write what the commands print into tests/cli/golden"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,17 +31,17 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     domain.
     """
     free = CompiledModel(
-        np.array(model.source),
-        np.array(model.fixed),
-        np.array(model.gradients, dtype=np.float32),
-        np.array(model.weights),
-        np.array(model.law),
-        np.array(model.law_offset),
-        np.array(model.law_knots),
-        np.array(model.law_coefficients),
-        np.array(model.air),
-        np.array(model.constant),
-        np.array(model.output),
+        _own(model.source),
+        _own(model.fixed),
+        _own(model.gradients, np.float32),
+        _own(model.weights),
+        _own(model.law),
+        _own(model.law_offset),
+        _own(model.law_knots),
+        _own(model.law_coefficients),
+        _own(model.air),
+        _own(model.constant),
+        _own(model.output),
         np.zeros((1, 3), np.int64),
         np.zeros((1, len(model.constant)), np.float32),
         compiled_domain(model.domain, False),
@@ -61,6 +63,11 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         domain=compiled_domain(domain, checked),
         tolerance=COMPILED_TOLERANCE,
     )
+
+
+def _own(values: NDArray[Any], kind: type | None = None) -> NDArray[Any]:
+    """A copy, row by row: other layouts would be compiled for anew."""
+    return np.array(values, dtype=kind, order="C")
 
 
 def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:

@@ -24,8 +24,6 @@ BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-c
 COLUMNS = 118
 TABS = ["Home", "User guide", "How-to", "Reference", "Theory", "Thesis"]
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:

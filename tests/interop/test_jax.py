@@ -150,7 +150,6 @@ def test_as_an_evaluator_of_maps(ring, kind, outside):
         ours.compiled()
 
 
-@pytest.mark.slow
 def test_a_million_points_in_one_call(ring):
     """Times of one run, on as many cores as there are; docs/other_programs.md has what one core gives."""
     m, points = interpolate(ring.data, threads=1), inside(ring.map, 1_000_000)

@@ -15,7 +15,6 @@ gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from fieldmap.interop.levitation_env import ENVIRONMENT, LevitationEnv  # noqa: E402
-
 from tests.dynamics.conftest import saturating_map  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

@@ -44,7 +44,6 @@ def share(ours, exact):
     return np.sqrt(((ours - exact) ** 2).sum(axes)).max() / np.sqrt((exact**2).sum(axes)).max()
 
 
-@pytest.mark.slow
 def test_the_field_of_a_map_of_unequal_counts(program, tmp_path):
     """B within 1e-4 in the whole box, faces and corners; what is stated of B and gradient is what is read."""
     field = loops(2)

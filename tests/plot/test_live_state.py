@@ -214,7 +214,6 @@ async def visit(port, address, steps):
             await steps(ask, evaluate, until)
 
 
-@pytest.mark.slow
 @needs_opengl
 def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
     """Sliders, reset and saved states by their elements; the picture is not empty."""
