@@ -332,6 +332,16 @@ def largest_step(balance: Balance | BodyBalance) -> float:
     return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
 
 
+def _by(balance: Balance | BodyBalance, ratio: float) -> str:
+    """In words, how far currents must be raised for a force that is larger by a ratio."""
+    if isinstance(balance, BodyBalance) and balance.body.soft:
+        if len(balance.body.points):
+            return ""
+        # The force on induced moments alone goes with the square.
+        ratio = float(np.sqrt(ratio))
+    return f" ({ratio:.3g} times, if the iron is linear)"
+
+
 def no_equilibrium(
     balance: Balance | BodyBalance, grid: Array, residuals: Array, tried: int
 ) -> NoEquilibrium:
@@ -347,7 +357,7 @@ def no_equilibrium(
     weight = balance.weight
     if lift[high] < weight:
         remedy = (
-            f"raise the currents ({weight / lift[high]:.3g} times, if the iron is linear), "
+            f"raise the currents{_by(balance, weight / lift[high])}, "
             "lighten the payload, or use a map that reaches nearer to the coils"
             if lift[high] > 0
             else "turn the currents on or the polarity of the coils around"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.device import read_device, recorded_device
-from fieldmap.device.model import Device
+from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
 from fieldmap.inputs.tables import is_number
@@ -19,6 +19,7 @@ from fieldmap.io.answers import require_box
 from fieldmap.iron import SolvedState, generate_mesh
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ReachableSet, equilibrium_surface, find_equilibrium, reachable
+from fieldmap.lookup import magnetic_body
 from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.shipped import shipped_file
@@ -110,16 +111,24 @@ def _reachable(
 ) -> Shown:
     lower, upper = require_box(source)
     at = 0.5 * (lower + upper) if place is None else place
-    driver = None if source.device is None else source.device.driver
-    most = limit or (DEFAULT_LIMIT if driver is None else driver.current_limit)
+    most = limit or (DEFAULT_LIMIT if source.driver is None else source.driver.current_limit)
     moment = None
     if kind != "B":
         about.need("payload")
         assert source.payload is not None
+        _refuse_soft_iron(source.payload)
         moment = np.array([0.0, 0.0, source.payload.moment])
     found = reachable(source.field, at, most, moment)
     title = f"{source.name}, at {_millimetres(at)} mm, each current within {most:g} A\n{_reach_in_words(found, source)}"
     return replace(about, title=title, reachable=found, assumptions=_told(source, currents))
+
+
+def _refuse_soft_iron(payload: Payload) -> None:
+    """The force on soft iron is not linear in the currents."""
+    if payload.pieces and len(magnetic_body(payload).soft):
+        must_hold = "must have a payload of magnets, whose force is linear in the currents"
+        remedy = "take --quantity B, or currents_for(..., moment=magnetic_body(payload)) of the map in Python"
+        raise InputError(Problem("reachable forces", must_hold, "soft iron", remedy))
 
 
 def _reach_in_words(found: ReachableSet, source: FieldSource) -> str:

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from scipy.constants import mu_0
 from fieldmap.cli import main
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
-from fieldmap.io import FieldSource
+from fieldmap.io import FieldSource, find_source
+from fieldmap.levitation import reachable
 from fieldmap.lookup import interpolate, open_map
-from fieldmap.plot.gather import floating_height, shown_field
+from fieldmap.plot.gather import DEFAULT_LIMIT, floating_height, shown_field
 from fieldmap.plot.rendering import can_render
 from fieldmap.store import Grid, MapData
+from tests.conftest import DEVICES
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
@@ -176,3 +179,21 @@ def test_bad_requests(tmp_path):
     assert main(["show", "loop_and_sphere", "--what", "all", "--save", str(tmp_path / "a.png")]) == 2
     assert main(["show", "nothing_here", "--save", str(tmp_path / "a.png")]) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_map_reaches_is_within_the_limit_of_its_driver(dipole_map, circle_of_six, tmp_path):
+    device = (DEVICES / "everything.toml").read_text(encoding="utf-8")
+    source = find_source(dipole_map(circle_of_six, tmp_path / "six.h5", device))
+    assert source.driver.current_limit != DEFAULT_LIMIT
+    found = shown_field(source, np.zeros(6), "reachable", kind="B").reachable
+    middle = 0.5 * (source.bounds[0] + source.bounds[1])
+    expected = reachable(source.field, middle, source.driver.current_limit)
+    assert found.largest_along([0, 0, 1]) == pytest.approx(expected.largest_along([0, 0, 1]), rel=1e-12)
+
+
+def test_reachable_forces_on_soft_iron_are_refused():
+    """They are not linear in the currents; it is said before anything is solved."""
+    source = replace(find_source("eight_coils_bead"), make=None)
+    with pytest.raises(InputError) as caught:
+        shown_field(source, np.zeros(8), "reachable", kind="force")
+    assert [problem.where for problem in caught.value.problems] == ["reachable forces"]

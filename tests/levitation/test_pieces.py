@@ -1,10 +1,12 @@
 """Where soft iron floats and what current carries it, against the force itself."""
 
+import re
+
 import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.errors import Infeasible, InputError
+from fieldmap.errors import Infeasible, InputError, NoEquilibrium
 from fieldmap.field import as_field
 from fieldmap.levitation import (
     GRAVITY,
@@ -13,6 +15,7 @@ from fieldmap.levitation import (
     lift_current,
     stationary_points,
 )
+from fieldmap.levitation.equilibrium import search_grid
 from fieldmap.lookup import magnetic_body
 from fieldmap.sources import CoilSet
 
@@ -82,3 +85,12 @@ def test_refusals(field):
     with pytest.raises(Infeasible) as caught:
         lift_current(above, BEAD, [0.0, 0.0, 0.04])
     assert caught.value.problems[0].remedy
+
+
+def test_the_currents_that_are_missing_for_a_bead(field):
+    """The lift goes with the square of the current."""
+    with pytest.raises(NoEquilibrium) as caught:
+        find_equilibrium(field, 0.1, BEAD)
+    missing = float(re.search(r"\(([\d.]+) times", caught.value.problems[0].remedy)[1])
+    lift = magnetic_body(BEAD).wrench(field, search_grid(BOX), 0.1 * missing)[:, 2].max()
+    assert lift == pytest.approx(BEAD.mass * GRAVITY, rel=1e-2)
