@@ -21,13 +21,11 @@ from fieldmap.arguments import check_choice, check_not_negative, check_positive,
 from fieldmap.dynamics import (
     CoilDrive,
     Drag,
-    FieldOfCurrents,
     RigidBody,
     linearised,
     modelled,
     sampled_field,
     state_of,
-    tabled,
 )
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.extras import require
@@ -40,7 +38,7 @@ from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.control_period import advance_period
 from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.kernels.motion.step import find_load
-from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map, saturates
+from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map
 from fieldmap.store import Grid, MapData
 from fieldmap.typing import Array
 
@@ -55,7 +53,7 @@ else:
 
 ENVIRONMENT = "fieldmap/Levitation-v0"
 ACTIONS = ("currents", "signals")
-IRON = ("model", "table", "linearised")
+IRON = ("model", "linearised")
 EFFORT = 0.01
 """Weight of the mean square of the actions in the reward."""
 SECONDS = 10.0
@@ -83,12 +81,12 @@ class LevitationEnv(Env):
     up to `start`, m, and turned about x and y by up to `tilt`, rad.
 
     field: a map, its path, or any field with a box; body: with its magnet; target (3,): of its centre of mass, m. Left
-    out all three: a made-up rig. iron, of a map of saturating iron: its "model", solved whenever currents change; a
-    "table" over its current division, faster; or "linearised" about the currents at rest, right near them only. span:
-    unless given, the largest current at rest, or 0.5 of the weight. period, step: s, as of
-    `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; currents follow at once
-    unless given. drag: a little air unless given. Raises FieldmapError without Gymnasium, InputError for arguments that
-    do not fit, Infeasible where no currents carry the body, NotConverged where the iron has no solution.
+    out all three: a made-up rig. iron, of a map of saturating iron: its "model", solved whenever currents change, or
+    "linearised" about the currents at rest, right near them only. span: unless given, the largest current at rest, or
+    0.5 of the weight. period, step: s, as of `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive:
+    of the coils; currents follow at once unless given. drag: a little air unless given. Raises FieldmapError without
+    Gymnasium, InputError for arguments that do not fit and for a map over a current division, Infeasible where no
+    currents carry the body.
 
     >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
     """
@@ -132,7 +130,7 @@ class LevitationEnv(Env):
         place = self.target + body.magnet_at
         self.rest = np.asarray(field.currents_for(place, force=weight, moment=moment))
         n = len(self.rest)
-        known = _field_of_currents(field, self.rest, iron)
+        known = modelled(field) if iron == "model" else linearised(field, self.rest)
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
         if action == "currents":
             wide = float(np.abs(self.rest).max()) if span is None else float(span)
@@ -220,13 +218,6 @@ class LevitationEnv(Env):
         out[9:12] = state[10:13]
         out[12:] = self._currents
         return out
-
-
-def _field_of_currents(field: FieldMap, currents: Array, iron: str) -> FieldOfCurrents:
-    """How the field follows the currents; linear iron is superposed."""
-    if not saturates(field) or iron == "model":
-        return modelled(field)
-    return tabled(field) if iron == "table" else linearised(field, currents)
 
 
 def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:

@@ -158,6 +158,9 @@ def test_what_does_not_fit(ring):
         LevitationEnv(field=ring.map)
     with pytest.raises(InputError):
         LevitationEnv(action="volts")
+    body = RigidBody(0.01119, np.full(3, 2e-7), FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])))
+    with pytest.raises(InputError):
+        LevitationEnv(saturating_map(), body, (0.0, 0.0, 0.0))
     env = LevitationEnv()
     far = env.state
     env.reset(seed=0)

@@ -233,10 +233,11 @@ class HysteresisSolver:
             raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
         start = memory.continued(values) if near is None else near.memory.potential
-        try:
-            return self._at(values, memory, residual, start)
-        except NotConverged:
-            pass
+        if not np.array_equal(start, memory.potential):
+            try:
+                return self._at(values, memory, residual, start)
+            except NotConverged:
+                pass
         return self._step(values, memory, residual, _MOST_HALVINGS)
 
     def _step(self, currents: Array, memory: IronMemory, residual: float, halvings: int) -> HystereticState:
