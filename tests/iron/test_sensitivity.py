@@ -68,7 +68,7 @@ KEYS = {
     "material.iron.mu_r": 5.0,
     "material.iron.saturation_polarisation_T": 2e-3,
     "material.steel.B_T.2": 2e-4,
-    "material.soft.mu_r": 0.2,
+    "material.soft.mu_r": 0.3,
     "material.magnet.remanence_T.1": 1e-3,
     "material.magnet.mu_r": 1e-3,
     "background.flux_density_mT.3": 0.02,
@@ -131,7 +131,8 @@ def test_against_differences_of_whole_solves(case, key):
         difference = (ahead[name] - behind[name]) / (2 * step)
         derivative = found(case, name)[key]
         assert derivative.shape == difference.shape
-        size, noise = np.abs(difference).max(), 1e-11 * np.abs(ahead[name]).max() / step
+        # Rounding moves what two solves give by up to 1.2e-11 of it (seen at mu_r of the soft body, saturated).
+        size, noise = np.abs(difference).max(), 2e-11 * np.abs(ahead[name]).max() / step
         assert noise < 0.01 * size
         assert np.abs(derivative - difference).max() <= 1e-4 * size + noise, name
 
