@@ -2,9 +2,9 @@
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python scripts/surface_form.py [CASE ...]
 
-Cases: sphere, shell, cube, disk, spool, window, barrier, unit. With one thread processor seconds mean something on a
-busy machine; they hold everything from the device to a solution, the mesh included. Each form is solved once on a small
-body first, so that nothing is compiled while the clock runs.
+Cases: sphere, pair, shell, cube, disk, spool, window, barrier, unit. With one thread processor seconds mean something
+on a busy machine; they hold everything from the device to a solution, the mesh included. Each form is solved once on a
+small body first, so that nothing is compiled while the clock runs.
 """
 
 import sys
@@ -55,6 +55,28 @@ def sphere(size: float) -> tuple[Device, Error]:
     """Open, mu_r 1000."""
     body = Body("ball", "iron", (Part(Sphere(RADIUS)),), size * RADIUS)
     return in_field(body, 1000.0), moment_error(4 * np.pi * 999 / 1002 * RADIUS**3)
+
+
+def pair(size: float) -> tuple[Device, Error]:
+    """Two spheres half a radius apart, mu_r 1000, in a field along their axis: the moment of each, by re-expansion of
+    their multipoles (`tests/iron/test_surface_form.py`, 80 orders)."""
+    at = Placement(2.5 * RADIUS * UP, np.eye(3))
+    parts = {"lower": (Part(Sphere(RADIUS)),), "upper": (Part(Sphere(RADIUS), at),)}
+    bodies = tuple(Body(name, "iron", part, size * RADIUS) for name, part in parts.items())
+    iron = {"iron": LinearMaterial("iron", 1000.0)}
+    device = Device("d", "", (), bodies, iron, background=Background(UP))
+
+    def error(solution: LinearSolution) -> float:
+        assert solution.state is not None
+        faces = solution.state.faces
+        lower = faces.centres[:, 2] < 1.25 * RADIUS
+        charge = (solution.state.density[0] * faces.areas)[lower]
+        return float(charge @ faces.centres[lower, 2]) / (4 * np.pi * RADIUS**3 * PAIR) - 1
+
+    return device, error
+
+
+PAIR = 1.154800787736
 
 
 def shell(size: float) -> tuple[Device, Error]:
@@ -140,6 +162,7 @@ def unit(size: float) -> tuple[Device, Error]:
 
 CASES = {
     "sphere": (sphere, (0.4, 0.25, 0.16, 0.1)),
+    "pair": (pair, (0.25, 0.14)),
     "shell": (shell, (0.3, 0.2, 0.14)),
     "cube": (cube, (0.3, 0.2, 0.14, 0.1)),
     "disk": (disk, (1.4, 1.0, 0.7)),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import comb, eval_legendre
 
 import fieldmap as fm
 from fieldmap.device.model import (
@@ -105,6 +106,51 @@ def test_coated_sphere_of_two_materials():
     core = 9 * mu_i * mu_o / ((mu_o + 2) * (mu_i + 2 * mu_o) + 2 * fill * (mu_i - mu_o) * (mu_o - 1))
     assert solution.flux_density("inner", [])[2] == pytest.approx(core, rel=5e-3)
     assert solution.report.magnetic_bodies == 1
+
+
+def moments_of_two_spheres(mu_r, distance, count=80):
+    """Multipoles (count,) of order 1, 2, ... of the lower of two equal spheres of radius 1 in a field of 1 along their
+    axis: the other's are re-expanded about it, P_n(cos t') / r'^(n+1) = sum (-1)^n C(n+m, n) r^m P_m(cos t) /
+    d^(n+m+1), and a sphere answers r^m P_m by -m (mu - 1) / (m (mu + 1) + 1)."""
+    n = np.arange(1, count + 1)
+    order, other = n[:, None], n[None, :]
+    answer = n * (mu_r - 1) / (n * (mu_r + 1) + 1)
+    # By symmetry the upper has B_n = (-1)^(n+1) A_n.
+    between = -comb(order + other, other) * distance ** -(order + other + 1.0)
+    return np.linalg.solve(np.eye(count) + answer[:, None] * between, np.where(n == 1, answer, 0.0))
+
+
+def field_of_two_spheres(points, multipoles, distance):
+    """Differences of the potential over 2e-6 of the radius, which are right to some 1e-9."""
+
+    def potential(x):
+        value = -x[:, 2]
+        for centre, sign in ((0.0, 1.0), (distance, -1.0)):
+            from_centre = x - [0.0, 0.0, centre]
+            r = np.linalg.norm(from_centre, axis=1)
+            for n, a in enumerate(multipoles, start=1):
+                value = value + sign ** (n + 1) * a * eval_legendre(n, from_centre[:, 2] / r) / r ** (n + 1)
+        return value
+
+    steps = 1e-6 * np.eye(3)
+    return np.stack([(potential(points - e) - potential(points + e)) / 2e-6 for e in steps], axis=1)
+
+
+@pytest.mark.parametrize("mu_r", [1e8, 1e3, 1e-9])
+def test_two_spheres_beside_each_other(mu_r):
+    """Half a radius apart, in a field along their axis: moment of each, and the field around and between them."""
+    apart = 2.5
+    exact = moments_of_two_spheres(mu_r, apart)
+    solution = in_field(mu_r, sphere("lower"), sphere("upper", height=apart * RADIUS))
+    faces = solution.state.faces
+    charge = solution.state.density[0] * faces.areas
+    lower = faces.centres[:, 2] < apart * RADIUS / 2
+    moment = charge[lower] @ faces.centres[lower]
+    assert moment == pytest.approx(4 * np.pi * RADIUS**3 * exact[0] * UP, abs=1e-3 * abs(4 * np.pi * RADIUS**3))
+    points = np.array([[1.2, 0, 0], [0, 0, 1.25], [0.4, 0, 1.25], [0, 1.4, 2.5], [0, 0, 3.7], [0.8, 0.6, 1.25]])
+    wanted = field_of_two_spheres(points, exact, apart)
+    error = np.abs(solution.field(RADIUS * points, []) - wanted).max()
+    assert error < 1e-3 * np.linalg.norm(wanted, axis=1).max()
 
 
 def test_a_ball_cut_in_two_of_one_material_is_the_ball():
