@@ -18,8 +18,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 import fieldmap
 from fieldmap.cli import main as run_command
-from fieldmap.cli.progress import Progress
 from fieldmap.plot.figures import save_curves
+from fieldmap.progress import Progress
 from fieldmap.store.whole_files import write_whole
 from fieldmap.thesis import Curves, attempt_rows, read_rows
 from fieldmap.thesis.figures import thesis_figures

@@ -14,7 +14,7 @@ from dask_jobqueue import JobQueueCluster, SLURMCluster
 from dask_jobqueue.local import LocalCluster
 
 import fieldmap as fm
-from fieldmap.cli.progress import Progress
+from fieldmap.progress import Progress
 
 
 def cluster_of(chosen: argparse.Namespace) -> JobQueueCluster:

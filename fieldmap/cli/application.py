@@ -220,7 +220,7 @@ def _print_version(wanted: bool) -> None:
 
 
 def _be_quiet(wanted: bool) -> None:
-    from fieldmap.cli.progress import Progress
+    from fieldmap.progress import Progress
 
     Progress.shown = not wanted
 
@@ -228,7 +228,7 @@ def _be_quiet(wanted: bool) -> None:
 def _be_verbose(wanted: bool) -> None:
     if wanted:
         from fieldmap.cli.log import log_to_stderr
-        from fieldmap.cli.progress import Progress
+        from fieldmap.progress import Progress
 
         Progress.shown = False
         log_to_stderr()

@@ -74,10 +74,10 @@ def equilibrium(
     """Find where the payload floats and how stiffly, or the current that carries it at a height."""
     from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.progress import Progress
     from fieldmap.io import named_device
     from fieldmap.io.answers import floating, lifted
     from fieldmap.levitation.balance import check_payload
+    from fieldmap.progress import Progress
 
     _exactly_one(currents, height_mm, sensor_mm)
     options, settings = checked_iron(mu_r, nonlinear, refinement, form), changes_of_device(changes)

@@ -243,10 +243,10 @@ def _of_device(
     settings: "dict[str, Any]",
 ) -> tuple[Path, ...]:
     from fieldmap.cli.arguments import parse_currents
-    from fieldmap.cli.progress import Progress
     from fieldmap.errors import InputError, Problem
     from fieldmap.io import find_source
     from fieldmap.io.answers import require_box
+    from fieldmap.progress import Progress
 
     if to not in _OF_ANY_FIELD:
         remedy = "make a map first: fieldmap map RECIPE"

@@ -32,8 +32,8 @@ def fit(
     Each solve is of the whole device: some ten for each unknown.
     """
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.progress import Progress
     from fieldmap.io import refuse_directory
+    from fieldmap.progress import Progress
     from fieldmap.studies import read_fit
 
     refuse_directory(file)

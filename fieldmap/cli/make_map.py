@@ -39,10 +39,10 @@ def make_map(
     scheduler: Scheduler = None,
 ) -> None:
     """Compute the map that a recipe describes. A stopped run continues where it was."""
-    from fieldmap.cli.progress import Progress
     from fieldmap.io import refuse_directory
     from fieldmap.kernels.compile_ahead import compiled_ahead
     from fieldmap.maps import generate
+    from fieldmap.progress import Progress
 
     refuse_directory(recipe)
     settings = changes_of_device(changes)

@@ -41,8 +41,8 @@ def optimise(
 ) -> None:
     """Find the best values of a device's keys within limits, and check them on a finer mesh."""
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.progress import Progress
     from fieldmap.io import refuse_directory
+    from fieldmap.progress import Progress
     from fieldmap.studies import read_design_problem, solve_problem
     from fieldmap.studies.run import output_file
     from fieldmap.studies.schema import STUDY

@@ -55,9 +55,9 @@ def probe(
     """Print B, its gradient and, on request, force and torque at points."""
     from fieldmap.cli.arguments import parse_currents, parse_moment, parse_points
     from fieldmap.cli.printing import print_json, print_page
-    from fieldmap.cli.progress import Progress
     from fieldmap.errors import InputError, OutsideMapError, Problem
     from fieldmap.io.answers import probe as probe_field
+    from fieldmap.progress import Progress
 
     points = parse_points(at or [], at_mm or [])
     if not len(points):

@@ -140,9 +140,9 @@ def _gather(
     quantity: str,
 ) -> "Shown":
     from fieldmap.cli.arguments import parse_currents, parse_points
-    from fieldmap.cli.progress import Progress
     from fieldmap.io import IronOptions, is_map_file, named_device
     from fieldmap.plot.gather import shown_device, shown_field, shown_mesh
+    from fieldmap.progress import Progress
 
     if not is_map_file(source) and what == "device":
         return shown_device(named_device(source, settings))
@@ -193,8 +193,8 @@ def _draw(shown: "Shown", what: str, quantity: str, save: Path | None) -> dict[s
 
 
 def _animate(shown: "Shown", save: Path) -> dict[str, list[float]]:
-    from fieldmap.cli.progress import Progress
     from fieldmap.plot.animation import CURRENT, save_animation
+    from fieldmap.progress import Progress
 
     assert shown.run is not None
     with Progress("show") as progress:

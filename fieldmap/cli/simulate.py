@@ -95,8 +95,8 @@ def simulate(
     """
     from fieldmap.cli.arguments import parse_setting, parse_variation
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.progress import Progress
     from fieldmap.dynamics.scenario import simulate_batches, write_simulation
+    from fieldmap.progress import Progress
 
     _check_files(output, save, runs, vary, log)
     fixed = dict(parse_setting(text, "--set") for text in changes or [])

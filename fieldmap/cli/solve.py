@@ -92,11 +92,11 @@ def solve(
     """
     from fieldmap.cli.arguments import parse_currents, parse_points
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.progress import Progress
     from fieldmap.errors import InputError, Problem
     from fieldmap.io import named_device, solve_device
     from fieldmap.iron.materials import require_soft_bodies
     from fieldmap.iron.summary import checked_groups, named_sections, summarise_solution
+    from fieldmap.progress import Progress
 
     options = checked_iron(mu_r, nonlinear, refinement, form, tolerance)
     require_currents(nonlinear, currents)

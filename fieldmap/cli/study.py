@@ -45,9 +45,9 @@ def study(
 ) -> None:
     """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot."""
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.progress import Progress
     from fieldmap.errors import FieldmapError, Problem
     from fieldmap.io import refuse_directory
+    from fieldmap.progress import Progress
     from fieldmap.studies import run_study
 
     refuse_directory(file)

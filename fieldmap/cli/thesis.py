@@ -74,7 +74,7 @@ def thesis(
     that was asked for by name lacks its map.
     """
     from fieldmap.cli.printing import print_json
-    from fieldmap.cli.progress import Progress, must_compile
+    from fieldmap.progress import Progress, must_compile
     from fieldmap.thesis import detail
     from fieldmap.thesis.finished_parts import cached_parts
     from fieldmap.thesis.plan import planned

@@ -33,6 +33,7 @@ from fieldmap.maps.saturating_fields import SaturatingFields, Stopwatch, trained
 from fieldmap.maps.training.expected import STAGES, expect_training
 from fieldmap.maps.training.states import corners
 from fieldmap.parallel import Common, Workers, same_arithmetic
+from fieldmap.progress import shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
 from fieldmap.store import Checkpoint, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
 from fieldmap.store.map_writer import what_decides
@@ -95,7 +96,7 @@ def generate(
     recipe: PathLike | Device,
     output: PathLike | None = None,
     resume: bool = True,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     workers: int = 1,
     scheduler: str | None = None,
     *,
@@ -114,9 +115,10 @@ def generate(
     recipe names, such as {"parameters.gap": 120.0}, as `read_device` takes them. output: the file to write, by
     default maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
     that was stopped, and leave a finished map alone, if everything that decides the numbers is the same;
-    False begins anew. progress(message, fraction) is called as the work goes on. workers: how many processes of this
-    machine solve and evaluate, 1 for this one alone; scheduler: address of a dask scheduler whose workers do it
-    (docs/cluster.md). The numbers are the same bit for bit, whoever computes them.
+    False begins anew. progress(message, fraction) is called as the work goes on; None prints a bar with the time left
+    if stderr is a terminal, True prints it or plain lines wherever stderr goes, False nothing. workers: how many
+    processes of this machine solve and evaluate, 1 for this one alone; scheduler: address of a dask scheduler whose
+    workers do it (docs/cluster.md). The numbers are the same bit for bit, whoever computes them.
 
     The file appears under its name only when it is complete. Raises RecipeError, DeviceFileError,
     GeometryError (a box that cuts iron or a winding) or InputError (an output that cannot be written) before
@@ -130,8 +132,6 @@ def generate(
     Traceback (most recent call last):
     fieldmap.errors.RecipeError: quikc: must be a recipe file or the name of a shipped recipe; received ...
     """
-    say = progress or _silent
-    say("checking recipe, device and geometry", 0.0)
     said = {
         "spacing": spacing,
         "box": box,
@@ -139,6 +139,22 @@ def generate(
         "iron": iron,
         "reference_current": reference_current,
     }
+    with shown_or_silent("map", progress) as say:
+        return _generate(recipe, output, resume, say, workers, scheduler, said, changes)
+
+
+def _generate(
+    recipe: PathLike | Device,
+    output: PathLike | None,
+    resume: bool,
+    say: Progress,
+    workers: int,
+    scheduler: str | None,
+    said: Mapping[str, Any],
+    changes: Mapping[str, Any] | None,
+) -> Path:
+    """As `generate`; said: what a recipe would say, None where it is not said."""
+    say("checking recipe, device and geometry", 0.0)
     given = {name: value for name, value in said.items() if value is not None}
     order, device = _order(recipe, given, changes)
     target = _target(order, output)
@@ -378,7 +394,3 @@ def _evaluate(fields: DividedFields, writer: MapWriter, forecast: Forecast) -> N
 def _finished_by(workers: Workers) -> dict[str, str]:
     """Who finished a map: nothing that decides its numbers, as long as the processors are of one kind."""
     return {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
-
-
-def _silent(message: str, fraction: float) -> None:
-    """Progress that nobody asked for."""

@@ -9,8 +9,8 @@ import pytest
 from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, FIRST_STEPS
 from fieldmap.cli.log import LOG
-from fieldmap.cli.progress import Progress, must_compile
 from fieldmap.cli.run import common_first
+from fieldmap.progress import Progress, must_compile
 
 
 def test_the_first_steps_of_the_help_are_commands_that_exist():
@@ -64,7 +64,7 @@ def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     package = tmp_path / "fieldmap"
     (package / "kernels" / "__pycache__").mkdir(parents=True)
-    monkeypatch.setattr("fieldmap.cli.progress.__file__", str(package / "cli" / "progress.py"))
+    monkeypatch.setattr("fieldmap.progress.__file__", str(package / "progress.py"))
     assert must_compile()
     with Progress("map"):
         pass

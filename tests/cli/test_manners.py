@@ -12,8 +12,8 @@ import pytest
 from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, application
 from fieldmap.cli.arguments import join_lists
-from fieldmap.cli.progress import Progress
 from fieldmap.plot.rendering import can_render
+from fieldmap.progress import Progress
 
 REPOSITORY = Path(__file__).parents[2]
 

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -149,6 +150,36 @@ def test_progress_runs_from_nothing_to_all(rig):
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
     assert all(isinstance(text, str) and text for text, _ in told)
+
+
+@pytest.mark.parametrize(
+    ("asked", "terminal", "told"),
+    [
+        ({}, True, "bar"),
+        ({}, False, ""),
+        ({"progress": True}, False, "lines"),
+        ({"progress": False}, True, ""),
+    ],
+)
+def test_progress_is_shown_on_a_terminal_or_where_it_is_asked_for(
+    rig, path, capsys, monkeypatch, asked, terminal, told
+):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
+    bars = []
+    monkeypatch.setattr(
+        "fieldmap.progress._bar",
+        lambda: SimpleNamespace(
+            start=lambda: None,
+            stop=lambda: bars.append("stopped"),
+            add_task=lambda *_, **__: 1,
+            update=lambda *_, completed, **__: bars.append(completed),
+        ),
+    )
+    generate(rig / "recipe.toml", rig / "shown.h5", **asked)
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("map: 100 %") for line in lines) == (told == "lines")
+    assert bars[-2:] == ([1.0, "stopped"] if told == "bar" else [])
+    assert told or not lines
 
 
 def test_a_finished_map_is_left_alone_until_something_changes(path, rig, recipe_text):

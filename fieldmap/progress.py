@@ -1,18 +1,21 @@
 """Progress on stderr: a bar with the time left on a terminal, a plain line now and then elsewhere."""
 
+import logging
 import os
 import sys
 import time
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from fieldmap.cli.log import LOG
-
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
+_LOG = logging.getLogger("fieldmap")
 _LINE_EVERY_SECONDS = 10.0
 _LINE_EVERY_FRACTION = 0.25
 
@@ -50,7 +53,7 @@ class Progress:
     def __call__(self, message: str, fraction: float) -> None:
         """Show that `fraction` (0 to 1) of the work is done."""
         if message != self._logged:
-            LOG.info("%s: %3.0f %% %s", self.title, 100 * fraction, message)
+            _LOG.info("%s: %3.0f %% %s", self.title, 100 * fraction, message)
             self._logged = message
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=fraction, description=f"{self.title}: {message}")
@@ -73,6 +76,26 @@ class Progress:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
+
+
+def shown_or_silent(
+    title: str, progress: "Callable[[str, float], None] | bool | None"
+) -> "AbstractContextManager[Callable[[str, float], None]]":
+    """What a function calls as progress(message, fraction), as a context: `progress` itself, a `Progress` for True, one
+    on a terminal for None, and nothing for False.
+
+    >>> with shown_or_silent("map", False) as say:
+    ...     say("solving", 0.5)
+    """
+    if callable(progress):
+        return nullcontext(progress)
+    if sys.stderr.isatty() if progress is None else progress:
+        return Progress(title)
+    return nullcontext(_silent)
+
+
+def _silent(message: str, fraction: float) -> None:
+    pass
 
 
 def _bar() -> "RichProgress":
@@ -103,7 +126,7 @@ def must_compile(kernels: str = "") -> bool:
 
     False where compiled kernels lie elsewhere: NUMBA_CACHE_DIR is set, or the package's folder cannot be written.
     """
-    folder = Path(__file__).parents[1] / "kernels" / kernels
+    folder = Path(__file__).parent / "kernels" / kernels
     if os.environ.get("NUMBA_CACHE_DIR") or not os.access(folder, os.W_OK):
         return False
     return next(folder.rglob("*.nbi"), None) is None
