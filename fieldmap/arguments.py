@@ -8,10 +8,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 LARGEST_NUMBER = 1e30
 """Of any quantity that a file gives, in the unit of its key or column: squares and products of larger ones overflow."""
+
+
+def finite_number(value: object) -> bool:
+    """Whether a value is one finite number.
+
+    >>> finite_number(2), finite_number("initial"), finite_number([1.0]), finite_number(float("nan"))
+    (True, False, False, False)
+    """
+    try:
+        return np.ndim(value) == 0 and bool(np.isfinite(value))  # type: ignore[arg-type, call-overload]
+    except (TypeError, ValueError):
+        return False
 
 
 def check_numbers(where: str, **numbers: float) -> None:
@@ -19,7 +32,7 @@ def check_numbers(where: str, **numbers: float) -> None:
     _raise(
         Problem(f"{where}({name})", "must be a finite number", f"{value!r}", "give its value in SI units")
         for name, value in numbers.items()
-        if not np.isfinite(value)
+        if not finite_number(value)
     )
 
 
@@ -30,7 +43,7 @@ def check_positive(where: str, **numbers: float) -> None:
             f"{where}({name})", "must be a finite number above 0", f"{value!r}", f"give a positive {name}"
         )
         for name, value in numbers.items()
-        if not (np.isfinite(value) and value > 0)
+        if not (finite_number(value) and value > 0)
     )
 
 
@@ -39,7 +52,7 @@ def check_not_negative(where: str, **numbers: float) -> None:
     _raise(
         Problem(f"{where}({name})", "must be a finite number, 0 or more", f"{value!r}", f"give {name} >= 0")
         for name, value in numbers.items()
-        if not (np.isfinite(value) and value >= 0)
+        if not (finite_number(value) and value >= 0)
     )
 
 
@@ -122,7 +135,8 @@ def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
         # Writeable too, lest a read-only array costs a compilation of its own.
         array = np.require(values, np.float64, ["C", "W"])
     except (TypeError, ValueError):
-        raise InputError(_not_vectors(name, repr(values)[:80])) from None
+        remedy = remedy_of_moment(values, _VECTORS)
+        raise InputError(_not_vectors(name, repr(values)[:80], remedy)) from None
     if array.ndim == 1 and array.size == 3:
         return array.reshape(1, 3), True
     if array.ndim != 2 or array.shape[1] != 3:
@@ -130,5 +144,15 @@ def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
     return array, False
 
 
-def _not_vectors(name: str, received: str) -> Problem:
-    return Problem(name, "must be numbers of shape (3,) or (n, 3)", received, "give x, y, z in SI units")
+def remedy_of_moment(value: object, remedy: str) -> str:
+    """`remedy`, or what to do where a data object, such as a payload, stands in the place of a moment."""
+    if not isinstance(value, Record):
+        return remedy
+    return "of a payload give fieldmap.lookup.magnetic_body(payload), or its moment as (0, 0, payload.moment)"
+
+
+_VECTORS = "give x, y, z in SI units"
+
+
+def _not_vectors(name: str, received: str, remedy: str = _VECTORS) -> Problem:
+    return Problem(name, "must be numbers of shape (3,) or (n, 3)", received, remedy)

@@ -39,7 +39,7 @@ def equilibrium(
         typer.Option(
             "--currents",
             metavar="A[,A...]",
-            help="One per coil, or one for all: find where the payload floats.",
+            help="One per coil, one for all, or NAME=A: find where the payload floats.",
         ),
     ] = None,
     height_mm: Annotated[

@@ -71,7 +71,7 @@ def export(
         typer.Option(
             "--currents",
             metavar="A[,A...]",
-            help="Fixed currents: one per coil, or one for all. Default: set by the program.",
+            help="Fixed currents: one per coil, one for all, or NAME=A. Default: set by the program.",
         ),
     ] = None,
     spacing_mm: Annotated[

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def probe(
     source: DeviceOrMapArgument,
     currents: Annotated[
-        list[str], typer.Option("--currents", metavar="A[,A...]", help="One per coil, or one for all.")
+        list[str], typer.Option("--currents", metavar="A[,A...]", help="One per coil, one for all, or NAME=A.")
     ],
     at: At = None,
     at_mm: AtMm = None,

@@ -37,7 +37,7 @@ def solve(
         typer.Option(
             "--currents",
             metavar="A[,A...]",
-            help="One per coil, or one for all. Default for linear iron: 1 A.",
+            help="One per coil, one for all, or NAME=A. Default for linear iron: 1 A.",
         ),
     ] = None,
     at: At = None,

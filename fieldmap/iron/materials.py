@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.arguments import finite_number
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.materials.linear import of_permeability
 from fieldmap.device.model import Device
@@ -52,13 +53,13 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
 
     Raises InputError unless mu_r is a finite number > 0.
     """
-    if mu_r is not None and not (np.isfinite(mu_r) and mu_r > 0):
+    if mu_r is not None and not (finite_number(mu_r) and mu_r > 0):
         raise InputError(
             Problem(
                 "solve_linear, mu_r",
                 "the relative permeability must be a finite number > 0",
                 repr(mu_r),
-                "give for instance mu_r=1000, or None for the device file's own value",
+                "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
             )
         )
     value = np.empty(len(device.bodies))

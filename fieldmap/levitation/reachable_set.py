@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
+from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field, require_affine
 from fieldmap.levitation.balance import dipole_force
@@ -102,7 +103,7 @@ def reachable(
     count = len(source.coil_names)
     lower, upper = _limits(limits, count)
     place = np.asarray(position, dtype=float).reshape(3)
-    dipole = None if moment is None else np.asarray(moment, dtype=float).reshape(3)
+    dipole = None if moment is None else checked_vectors("reachable, moment", moment)[0].reshape(3)
 
     def quantity(currents: Array) -> Array:
         if dipole is None:

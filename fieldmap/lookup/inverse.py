@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import checked_vectors
+from fieldmap.arguments import checked_vectors, remedy_of_moment
 from fieldmap.currents import IndependentCurrents
 from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import coil_currents
@@ -119,9 +119,8 @@ def _vector(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def _wrong(name: str, must_hold: str, received: object) -> InputError:
-    return InputError(
-        Problem(f"currents_for, {name}", must_hold, repr(received)[:80], "give arrays in SI units")
-    )
+    remedy = remedy_of_moment(received, "give arrays in SI units")
+    return InputError(Problem(f"currents_for, {name}", must_hold, repr(received)[:80], remedy))
 
 
 def currents_of_sum(
@@ -277,9 +276,15 @@ def currents_of_model(
     unsaturated = at @ model.slopes_at(np.clip(0.0, low, high))
     size = np.maximum(np.abs(unsaturated) @ typical, 1e-300)
     goal = _OnDipole(demand, size, at, model.search())
-    return Search(goal, coil_names, low, high, weight, typical).run(
-        first_currents(model, coil_names, start, low, high)
-    )
+    first = first_currents(model, coil_names, start, low, high)
+    run = Search(goal, coil_names, low, high, weight, typical, remedy=remedy_of_start(start is not None))
+    return run.run(first)
+
+
+def remedy_of_start(given: bool) -> str:
+    """What to try where a search fails: from another start, if one was given, or from one at all."""
+    other = "move start" if given else "begin from currents of your own, start=(A, ...)"
+    return f"ask for less, widen the limits, or {other}"
 
 
 class Goal(Protocol):
@@ -318,7 +323,8 @@ class _OnDipole:
 
 class Search:
     """Least-power currents that meet a goal, from currents to currents. typical (n_coils,), A: currents whose power is
-    worth a tenth of the goal. saving: share of the power below which more of it is not looked for."""
+    worth a tenth of the goal. saving: share of the power below which more of it is not looked for. remedy: what to try
+    where it fails."""
 
     def __init__(
         self,
@@ -329,9 +335,11 @@ class Search:
         weight: Array,
         typical: Array,
         saving: float = _NO_SAVING,
+        remedy: str = "",
     ) -> None:
         self.goal, self.names, self.demand, self.size = goal, names, goal.demand, goal.size
         self.low, self.high, self.weight, self.saving = low, high, weight, saving
+        self.remedy = remedy
         # The merit of currents: their power, and this price for what they miss of the demand.
         self.price = 10.0 * self._power(typical)
 
@@ -361,7 +369,7 @@ class Search:
             return met
         off = self._off(currents)
         must_hold = f"an end within {_MOST_STEPS} steps"
-        raise NotConverged(Problem("currents_for", must_hold, f"{off:.1e} of the demand left", "move start"))
+        raise NotConverged(Problem("currents_for", must_hold, f"{off:.1e} of the demand left", self.remedy))
 
     def _aim(self, currents: Array, off: float) -> tuple[Array, float]:
         """Least-power currents of the demand made linear about `currents`, or of the half, quarter, ... of what is
@@ -416,7 +424,7 @@ class Search:
         must_hold = f"a demand that the search can reach; where it ended these limits bind: {limits}"
         received, remedy = (
             self.demand.text(self.demand.values),
-            f"reached: {self.demand.text(reached)}; move start",
+            f"reached: {self.demand.text(reached)}; {self.remedy}",
         )
         problem = Problem("currents_for", must_hold, received, remedy)
         return Infeasible(problem, reachable=reached, binding=binding)

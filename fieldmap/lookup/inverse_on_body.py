@@ -31,6 +31,7 @@ from fieldmap.lookup.inverse import (
     demand_of,
     domain_of,
     first_currents,
+    remedy_of_start,
     typical_currents,
 )
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
@@ -161,20 +162,27 @@ def currents_on_body(
     starts = [given] if given is not None else list(_starts(goal, scale, low, high, body, constant))
     if given is None and model is not None:
         starts.append(first_currents(model, coil_names, None, low, high))
-    found, refused = [], None
+    remedy = remedy_of_start(given is not None)
+    found, refused = [], []
     for first in starts:
         # What a row is worth: what is asked of it, or what currents of this size give of it.
         goal.size = _size(goal, first, scale)
         typical = np.maximum(np.abs(first), np.abs(_step(goal, first)))
-        run = Search(goal, coil_names, low, high, weight, np.maximum(typical, 0.1 * scale), _LEAST_SAVING)
+        typical = np.maximum(typical, 0.1 * scale)
+        run = Search(goal, coil_names, low, high, weight, typical, _LEAST_SAVING, remedy)
         try:
             found.append(run.run(first))
         except (Infeasible, NotConverged) as error:
-            refused = error
+            refused.append(error)
     if not found:
-        assert refused is not None
-        raise refused
+        raise min(refused, key=lambda error: _left_by(error, demand))
     return min(found, key=lambda currents: float(weight @ currents**2))
+
+
+def _left_by(error: Infeasible | NotConverged, demand: Demand) -> float:
+    """How much of the demand a search that failed has left."""
+    reached = error.reachable if isinstance(error, Infeasible) else None
+    return math.inf if reached is None else float(np.linalg.norm(reached - demand.values))
 
 
 def _fields_at(

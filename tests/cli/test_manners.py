@@ -11,7 +11,8 @@ import pytest
 
 from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, application
-from fieldmap.cli.arguments import join_lists
+from fieldmap.cli.arguments import join_lists, parse_currents
+from fieldmap.errors import InputError
 from fieldmap.plot.rendering import can_render
 from fieldmap.progress import Progress
 
@@ -143,6 +144,45 @@ def test_lists_of_numbers_after_an_option():
     assert join_lists(words) == ["probe", "unit", "--currents=1,-2,.5", "--at=0,0,-1e-1", "--json"]
     assert join_lists(["equilibrium", "--moment", "aligned"]) == ["equilibrium", "--moment", "aligned"]
     assert join_lists(["probe", "--currents"]) == ["probe", "--currents"]
+    named = ["probe", "--currents", "1=5", "in front=-5,", "unit", "--set", "a=1"]
+    assert join_lists(named) == ["probe", "--currents=1=5,in front=-5", "unit", "--set", "a=1"]
+
+
+NAMES = ("1", "left", "in front")
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        (["2"], [2, 2, 2]),
+        (["1,2 3"], [1, 2, 3]),
+        (["left=-2.5,1=1e-1"], [0.1, -2.5, 0]),
+        (["in front = 3"], [0, 0, 3]),
+        (["1=1", "left=2"], [1, 2, 0]),
+    ],
+)
+def test_currents_by_number_and_by_name(texts, expected):
+    assert parse_currents(texts, NAMES).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("1=1,2", "1=1,2"), ("right=1", "'right'"), ("1=1,1=2", "1 twice"), ("left=", "''"), ("1=x", "'x'")],
+)
+def test_currents_by_name_that_cannot_be(text, told):
+    with pytest.raises(InputError) as caught:
+        parse_currents([text], NAMES)
+    assert caught.value.problems[0].where == "--currents"
+    assert caught.value.problems[0].received == told
+
+
+def test_a_command_takes_currents_by_name(capsys, machine):
+    words = ["probe", machine.map, "--at", "0", "0", "-0.09", "--json", "--currents"]
+    assert main([*words, "2"]) == 0
+    all_coils = capsys.readouterr().out
+    assert main([*words, "loop=2"]) == 0
+    assert capsys.readouterr().out == all_coils
+    assert main([*words, "lop=2"]) == 2
 
 
 def test_an_interrupted_map_says_how_to_go_on(capsys, machine, monkeypatch):

@@ -140,6 +140,8 @@ def test_progress_is_told_and_ends_at_one():
     [
         {"mu_r": 0.0},
         {"mu_r": float("nan")},
+        {"mu_r": "initial"},
+        {"mu_r": [1000.0]},
         {"tolerance": 0.0},
         {"refinement": -1.0},
         {"form": "vector"},

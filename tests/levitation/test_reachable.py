@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import reachable, zonotope
-from fieldmap.lookup import open_map
+from fieldmap.lookup import magnetic_body, open_map
 
 RANDOM = np.random.default_rng(5)
 
@@ -119,6 +120,25 @@ def test_limits_of_one_sign(coils):
 def test_wrong_limits(coils, limits):
     with pytest.raises(InputError, match="limits"):
         reachable(coils, (0.0, 0.0, -0.09), limits)
+
+
+def test_a_payload_in_the_place_of_a_moment(coils):
+    """Everything that takes a moment says what to give."""
+    at, payload = np.array([0.0, 0.0, -0.09]), Payload(mass=1e-3, moment=0.8)
+    asked = (
+        lambda: reachable(coils, at, 1.0, payload),
+        lambda: coils.currents_for(at, force=[0.0, 0.0, 0.01], moment=payload),
+        lambda: coils.wrench(at, payload, 1.0),
+        lambda: coils.actuation(at, 1.0, payload),
+    )
+    for ask in asked:
+        with pytest.raises(InputError) as caught:
+            ask()
+        assert "magnetic_body(payload)" in caught.value.problems[0].remedy
+    # Which does.
+    assert coils.wrench(at, magnetic_body(payload), 1.0)[2] == pytest.approx(
+        coils.wrench(at, [0, 0, 0.8], 1.0)[2]
+    )
 
 
 def test_a_saturating_field_is_refused(coils):

@@ -365,7 +365,14 @@ def test_currents_for_more_than_limits_allow(opened):
     np.testing.assert_allclose(opened.wrench(at, bead, held)[:3], force, atol=1e-7 * WEIGHT)
     with pytest.raises(Infeasible) as caught:
         opened.currents_for(at, force=1e3 * force, moment=bead, limits=limit)
-    assert caught.value.problems[0].where == "currents_for"
+    problem = caught.value.problems[0]
+    assert problem.where == "currents_for"
+    # No start was given that could be moved; and of all searches the one that reached most is told of.
+    assert "move start" not in problem.remedy
+    assert "start=" in problem.remedy
+    assert caught.value.reachable[2] > 0.5 * force[2]
+    with pytest.raises(Infeasible, match="move start"):
+        opened.currents_for(at, force=1e3 * force, moment=bead, limits=limit, start=held)
 
 
 def test_currents_for_magnets_in_a_body_are_those_for_their_dipole(opened):
