@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from fieldmap.cli import (
     app,
     check,
+    currents,
     equilibrium,
     export,
     fit,
@@ -135,6 +136,12 @@ COMMANDS: dict[str, Entry] = {
         equilibrium.equilibrium,
         "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5",
         "Where a magnet floats, or the current that lifts it.",
+        MAGNETS,
+    ),
+    "currents": Entry(
+        currents.currents,
+        "fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift",
+        "The least currents for a force or a field at a point.",
         MAGNETS,
     ),
     "simulate": Entry(

@@ -9,7 +9,7 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
-_LISTS = ("--at", "--at-mm", "--currents", "--moment", "--start")
+_LISTS = ("--at", "--at-mm", "--currents", "--field", "--force", "--moment", "--start", "--torque")
 _NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)
 # "left=1.5,right=-2", or one of them with others behind it.
 _NAMED = re.compile(r"[^-=,][^=,]*=[-+.\d][^=,]*(,[^=,]+=[-+.\d][^=,]*)*,?")
@@ -101,6 +101,17 @@ def parse_points(metres: list[str], millimetres: list[str]) -> Array:
 def parse_moment(text: str) -> Array:
     """A dipole moment (3,), A m^2, from the value of `--moment`."""
     return np.array(_triple(text, "--moment", "A m2"))
+
+
+def parse_wanted(text: str, option: str, unit: str) -> Array:
+    """What is asked for (3,), from the value of an option; NaN for a component that is free.
+
+    >>> parse_wanted("nan 0 0.1", "--force", "N")
+    array([nan, 0. , 0.1])
+    """
+    free = [word.lower() == "nan" for word in re.split(r"[,\s]+", text.strip(", "))]
+    given = re.sub(r"(?i)\bnan\b", "0", text)
+    return np.where(free, np.nan, _triple(given, option, unit))
 
 
 def _triple(text: str, option: str, unit: str) -> list[float]:

@@ -41,10 +41,10 @@ def currents_text(coil_names: tuple[str, ...], currents: Iterable[float]) -> str
 
 
 def field_table(
-    points: Iterable[FieldAtPoint], coil_names: tuple[str, ...], currents: Iterable[float]
+    points: Iterable[FieldAtPoint], coil_names: tuple[str, ...] = (), currents: Iterable[float] = ()
 ) -> RenderableType:
-    """B and the gradient at each point."""
-    parts: list[RenderableType] = [Text(currents_text(coil_names, currents))]
+    """B and the gradient at each point, below the currents, unless these stand elsewhere."""
+    parts: list[RenderableType] = [Text(currents_text(coil_names, currents))] if coil_names else []
     for point in points:
         lines = []
         flux_density, gradient = without_noise(point.B), without_noise(point.gradient)

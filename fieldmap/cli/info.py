@@ -70,6 +70,8 @@ def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     yield "iron", ", ".join(_solver_words(solver))
     if summary.domain is not None:
         yield "currents", _currents(summary)
+    if summary.current_limit is not None:
+        yield "driver", f"at most {summary.current_limit:g} A per coil"
     if info.fixed_sources:
         yield "no current", _without_currents(summary)
     shape = " x ".join(str(n) for n in grid.shape)

@@ -13,6 +13,7 @@ from fieldmap.cli.options import (
     Json,
     MuR,
     Nonlinear,
+    PayloadOf,
     Refinement,
     changes_of_device,
     checked_iron,
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from fieldmap.cli.printing import Section
+    from fieldmap.device.model import Payload
     from fieldmap.errors import OutsideMapError
-    from fieldmap.io import FieldSource
     from fieldmap.io.answers import Probe
     from fieldmap.lookup import MagneticBody
     from fieldmap.typing import Array
@@ -35,13 +36,15 @@ if TYPE_CHECKING:
 def probe(
     source: DeviceOrMapArgument,
     currents: Annotated[
-        list[str], typer.Option("--currents", metavar="A[,A...]", help="One per coil, one for all, or NAME=A.")
+        list[str],
+        typer.Option("--currents", metavar="A[,A...]", help="One per coil, one for all, or NAME=A."),
     ],
     at: At = None,
     at_mm: AtMm = None,
     payload: Annotated[
         bool, typer.Option("--payload", help="Force and torque on the device's payload, moment upward.")
     ] = False,
+    payload_of: PayloadOf = None,
     moment: Annotated[
         str | None, typer.Option("--moment", metavar="X Y Z", help="Force and torque on this moment, A m2.")
     ] = None,
@@ -56,6 +59,7 @@ def probe(
     from fieldmap.cli.arguments import parse_currents, parse_moment, parse_points
     from fieldmap.cli.printing import print_json, print_page
     from fieldmap.errors import InputError, OutsideMapError, Problem
+    from fieldmap.io import named_device
     from fieldmap.io.answers import probe as probe_field
     from fieldmap.progress import Progress
 
@@ -65,11 +69,15 @@ def probe(
         raise InputError(Problem("--at", "must give at least one point", "none", remedy))
     options, settings = checked_iron(mu_r, nonlinear, refinement, form), changes_of_device(changes)
     dipole: Array | MagneticBody | None = None if moment is None else parse_moment(moment)
+    if payload_of is not None:
+        _refuse_moment(moment)
+        other = named_device(payload_of)
+        dipole = payload_moment(other.name, other.payload, "--payload-of")
     with Progress("solving") as progress:
         found = find_named(source, options, progress, settings)
         amperes = parse_currents(currents, found.coil_names)
         if payload and dipole is None:
-            dipole = _payload_moment(found)
+            dipole = payload_moment(found.name, found.payload, "--payload")
         try:
             answer = probe_field(found, points, amperes, dipole)
         except OutsideMapError as error:
@@ -93,19 +101,30 @@ def _in_metres(error: "OutsideMapError", at: list[str]) -> "OutsideMapError":
     return OutsideMapError(*problems)
 
 
-def _payload_moment(found: "FieldSource") -> "Array | MagneticBody":
+def _refuse_moment(moment: str | None) -> None:
+    from fieldmap.errors import InputError, Problem
+
+    if moment is not None:
+        remedy = "leave one of them out"
+        raise InputError(Problem("--payload-of", "must not come with --moment", f"--moment {moment}", remedy))
+
+
+def payload_moment(name: str, payload: "Payload | None", option: str) -> "Array | MagneticBody":
+    """What the field acts on: the moment of a payload, upward, or its pieces. Raises InputError for a device without
+    one."""
     import numpy as np
 
     from fieldmap.errors import InputError, Problem
 
-    if found.payload is None:
-        must_hold, remedy = "must have a [payload] table for --payload", "add one, or give --moment X Y Z"
-        raise InputError(Problem(found.name, must_hold, "none", remedy))
-    if found.payload.pieces:
+    if payload is None:
+        must_hold = f"must have a [payload] table for {option}"
+        remedy = "add one, name a device that has one with --payload-of, or give --moment X Y Z"
+        raise InputError(Problem(name, must_hold, "none", remedy))
+    if payload.pieces:
         from fieldmap.lookup import magnetic_body
 
-        return magnetic_body(found.payload)
-    return np.array([0.0, 0.0, found.payload.moment])
+        return magnetic_body(payload)
+    return np.array([0.0, 0.0, payload.moment])
 
 
 def _page(answer: "Probe") -> "Iterator[Section]":
@@ -114,11 +133,12 @@ def _page(answer: "Probe") -> "Iterator[Section]":
 
     yield heading(answer.source.name, answer.source.kind)
     yield field_table(answer.points, answer.source.coil_names, answer.points[0].currents)
-    yield _force_table(answer) if answer.points[0].moment is not None else None
+    yield force_table(answer) if answer.points[0].moment is not None else None
     yield facts(assumption_lines(answer.assumptions))
 
 
-def _force_table(answer: "Probe") -> "RenderableType":
+def force_table(answer: "Probe") -> "RenderableType":
+    """Force and torque on the moment at each point."""
     import numpy as np
     from rich.console import Group
     from rich.text import Text

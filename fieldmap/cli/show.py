@@ -42,7 +42,9 @@ def show(
     ] = "",
     currents: Annotated[
         list[str] | None,
-        typer.Option("--currents", metavar="A[,A...]", help="One per coil, one for all, or NAME=A. Default: 1 A."),
+        typer.Option(
+            "--currents", metavar="A[,A...]", help="One per coil, one for all, or NAME=A. Default: 1 A."
+        ),
     ] = None,
     quantity: Annotated[
         str,

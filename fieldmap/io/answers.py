@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, cast, get_args
 
@@ -16,6 +16,7 @@ from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
 from fieldmap.levitation import GRAVITY, Equilibrium, LiftCurrent, find_equilibrium, lift_current
 from fieldmap.levitation.balance import check_position
+from fieldmap.lookup.inverse_of_field import currents_for
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -94,6 +95,65 @@ def probe(
             for at, b, g, m, w in zip(points, flux, slope, moments, wrench, strict=True)
         ]
     return Probe(source, tuple(probed), rests)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LeastPower(Record):
+    """Currents (n_coils,), A, of least power, and what they give at a point.
+
+    asked: force, N, torque, N m, or field, T, each (3,), NaN where a component was left free. limit: of every current,
+    A; None without one.
+    """
+
+    source: FieldSource
+    currents: Array
+    asked: Mapping[str, Array]
+    limit: float | None
+    given: Probe
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Of the currents, A^2: their power if all coils have one resistance, per ohm."""
+        return float(self.currents @ self.currents)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The answer as plain Python, SI units; a free component is None."""
+        asked = {
+            name: [None if np.isnan(value) else float(value) for value in values]
+            for name, values in self.asked.items()
+        }
+        about = plain_items(
+            asked=asked,
+            limit=self.limit,
+            by_name=dict(zip(self.source.coil_names, self.currents.tolist(), strict=True)),
+            sum_of_squares=self.sum_of_squares,
+        )
+        return about | self.given.to_dicts()[0]
+
+
+def least_power(
+    source: FieldSource,
+    at: Array,
+    moment: Array | MagneticBody | None = None,
+    limit: float | None = None,
+    **asked: Array | None,
+) -> LeastPower:
+    """The currents of least power, each within the limit, A, that give what is asked for at a point (3,), m.
+
+    asked: force, torque, both on a moment (3,), A m^2, or an upright body; field: each (3,), NaN for a free component.
+    Raises Infeasible, with what can be had; InputError; OutsideMapError; NotConverged.
+    """
+    wanted = {name: np.asarray(values, dtype=float) for name, values in asked.items() if values is not None}
+    currents = currents_for(
+        source.field,
+        at,
+        wanted.get("force"),
+        moment,
+        limit,
+        torque=wanted.get("torque"),
+        flux_density=wanted.get("field"),
+    )
+    return LeastPower(source, currents, wanted, limit, probe(source, at[None, :], currents, moment))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

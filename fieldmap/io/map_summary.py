@@ -117,6 +117,12 @@ class MapSummary(Record):
         return None if self.device is None else self.device.payload
 
     @property
+    def current_limit(self) -> float | None:
+        """What the driver of the recorded device gives at most, A per coil."""
+        driver = None if self.device is None else self.device.driver
+        return None if driver is None else driver.current_limit
+
+    @property
     def domain(self) -> CurrentDomain | None:
         """The currents that a map of saturating iron is for; None for a map that holds for any."""
         return None if self.info.reduced_model is None else self.info.reduced_model.domain
@@ -175,6 +181,7 @@ class MapSummary(Record):
             current_error=info.current_error,
             accuracy=self.accuracy.to_dict(),
             current_domain=self._domain_items(),
+            current_limit=self.current_limit,
             middle=self.middle,
             assumptions=record.assumptions,
             payload=self.payload,

@@ -342,6 +342,19 @@ def _by(balance: Balance | BodyBalance, ratio: float) -> str:
     return f" ({ratio:.3g} times, if the iron is linear)"
 
 
+CURRENTS_FOR = "fieldmap currents --lift, or currents_for of the map"
+"""What finds the currents of coils that may carry different ones."""
+
+
+def _towards_lift(balance: Balance | BodyBalance) -> str:
+    """What to do where nothing lifts: soft iron is pulled towards the stronger field whatever the sign."""
+    if not balance.currents.any():
+        return "turn the currents on"
+    soft = isinstance(balance, BodyBalance) and not len(balance.body.points)
+    more = "put more current into the coils above" if soft else "turn the polarity of the coils around"
+    return f"{more}; those that hold the payload at a place of your choice: {CURRENTS_FOR}"
+
+
 def no_equilibrium(
     balance: Balance | BodyBalance, grid: Array, residuals: Array, tried: int
 ) -> NoEquilibrium:
@@ -360,12 +373,15 @@ def no_equilibrium(
             f"raise the currents{_by(balance, weight / lift[high])}, "
             "lighten the payload, or use a map that reaches nearer to the coils"
             if lift[high] > 0
-            else "turn the currents on or the polarity of the coils around"
+            else _towards_lift(balance)
         )
     elif lift[low] > weight:
         remedy = "lower the currents, or use a map that reaches farther from the coils"
     else:
-        remedy = "balance the currents, so that the sideways force vanishes inside the map's box"
+        remedy = (
+            "balance the currents, so that the sideways force vanishes inside the map's box; those that hold the "
+            f"payload at a place of your choice: {CURRENTS_FOR}"
+        )
     return NoEquilibrium(
         Problem(
             where=f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}",

@@ -285,7 +285,10 @@ def _of_pieces(
 def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
     where = f"lift_current at {(1e3 * point).round(3).tolist()} mm"
     must_hold = "the field must pull the payload up at the first current"
-    remedy = "choose another position, other shares, or another first current"
+    remedy = (
+        "choose another position, other shares, or another first current; where every coil may carry its own: "
+        "fieldmap currents --lift, or currents_for of the map"
+    )
     return Infeasible(Problem(where, must_hold, f"{payload.description}, {current:g} A, no lift", remedy))
 
 

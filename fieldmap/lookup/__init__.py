@@ -13,6 +13,7 @@ from fieldmap.lookup.current_table import CurrentTable
 from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
+from fieldmap.lookup.inverse_of_field import currents_for
 from fieldmap.lookup.iron_response import (
     compiled_currents,
     division_domain,
@@ -39,6 +40,7 @@ __all__ = [
     "capability",
     "compiled_currents",
     "compiled_wrench",
+    "currents_for",
     "demagnetising_factors",
     "division_domain",
     "field_actuation",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,6 @@ from fieldmap.lookup.actuation import (
     checked_limits,
 )
 from fieldmap.lookup.current_model import CurrentModel, CurrentSearch
-from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -124,7 +123,7 @@ def _wrong(name: str, must_hold: str, received: object) -> InputError:
 
 
 def currents_of_sum(
-    evaluator: Evaluator,
+    evaluator: FieldsOfMap,
     coil_names: tuple[str, ...],
     position: ArrayLike,
     demand: Demand,
@@ -155,7 +154,7 @@ def currents_of_sum(
 _ROUNDING = 1e-13
 
 
-def rows_at(evaluator: Evaluator, position: ArrayLike, demand: Demand, n_fields: int) -> Array:
+def rows_at(evaluator: FieldsOfMap, position: ArrayLike, demand: Demand, n_fields: int) -> Array:
     """What each field of a map at weight 1 gives of the demand at a position, (rows, n_fields)."""
     where, single = checked_vectors("position", position)
     flux, slope = np.empty((1, n_fields, 3)), np.empty((1, n_fields, 3, 3))
@@ -255,7 +254,7 @@ _NO_SAVING = 1e-12  # of the power
 
 
 def currents_of_model(
-    evaluator: Evaluator,
+    evaluator: FieldsOfMap,
     coil_names: tuple[str, ...],
     model: CurrentModel,
     position: ArrayLike,
@@ -283,8 +282,16 @@ def currents_of_model(
 
 def remedy_of_start(given: bool) -> str:
     """What to try where a search fails: from another start, if one was given, or from one at all."""
-    other = "move start" if given else "begin from currents of your own, start=(A, ...)"
-    return f"ask for less, widen the limits, or {other}"
+    if given:
+        return "ask for less, widen the limits, or move start"
+    return "ask for less, or widen the limits (in Python start= begins at currents of your own)"
+
+
+class FieldsOfMap(Protocol):
+    """What an inverse is made of: `Evaluator`, or the coils of a device."""
+
+    def each_field(self, points: Array, flux: Array, slope: Array) -> Any:
+        """Fill flux (n, fields, 3), T, and slope (n, fields, 3, 3), T/m, of every field at weight 1."""
 
 
 class Goal(Protocol):

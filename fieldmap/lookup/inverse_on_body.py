@@ -24,9 +24,9 @@ from fieldmap.lookup.actuation import (
     checked_limits,
 )
 from fieldmap.lookup.current_model import CurrentModel, CurrentSearch
-from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.lookup.inverse import (
     Demand,
+    FieldsOfMap,
     Search,
     demand_of,
     domain_of,
@@ -129,7 +129,7 @@ class _OnBody:
 
 
 def currents_on_body(
-    evaluator: Evaluator,
+    evaluator: FieldsOfMap,
     coil_names: tuple[str, ...],
     model: CurrentModel | None,
     constant: bool,
@@ -186,7 +186,11 @@ def _left_by(error: Infeasible | NotConverged, demand: Demand) -> float:
 
 
 def _fields_at(
-    evaluator: Evaluator, fields: int, position: ArrayLike, body: MagneticBody, orientation: ArrayLike | None
+    evaluator: FieldsOfMap,
+    fields: int,
+    position: ArrayLike,
+    body: MagneticBody,
+    orientation: ArrayLike | None,
 ) -> tuple[Callable[[Array], tuple[Array, Array]], Array]:
     """Wrench of a body by the weights of a map's fields, and these fields at its centre (12, fields)."""
     where, single = checked_vectors("position", position)

@@ -4,6 +4,8 @@ Bz = mu0 N i a^2 / 2 (a^2 + z^2)^1.5 on the axis; dBz/dz and d2Bz/dz2 by differe
 """
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,6 +55,20 @@ def test_probe_with_a_moment_of_ones_own(capsys, machine):
     # T = m x B turns the dipole about -y; F_x = m dBx/dx.
     np.testing.assert_allclose(found["torque"], [0, -0.5 * flux(-0.09), 0], rtol=2e-4, atol=1e-9)
     np.testing.assert_allclose(found["force"], [-0.25 * slope(-0.09), 0, 0], rtol=1e-3, atol=1e-6)
+
+
+def test_probe_with_the_payload_of_another_device(capsys, machine, tmp_path):
+    other = tmp_path / "other.toml"
+    other.write_text(
+        re.sub(r"(?m)^moment_A_m2 = .*$", f"moment_A_m2 = {3 * MOMENT}", Path(machine.device).read_text())
+    )
+    words = ["probe", machine.map, "--at", "0", "0", "-0.09", "--currents", "2"]
+    found = answer(capsys, *words, "--payload-of", str(other))
+    assert found["moment"] == pytest.approx([0, 0, 3 * MOMENT])
+    assert found["force"][2] == pytest.approx(3 * MOMENT * 2 * slope(-0.09), rel=1e-3)
+    assert main([*words, "--payload-of", str(other), "--moment", "0", "0", "1"]) == 2
+    assert main([*words, "--payload-of", "eight_coils"]) == 2
+    assert "--payload-of" in capsys.readouterr().err
 
 
 def test_several_points_give_a_list(capsys, machine):

@@ -131,6 +131,11 @@ def test_check_of_a_map(printed, golden):
     golden("check_map", printed("check", "six.h5"))
 
 
+def test_currents_of_a_map(printed, golden):
+    words = ["currents", "six.h5", "--at-mm", "7", "4", "-100", "--moment", "0", "0", "0.8"]
+    golden("currents", printed(*words, "--force", "nan", "0.01", "0.05", "--limit", "3"))
+
+
 def test_info_beside_what_was_measured(printed, golden):
     golden("info_measured", printed("info", "six.h5"))
 
@@ -173,7 +178,7 @@ def summary_of(domain, names, measured=False):
         reduced_model=SimpleNamespace(domain=domain),
         fixed_sources=(),
     )
-    device = SimpleNamespace(payload=Payload(0.010, 0.8))
+    device = SimpleNamespace(driver=None, payload=Payload(0.010, 0.8))
     middle = MiddleField(np.array([0.0, 0.0, -0.095]), (0.0123456,), (-0.345678,))
     about = Path("over_currents.h5"), 1_230_000, info, device, middle
     if not measured:

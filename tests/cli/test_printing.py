@@ -8,7 +8,7 @@ import pytest
 
 from fieldmap.cli.info import _unit_table
 from fieldmap.cli.printing import WIDTH, axis_text, facts, print_page, table, unsigned_zeros
-from fieldmap.cli.probe import _force_table
+from fieldmap.cli.probe import force_table
 from fieldmap.io.map_summary import MiddleField
 
 NUMBER = re.compile(r"-?\d+\.\d+")
@@ -46,7 +46,7 @@ def test_what_rounding_leaves_is_printed_as_zero(capsys):
         force=np.array([-3e-19, 2e-19, 0.032]),
         torque=np.array([4e-19, -1e-19, 0.0]),
     )
-    print_page(_force_table(SimpleNamespace(points=(point,))))
+    print_page(force_table(SimpleNamespace(points=(point,))))
     *_, row = capsys.readouterr().out.splitlines()
     assert [float(number) for number in row.split(") mm")[1].split()] == [0.0, 0.0, 32.0, 0.0, 0.0, 0.0]
 

@@ -1,6 +1,7 @@
 """Commands on a device whose payload is a bead of soft iron below a thin loop, i = 5 A: closed forms on the axis."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -71,6 +72,19 @@ def test_equilibrium(bead, capsys):
     assert main(["equilibrium", bead, "--currents", "5"]) == 0
     assert "soft sphere of 4 mm" in capsys.readouterr().out
     assert main(["equilibrium", bead, "--currents", "5", "--moment", "aligned"]) == 2
+
+
+@pytest.mark.parametrize(("amperes", "told"), [("5", "coils above"), ("0", "turn the currents on")])
+def test_no_balance_has_a_remedy(bead, capsys, amperes, told):
+    """A loop below the box pulls soft iron down whatever the sign of its current."""
+    Path(bead).write_text(DEVICE.replace("position_mm = [0, 0, 0]", "position_mm = [0, 0, -60]"))
+    assert main(["equilibrium", bead, "--currents", amperes]) == 1
+    remedy = capsys.readouterr().err.split("remedy")[1]
+    assert told in remedy
+    assert ("fieldmap currents --lift" in remedy) == (amperes != "0")
+    assert "polarity" not in remedy
+    assert main(["equilibrium", bead, "--height-mm", "-25"]) == 1
+    assert "fieldmap currents --lift" in capsys.readouterr().err.split("remedy")[1]
 
 
 def test_check_and_map(bead, capsys, tmp_path):
