@@ -10,10 +10,13 @@ import typer
 from fieldmap.cli.options import Json, NumberOfWorkers, Resume, Scheduler, studies
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from fieldmap.cli.printing import Section
     from fieldmap.studies import LimitAtOptimum, Optimum
+
+# Variables that a picture of the device names.
+_LINES = 4
 
 
 def optimise(
@@ -31,12 +34,16 @@ def optimise(
             "--output",
             "-o",
             metavar="FILE",
-            help="NetCDF file of all designs, with CSV beside it. Default: maps/out/STUDY.nc.",
+            help="NetCDF file of all designs, with CSV and pictures beside it. Default: maps/out/STUDY.nc.",
         ),
     ] = None,
     resume: Resume = True,
     workers: NumberOfWorkers = 1,
     scheduler: Scheduler = None,
+    plot: Annotated[
+        bool,
+        typer.Option("--plot/--no-plot", help="Draw the path, and the device at the start and at the best."),
+    ] = True,
     json: Json = False,
 ) -> None:
     """Find the best values of a device's keys within limits, and check them on a finer mesh."""
@@ -57,10 +64,32 @@ def optimise(
         print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
         raise
     device = str(problem.document.data.get("name", "a device"))
-    print_result(found, partial(_page, device), json, files=found.written)
+    files = [*found.written, *(_pictures(found, found.written[0]) if plot else ())]
+    print_result(found, partial(_page, device, files), json, files=files)
 
 
-def _page(device: str, found: "Optimum") -> "Iterator[Section]":
+def _pictures(found: "Optimum", written: Path) -> "Iterator[Path]":
+    from fieldmap.plot.optimum import save_before_and_after, save_optimum_plot
+    from fieldmap.plot.rendering import can_render
+
+    yield save_optimum_plot(found, written.with_suffix(".png"))
+    # Where nothing draws in space, the numbers must not be lost for it.
+    if can_render():
+        target = written.with_name(f"{written.stem}_device.png")
+        captions = (
+            _values("start", {one.key: one.start for one in found.variables}),
+            _values("best", found.values),
+        )
+        yield save_before_and_after(found.start_device, found.device, target, captions)
+
+
+def _values(heading: str, values: "Mapping[str, float | None]") -> str:
+    """A heading and the values of the first variables, a line each."""
+    lines = [f"{key} = {value:.5g}" for key, value in list(values.items())[:_LINES] if value is not None]
+    return "\n".join([heading, *lines])
+
+
+def _page(device: str, files: list[Path], found: "Optimum") -> "Iterator[Section]":
     from fieldmap.cli.printing import assumption_lines, facts, heading, table
 
     yield heading(found.title, f"{_count(len(found.values), 'variable')} of {device}")
@@ -85,7 +114,7 @@ def _page(device: str, found: "Optimum") -> "Iterator[Section]":
     yield table(["number, SI units", "limit", "best", "finer mesh", ""], numbers, left=2)
     yield facts(list(_facts(found)))
     yield facts(assumption_lines(found.assumptions))
-    yield facts([("written" if k == 0 else "", str(path)) for k, path in enumerate(found.written)])
+    yield facts([("written" if k == 0 else "", str(path)) for k, path in enumerate(files)])
 
 
 def _facts(found: "Optimum") -> "Iterator[tuple[str, str]]":

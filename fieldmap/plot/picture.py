@@ -49,7 +49,7 @@ def save_picture(
     device_scene(
         device, currents=_by_name(device, field, currents), magnet_at=magnet_at, plotter=scene, names=False
     )
-    look_at(scene, _bounds(scene), margin=0.14, panels=_PANELS)
+    look_at(scene, scene_bounds(scene), margin=0.14, panels=_PANELS)
     scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
     scene.subplot(0, 1)
     forces = forces and field is not None and device.payload is not None
@@ -91,7 +91,8 @@ def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents:
     scene.add_mesh(arrows, color="white", lighting=False, show_scalar_bar=False)
 
 
-def _bounds(scene: pv.Plotter) -> Array:
+def scene_bounds(scene: pv.Plotter) -> Array:
+    """Lower and upper corner (3, 2) of what a scene shows, mm."""
     return np.array(scene.bounds).reshape(3, 2)
 
 
@@ -111,12 +112,8 @@ def look_at(
 
     view (3,): towards the viewer.
     """
-    forward = -view / np.linalg.norm(view)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T
-    across, along = corners @ right, corners @ up
+    forward, right, up = _directions(view)
+    across, along = _seen(bounds, right, up)
     middle = 0.5 * (across.min() + across.max()) * right + 0.5 * (along.min() + along.max()) * up
     width, height = scene.window_size[0] / panels, scene.window_size[1]
     scene.camera.parallel_projection = True
@@ -126,6 +123,27 @@ def look_at(
     # Half the height of the view.
     scene.camera.parallel_scale = 0.5 * (1.0 + margin) * max(np.ptp(along), np.ptp(across) * height / width)
     scene.renderer.ResetCameraClippingRange()
+
+
+def extent_seen(bounds: Array, view: Array = _VIEW) -> tuple[float, float]:
+    """Width and height of the box (3, 2) as `look_at` shows it, in the unit of the box."""
+    _, right, up = _directions(view)
+    across, along = _seen(bounds, right, up)
+    return float(np.ptp(across)), float(np.ptp(along))
+
+
+def _directions(view: Array) -> tuple[Array, Array, Array]:
+    """Unit vectors forward, right and up of who looks against `view` (3,)."""
+    forward = -view / np.linalg.norm(view)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return forward, right, np.cross(right, forward)
+
+
+def _seen(bounds: Array, right: Array, up: Array) -> tuple[Array, Array]:
+    """The corners (8,) of a box along two directions."""
+    corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T
+    return corners @ right, corners @ up
 
 
 def _words(device: Device, currents: ArrayLike | None) -> str:

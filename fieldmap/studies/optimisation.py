@@ -361,6 +361,8 @@ def _optimum(
         ended=ended,
         method=problem.method,
         device=device,
+        start_device=device_of(problem.document_at(_array(first, problem))),
+        maximise=problem.sign < 0,
         assumptions=_assumptions(search),
     )
 

@@ -76,7 +76,8 @@ class Optimum(Record):
     refused: keys without an exact derivative, and why. verified: the check on a finer mesh.
 
     path: every design that was solved; solves: how many this run solved; kept: how many came from an earlier run.
-    ended: why the search ended. device: the best design. written: files.
+    ended: why the search ended. device: the best design; start_device: the first. maximise: whether the objective was
+    to be largest. written: files.
     """
 
     title: str
@@ -95,6 +96,8 @@ class Optimum(Record):
     ended: str
     method: str
     device: Device
+    start_device: Device
+    maximise: bool
     assumptions: tuple[str, ...]
     written: tuple[Path, ...] = ()
 
@@ -156,6 +159,7 @@ class Optimum(Record):
             title=self.title,
             values=self.values,
             objective={"number": self.objective, "value": self.value, "at_start": self.start_value},
+            maximise=self.maximise,
             limits=self.limits,
             derivatives=self.derivatives,
             refused=self.refused,

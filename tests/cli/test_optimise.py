@@ -5,6 +5,7 @@ import json
 import pytest
 
 from fieldmap.cli import main
+from fieldmap.plot.rendering import can_render
 from tests.conftest import DEVICES
 from tests.studies.test_design_file import GOOD
 
@@ -31,7 +32,9 @@ def test_table_files_and_numbers(best, tmp_path, capsys):
     ):
         assert part in printed
     assert target.is_file()
-    assert main(["optimise", str(best), "-o", str(target), "--json"]) == 0
+    assert (tmp_path / "best.png").is_file()
+    assert (tmp_path / "best_device.png").is_file() == can_render()
+    assert main(["optimise", str(best), "-o", str(target), "--no-plot", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["solves"] == 0
     assert told["kept"] == len(told["path"]) > 3

@@ -1,0 +1,221 @@
+"""Pictures of an optimisation: its path, what a limit costs, and the machine before and after."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyvista as pv
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from fieldmap.device.model import Device
+from fieldmap.plot.colours import fitting_prefix
+from fieldmap.plot.device_drawing import device_scene
+from fieldmap.plot.picture import extent_seen, look_at, scene_bounds
+from fieldmap.plot.rendering import require_renderer
+from fieldmap.plot.style import COLOURS, INK, QUIET, figure_style, save_figure, save_screenshot
+from fieldmap.studies.optimum import LimitAtOptimum, Optimum
+from fieldmap.studies.quantities import QUANTITIES
+from fieldmap.typing import Array, Index
+
+_PANEL = (4.4, 3.3)
+_BLUE, _ORANGE = COLOURS[0], COLOURS[1]
+# Where the largest of the numbers of an axis is so many times the smallest, it is logarithmic.
+_WIDE = 20.0
+# Units that take a prefix, so that their numbers are short. Areas do not: their prefix would be squared.
+_PREFIXED = ("T", "A", "W", "H", "N", "K")
+_SMALLEST_PICTURE, _TALLEST_PICTURE = 500, 1500
+_QUANTITIES = {one.name: one for one in QUANTITIES}
+
+
+def save_optimum_plot(found: Optimum, path: str | Path) -> Path:
+    """Draw `optimum_figure` into a PNG file."""
+    return save_figure(optimum_figure(found), path)
+
+
+def optimum_figure(found: Optimum) -> Figure:
+    """Every design that was solved: the objective and the variables in the order in which they were asked for, and for
+    each limit the objective over the number that is limited, with the designs that no other one beats in both.
+
+    Filled points meet all limits, hollow ones do not; crosses could not be solved. Designs of the check on a finer mesh
+    are left out, for their numbers have another mesh's error. Printed units.
+    """
+    count = 2 + len(found.limits)
+    columns = 2 if count == 4 else min(count, 3)
+    rows = -(-count // columns)
+    with figure_style():
+        figure = Figure(figsize=(_PANEL[0] * columns, _PANEL[1] * rows + 0.6))
+        FigureCanvasAgg(figure)
+        panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+        designs = _Designs(found)
+        _objective(panels[0], found, designs)
+        _variables(panels[1], found, designs)
+        for axes, limit in zip(panels[2:], found.limits, strict=True):
+            _trade_off(axes, found, limit, designs)
+        known = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
+        for axes in panels[2:]:
+            known |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+        figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=len(known))
+        figure.suptitle(f"{optimum_message(found)}\n{found.title}".rstrip())
+    return figure
+
+
+def optimum_message(found: Optimum) -> str:
+    """The objective at the start and at the best design, in words."""
+    factor, unit = _printed(found, found.objective)
+    before, after = (f"{factor * value:.4g}" for value in (found.start_value, found.value))
+    label = _words(found.objective)
+    return f"{label[:1].upper()}{label[1:]}: {before} at the start, {after} {unit}".rstrip() + " at the best"
+
+
+def undominated(first: Array, second: Array) -> Index:
+    """Places, by rising `first`, of the pairs (n,), (n,) that no other pair is smaller than in both.
+
+    >>> undominated(np.array([1.0, 2.0, 3.0, 2.5]), np.array([5.0, 3.0, 4.0, 1.0])).tolist()
+    [0, 1, 3]
+    """
+    order = np.lexsort((second, first))
+    least = np.minimum.accumulate(np.concatenate([[np.inf], second[order]]))[:-1]
+    return order[second[order] < least]
+
+
+class _Designs:
+    """The designs of the search, without those of the check, as arrays."""
+
+    def __init__(self, found: Optimum) -> None:
+        steps = [step for step in found.path if step.role != "check"]
+        self.number = np.arange(1.0, len(steps) + 1.0, dtype=np.float64)
+        self.feasible = np.array([step.feasible for step in steps], dtype=bool)
+        self.failed = np.array([bool(step.failure) for step in steps], dtype=bool)
+        self._found, self._steps = found, steps
+        same = [all(step.values[key] == value for key, value in found.values.items()) for step in steps]
+        self.best = int(np.flatnonzero(same)[0]) if any(same) else None
+
+    def numbers(self, label: str) -> Array:
+        """Of every design, in printed units; NaN where it could not be solved."""
+        factor = _printed(self._found, label)[0]
+        return factor * np.array([step.numbers.get(label, np.nan) for step in self._steps])
+
+    def values(self, key: str) -> Array:
+        """Of a variable, in its own unit."""
+        return np.array([step.values[key] for step in self._steps])
+
+
+def _objective(axes: Axes, found: Optimum, designs: _Designs) -> None:
+    values = designs.numbers(found.objective)
+    _points(axes, designs.number, values, designs)
+    meets = np.where(designs.feasible, values, np.nan)
+    best = np.fmax.accumulate(meets) if found.maximise else np.fmin.accumulate(meets)
+    axes.plot(designs.number, best, ":", color=_BLUE, drawstyle="steps-post", label="best so far")
+    if designs.failed.any():
+        at = designs.number[designs.failed]
+        low = np.full(len(at), axes.get_ylim()[0])
+        axes.plot(at, low, "x", color=QUIET, clip_on=False, label="could not be solved")
+    axes.set_xlabel("design")
+    axes.set_ylabel(_axis(found, found.objective))
+
+
+def _variables(axes: Axes, found: Optimum, designs: _Designs) -> None:
+    """Shares of the ranges; the legend has the best values."""
+    for k, one in enumerate(found.variables):
+        share = 100.0 * (designs.values(one.key) - one.lower) / (one.upper - one.lower)
+        words = f"{one.key} = {found.values[one.key]:.4g}"
+        axes.plot(designs.number, share, ".-", color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words)
+    axes.set_ylim(-3.0, 103.0)
+    axes.set_xlabel("design")
+    axes.set_ylabel("variables, % of their range")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+
+
+def _trade_off(axes: Axes, found: Optimum, limit: LimitAtOptimum, designs: _Designs) -> None:
+    numbers, values = designs.numbers(limit.number), designs.numbers(found.objective)
+    _points(axes, numbers, values, designs)
+    known = np.flatnonzero(np.isfinite(numbers) & np.isfinite(values))
+    side = 1.0 if np.isfinite(limit.upper) else -1.0
+    better = -1.0 if found.maximise else 1.0
+    front = known[undominated(side * numbers[known], better * values[known])]
+    front = front[np.argsort(numbers[front])]
+    axes.plot(
+        numbers[front], values[front], "-", color=_BLUE, linewidth=1.0, label="no other is better in both"
+    )
+    factor = _printed(found, limit.number)[0]
+    for bound in (limit.lower, limit.upper):
+        if np.isfinite(bound):
+            axes.axvline(factor * bound, color=INK, linestyle="--", linewidth=1.0, label="limit")
+    if known.size and 0.0 < _WIDE * numbers[known].min() < numbers[known].max():
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_xlabel(_axis(found, limit.number))
+    axes.set_ylabel(_axis(found, found.objective))
+
+
+def _points(axes: Axes, x: Array, y: Array, designs: _Designs) -> None:
+    meets = designs.feasible
+    if (~meets & ~designs.failed).any():
+        axes.plot(x[~meets], y[~meets], "o", color=QUIET, markerfacecolor="none", label="misses a limit")
+    axes.plot(x[meets], y[meets], "o", color=_BLUE, label="meets all limits")
+    if designs.best is not None:
+        best = designs.best
+        axes.plot(x[best : best + 1], y[best : best + 1], "*", color=_ORANGE, markersize=13, label="best")
+
+
+def _printed(found: Optimum, label: str) -> tuple[float, str]:
+    """Factor and unit of a number by its name, with a prefix that fits its value at the best design; 1 and "" of one
+    that is not among those of studies."""
+    known = _QUANTITIES.get(label.split(" ")[0].split(",")[0])
+    if known is None:
+        return 1.0, ""
+    unit = {"N m-1": "N/m", "mm2": "mm²", "1": ""}.get(known.printed_unit, known.printed_unit)
+    if unit not in _PREFIXED:
+        return known.printed[0], unit
+    at_best = {found.objective: found.value} | {one.number: one.value for one in found.limits}
+    prefix, factor = fitting_prefix(abs(at_best[label]))
+    return factor, f"{prefix}{unit}"
+
+
+def _words(label: str) -> str:
+    return label.replace("_", " ")
+
+
+def _axis(found: Optimum, label: str) -> str:
+    unit = _printed(found, label)[1]
+    return _words(label) + (f" ({unit})" if unit else "")
+
+
+def save_before_and_after(
+    before: Device,
+    after: Device,
+    path: str | Path,
+    captions: tuple[str, str] = ("before", "after"),
+    width: int = 2000,
+) -> Path:
+    """Draw two devices side by side, from one place and at one scale, and save it as PNG.
+
+    captions: a line or several above each. width: of the picture, in pixels; as high as the devices need. Raises
+    FieldmapError on a machine without OpenGL.
+
+    >>> import fieldmap as fm                                                     # doctest: +SKIP
+    >>> thick = fm.read_device("drive_unit", {"parameters.disk": 12})             # doctest: +SKIP
+    >>> save_before_and_after(fm.read_device("drive_unit"), thick, "disks.png")   # doctest: +SKIP
+    """
+    require_renderer()
+    scene = pv.Plotter(off_screen=True, shape=(1, 2), window_size=[width, width // 2], border=False)
+    boxes = []
+    for k, (device, words) in enumerate(zip((before, after), captions, strict=True)):
+        scene.subplot(0, k)
+        device_scene(device, plotter=scene, axes=False, names=False)
+        scene.add_text(words, position="upper_left", font_size=13, color=INK)
+        boxes.append(scene_bounds(scene))
+    lower, upper = np.minimum(*boxes)[:, 0], np.maximum(*boxes)[:, 1]
+    together = np.column_stack([lower, upper])
+    across, along = extent_seen(together)
+    height = int(np.clip(0.5 * width * 1.4 * along / across, _SMALLEST_PICTURE, _TALLEST_PICTURE))
+    scene.window_size = [width, height]
+    for k in range(2):
+        scene.subplot(0, k)
+        look_at(scene, together, margin=0.3, panels=2)
+    save_screenshot(scene, path)
+    scene.close()
+    return Path(path)
