@@ -1,6 +1,7 @@
 """Figures as data: which series are drawn over which axes, in which units, and where each comes from."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -62,6 +63,8 @@ class Curves(Record):
 
 _FEW = 3
 """Values that a series must have to be compared."""
+_SAME = 1e-3
+"""Share of the range below which lines cannot be told apart."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,16 +115,35 @@ def _difference(ours: Series, other: Series) -> float | None:
 
 
 def message_of(curves: Curves) -> str:
-    """What `agreements` say in one line; empty where there is nothing to compare."""
+    """What `agreements` say in one line; of lines of ours alone how far they are apart; empty where there is nothing to
+    compare."""
     found = agreements(curves)
     if not found:
-        return ""
+        return _message_of_lines(curves)
     worst = max(found, key=lambda one: one.difference)
     kinds = " and ".join(dict.fromkeys(one.kind for one in found))
     of = f" (worst: {worst.name})" if len(found) > 1 else ""
     if worst.difference > 0.5:
         return f"Ours and {kinds} are up to {percent(worst.difference)} of the range apart{of}"
     return f"Ours follows what is {kinds} within {percent(worst.difference)} of the range{of}"
+
+
+def _message_of_lines(curves: Curves) -> str:
+    """How far lines of ours are from each other where they share a range: those that are farthest apart are named."""
+    if any(one.kind != "ours" for one in curves.series):
+        return ""
+    lines = [one for one in curves.series if not one.points and len(one.x) > 1]
+    pairs = [
+        (difference, one.name, other.name)
+        for one, other in combinations(lines, 2)
+        if one.name != other.name and (difference := _difference(one, other)) is not None
+    ]
+    if not pairs:
+        return ""
+    most, one_name, other_name = max(pairs)
+    if most < _SAME:
+        return f"All {len(lines)} lines are the same" if len(lines) > 2 else "Both lines are the same"
+    return f"Up to {percent(most)} of the range between {one_name} and {other_name}"
 
 
 def percent(share: float) -> str:

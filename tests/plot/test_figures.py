@@ -103,6 +103,29 @@ def test_the_message_is_from_the_data():
     assert drawn(given).texts[0].get_text() == "said"
 
 
+def test_the_message_of_lines_of_ours_is_how_far_they_are_apart():
+    x = np.linspace(0.0, 2.0, 50)
+    lines = [
+        Series("linear", x, 2.0 * x),
+        Series("saturating", x[::2], 1.5 * x[::2]),
+        Series("joints", x, 1.9 * x),
+    ]
+    alone = Curves("t", "x (mm)", "B (T)", tuple(lines))
+    # 4 - 3 at the end of the shorter line, of the range of the line that it is compared with.
+    end = x[::2][-1]
+    said = f"Up to {100 * 0.5 * end / (1.5 * end):.2g} % of the range between linear and saturating"
+    assert message_of(alone) == said
+    assert drawn(alone).texts[0].get_text().replace("\n", " ") == said
+    assert message_of(
+        replace(alone, series=tuple(replace(lines[0], name=name) for name in "abc"))
+    ).startswith("All 3")
+    # One line, lines apart, and what was measured under other names say nothing.
+    apart = replace(lines[1], x=lines[1].x + 5.0)
+    measured = replace(lines[1], kind="measured", points=True, name="rig")
+    for series in (lines[:1], [lines[0], apart], [lines[0], lines[2], measured]):
+        assert message_of(replace(alone, series=tuple(series))) == ""
+
+
 def test_a_line_that_would_hide_another_has_gaps():
     near = Series("near", X, X**2 + 0.01)
     first, second, third, fourth = drawn(
