@@ -190,6 +190,24 @@ def test_the_shipped_scenario_takes_any_map(some, scale):
         assert 2.5 / 1.11 < run.currents[0].max() <= 2.5
 
 
+def test_what_falls_on_the_shipped_map_falls_by_its_margins():
+    """Its driver gives 3.55 A where its magnet takes 5.8 A; with a field three times as strong it is seen 15 mm above
+    its middle, and swings there nearly undamped: the loops forgive a gain of 5 %. Drag that damps it holds it."""
+    sample = open_map("sample")
+    with pytest.raises(Infeasible) as caught:
+        simulate("hold", field_map=sample)
+    assert float(caught.value.problems[0].received.split()[0]) > 3.55
+    given = {"field.scale": 3.0}
+    fallen = simulate("hold", given, field_map=sample).event
+    assert fallen is not None
+    assert fallen.name == "fell out"
+    (point,) = linear_points(prepare(read_scenario("hold", given), sample))
+    assert min(margin.gain_up for margin in point.margins) < 1.1
+    assert (
+        simulate("hold", given | {"drag.turning_N_m_s": [1e-5, 1e-5, 1e-5]}, field_map=sample).event is None
+    )
+
+
 def test_a_map_without_a_device_needs_one(some):
     path = some(RING, records=False).parent / "some.h5"
     with pytest.raises(ScenarioError) as error:
