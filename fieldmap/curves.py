@@ -102,6 +102,19 @@ def agreements(curves: Curves) -> tuple[Agreement, ...]:
 
 
 def _difference(ours: Series, other: Series) -> float | None:
+    """The largest difference, relative to the range of what is compared of the other."""
+    pair = _compared(ours, other)
+    size = 0.0 if pair is None else _range(pair[1])
+    return float(np.abs(pair[0] - pair[1]).max()) / size if pair is not None and size else None
+
+
+def _range(values: Array) -> float:
+    """From zero or the smallest to the largest."""
+    return max(float(values.max()), 0.0) - min(float(values.min()), 0.0)
+
+
+def _compared(ours: Series, other: Series) -> tuple[Array, Array] | None:
+    """Our values at the other's x, as far as ours reaches, and the other's."""
     known = np.isfinite(ours.x) & np.isfinite(ours.y)
     x, y = ours.x[known], ours.y[known]
     if len(x) < 2 or not (np.diff(x) > 0).all():
@@ -109,9 +122,7 @@ def _difference(ours: Series, other: Series) -> float | None:
     within = np.isfinite(other.y) & (other.x >= x[0]) & (other.x <= x[-1])
     if within.sum() < _FEW:
         return None
-    theirs = other.y[within]
-    size = max(float(theirs.max()), 0.0) - min(float(theirs.min()), 0.0)
-    return float(np.abs(np.interp(other.x[within], x, y) - theirs).max() / size) if size else None
+    return np.interp(other.x[within], x, y), other.y[within]
 
 
 def message_of(curves: Curves) -> str:
@@ -134,16 +145,17 @@ def _message_of_lines(curves: Curves) -> str:
         return ""
     lines = [one for one in curves.series if not one.points and len(one.x) > 1]
     pairs = [
-        (difference, one.name, other.name)
+        (float(np.abs(pair[0] - pair[1]).max()), one.name, other.name)
         for one, other in combinations(lines, 2)
-        if one.name != other.name and (difference := _difference(one, other)) is not None
+        if one.name != other.name and (pair := _compared(one, other)) is not None
     ]
-    if not pairs:
+    size = _range(np.concatenate([one.y[np.isfinite(one.y)] for one in lines])) if pairs else 0.0
+    if not size:
         return ""
-    most, one_name, other_name = max(pairs)
-    if most < _SAME:
+    gap, one_name, other_name = max(pairs)
+    if gap < _SAME * size:
         return f"All {len(lines)} lines are the same" if len(lines) > 2 else "Both lines are the same"
-    return f"Up to {percent(most)} of the range between {one_name} and {other_name}"
+    return f"{one_name} and {other_name} are up to {percent(gap / size)} of the range apart"
 
 
 def percent(share: float) -> str:

@@ -111,9 +111,8 @@ def test_the_message_of_lines_of_ours_is_how_far_they_are_apart():
         Series("joints", x, 1.9 * x),
     ]
     alone = Curves("t", "x (mm)", "B (T)", tuple(lines))
-    # 4 - 3 at the end of the shorter line, of the range of the line that it is compared with.
-    end = x[::2][-1]
-    said = f"Up to {100 * 0.5 * end / (1.5 * end):.2g} % of the range between linear and saturating"
+    # At the end of the shorter line, of the whole range, which is 4.
+    said = f"linear and saturating are up to {100 * 0.5 * x[::2][-1] / 4.0:.2g} % of the range apart"
     assert message_of(alone) == said
     assert drawn(alone).texts[0].get_text().replace("\n", " ") == said
     assert message_of(
