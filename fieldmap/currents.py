@@ -422,8 +422,10 @@ class CurrentDomain(Record):
         return self.parametrisation.largest(self.lower, self.upper)
 
     def at(self, shares: Array) -> Array:
-        """Currents (..., n_coils) at shares (..., n_signals) of the ranges, from 0 to 1."""
-        return self.parametrisation.currents(self.parametrisation.within(self.lower, self.upper, shares))
+        """Currents (..., n_coils) at shares (..., n_signals) of the ranges, from 0 to 1; in C order, as compiled
+        functions take them."""
+        signals = self.parametrisation.within(self.lower, self.upper, shares)
+        return np.ascontiguousarray(self.parametrisation.currents(signals))
 
     def outside(self, signals: Array, margin: float = ROUNDING) -> int | None:
         """Number of the first of signals (n_signals,) that is beyond its range by more than `margin` of it, or None."""

@@ -10,7 +10,7 @@ import numpy as np
 from fieldmap.device.payload import Magnet, Payload, SoftBody
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField
-from fieldmap.kernels.map.body_wrench import model_wrench, sum_wrench
+from fieldmap.kernels.map.body_wrench import Body, InModel, InSum, model_wrench, sum_wrench
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -68,10 +68,11 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
         must_hold, remedy = "a map without a table of currents", "open it with tabulate_currents=False"
         raise InputError(Problem("compiled_wrench, field_map", must_hold, "one with a table", remedy))
     _, data = field_map.compiled()
-    parts = body.all_points.copy(), body.moments.copy(), body.soft_numbers.copy()
+    parts = Body(body.all_points.copy(), body.moments.copy(), body.soft_numbers.copy())
     if field_map.affine:
-        return sum_wrench, (data, parts)
-    return model_wrench, (data, parts, np.array([array.ctypes.data for array in data[2]]))
+        return sum_wrench, InSum(data, parts)
+    block, model, state = data
+    return model_wrench, InModel(block, model, state, parts, np.array([a.ctypes.data for a in state]))
 
 
 def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> MagneticBody:

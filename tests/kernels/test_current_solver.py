@@ -175,8 +175,9 @@ def test_compiled_callers_need_no_python():
     @numba.njit
     def total(model, state, currents):
         out, found = np.empty(state.weights.size), 0
-        for row in currents:
-            found += current_weights(model, state, row, out) == 0
+        # A row by its number is contiguous for numba, as arrays from Python are; one of `for row in` is not.
+        for k in range(len(currents)):
+            found += current_weights(model, state, currents[k], out) == 0
         return found, out
 
     currents = drawn(CASES["free"], 20)

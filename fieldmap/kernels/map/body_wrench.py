@@ -1,5 +1,7 @@
 """Wrench of a magnetic body in a sum of fields, and its derivatives by their weights: docs/theory/wrench.md (10)."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import carray, njit
 
@@ -82,6 +84,34 @@ def wrench_and_slopes(dipoles, arms, soft, turn, flux, slope, weights, wrench, s
             slopes[5, k] += tz + ax * pull[1] - ay * pull[0]
 
 
+# Tuples with names, because numba takes arrays in others for read-only where they are globals of a compiled function,
+# and would compile everything for both kinds.
+class Body(NamedTuple):
+    """points (q + s, 3) of magnets and of soft pieces, m; moments (q, 3), A m^2; numbers of the soft pieces."""
+
+    points: Any
+    moments: Any
+    soft: Any
+
+
+class InSum(NamedTuple):
+    """Of a map that superposes: its block, and the body."""
+
+    block: Any
+    body: Body
+
+
+class InModel(NamedTuple):
+    """Of a map of saturating iron: its block, `CompiledModel` and `SolverState`, the body, and the addresses (7,) of
+    the state's arrays."""
+
+    block: Any
+    model: Any
+    state: Any
+    body: Body
+    addresses: Any
+
+
 @njit(**OUTER)
 def _of_weights(block, body, place, turn, weights, wrench, slopes):
     """`wrench_and_slopes` of a body (points (q + s, 3), moments (q, 3), soft) centred at place (3,) in a map's block;
@@ -105,7 +135,7 @@ def _of_weights(block, body, place, turn, weights, wrench, slopes):
 @njit(**OUTER)
 def sum_wrench(data, currents, place, turn, wrench, slopes):
     """Fill wrench (6,) and slopes (6, coils) at currents (coils,), of a map that superposes; False where the body
-    leaves its box. data: the block, and the body as of `_of_weights`."""
+    leaves its box. data: `InSum`."""
     block, body = data
     coils = currents.shape[0]
     weights = np.ones(int(block[SETS]))
@@ -133,9 +163,9 @@ def _live(state, addresses):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def model_wrench(data, currents, place, turn, wrench, slopes):
-    """`sum_wrench` of a map of saturating iron; False and NaN also where its model has no solution. data: (block,
-    CompiledModel, SolverState), the body, and the addresses of the state's arrays."""
-    (block, model, constant_state), body, addresses = data
+    """`sum_wrench` of a map of saturating iron; False and NaN also where its model has no solution. data:
+    `InModel`."""
+    block, model, constant_state, body, addresses = data
     state = _live(constant_state, addresses)
     weights = np.empty(state.weights.size)
     by_currents, every = np.empty((weights.size, currents.size)), np.empty((6, weights.size))
