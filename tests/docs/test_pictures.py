@@ -66,8 +66,6 @@ LONG = {
     "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit",)),
     "workspace.png": ("make map", ("device:drive_unit", "recipe:workspace")),
 }
-# Drawn before there were dark pictures; the study takes a quarter of an hour.
-LIGHT_ONLY = ("pole_disk.png",)
 
 
 def records() -> dict[str, dict[str, Any]]:
@@ -103,7 +101,7 @@ def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture
 @pytest.mark.parametrize("name", LONG)
 def test_what_the_others_show_has_not_changed_since(name, hold_picture):
     command, files = LONG[name]
-    for one in (name,) if name in LIGHT_ONLY else (name, dark_path(name).name):
+    for one in (name, dark_path(name).name):
         hold_picture(
             one, f"FIELDMAP_PICTURES=both {command}", "inputs", {file: contents(file) for file in files}
         )
@@ -124,7 +122,6 @@ def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
 def test_every_picture_is_there_in_the_dark_as_well():
     """Of the same size and on the dark paper, all four corners of it; the light one on white."""
     light = [path for path in sorted(IMAGES.glob("*.png")) if not path.stem.endswith("_dark")]
-    light = [path for path in light if path.name not in LIGHT_ONLY]
     assert len(light) > 12
     for path in light:
         one, other = (np.rint(255 * imread(file)[..., :3]) for file in (path, dark_path(path)))
