@@ -5,8 +5,9 @@ docs/theory/dynamics.md (25)..(28), docs/theory/control.md (6).
 
 from typing import Any, NamedTuple
 
-from numba import njit
+from numba import njit, types
 
+from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.current_table import BEYOND, table_weights
 from fieldmap.kernels.map.iron_block import ADDRESS, OUTSIDE, call_weights
 from fieldmap.kernels.map.lift_and_directions import divide
@@ -82,6 +83,63 @@ class Superposition(NamedTuple):
     iron: Any
 
 
+def _late_table(
+    division,
+    mismatch,
+    lower,
+    upper,
+    knots_u,
+    knots_x,
+    knots_y,
+    coefficients,
+    nodes_u,
+    nodes_x,
+    nodes_y,
+    slopes,
+    currents,
+    weights,
+    nu,
+    nx,
+    ny,
+    k,
+    fields,
+):
+    knots = array_at(knots_u, (nu + 4,)), array_at(knots_x, (nx + 4,)), array_at(knots_y, (ny + 4,))
+    nodes = array_at(nodes_u, (nu,)), array_at(nodes_x, (nx,)), array_at(nodes_y, (ny,))
+    table = (
+        array_at(division, (2,)),
+        array_at(mismatch, (1,)),
+        array_at(lower, (3,)),
+        array_at(upper, (3,)),
+        knots,
+        array_at(coefficients, (nu, nx, ny, k)),
+        nodes,
+        array_at(slopes, (nu, nx, ny, 6, k)),
+    )
+    return table_weights(table, array_at(currents, (6,)), array_at(weights, (fields,)))
+
+
+# By an address: in a loop that superposes nothing of the table is compiled, and in others it is compiled once.
+_VECTOR, _STACK, _SLOPES = (types.Array(types.float64, n, "C") for n in (1, 4, 5))
+_LATE_TABLE = LateFunctions(
+    "fieldmap_table_weights",
+    types.intp,
+    (*7 * (_VECTOR,), _STACK, *3 * (_VECTOR,), _SLOPES, *2 * (_VECTOR,), *5 * (types.intp,)),
+    [_late_table],
+    **PLAIN,
+)
+_call_table = _LATE_TABLE.call
+
+
+@njit(**PLAIN)
+def _of_table(table, currents, weights):
+    division, mismatch, lower, upper, knots, coefficients, nodes, slopes = table
+    nu, nx, ny, k = coefficients.shape
+    ends = division, mismatch, lower, upper
+    sizes = nu, nx, ny, k, weights.shape[0]
+    return _call_table(0, (*ends, *knots, coefficients, *nodes, slopes, currents, weights, *sizes))
+
+
 @njit(**PLAIN)
 def find_weights(kind, scale, table, iron, currents, weights):
     """Fill weights (f,); False for currents beyond the table, which then goes on with its slopes, and beyond the domain
@@ -98,7 +156,7 @@ def find_weights(kind, scale, table, iron, currents, weights):
         call_weights(int(iron[ADDRESS]), iron, currents, weights)
         within = iron[OUTSIDE] == outside
     else:
-        within = table_weights(table, currents, weights) != BEYOND
+        within = _of_table(table, currents, weights) != BEYOND
     for f in range(weights.shape[0]):
         weights[f] *= scale
     return within
