@@ -181,7 +181,7 @@ def test_pid_in_python_numba_and_c_has_the_bits_of_one_another_and_the_path_of_t
 def test_the_kernel_of_the_shipped_block_as_a_function_has_its_bits(plain):
     """Between sensors and limits, delay, converter and winding nothing is lost or added."""
     block = shipped()
-    arrays = tuple(block.arrays)
+    arrays = block.arrays
 
     @numba.njit
     def same(time, measured, reference, state):

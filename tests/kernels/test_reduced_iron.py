@@ -120,7 +120,7 @@ def test_gradients_of_a_quadratic_function_are_exact():
     linear = np.array([0.4, -0.2, 0.7])
     values = np.einsum("ni,ij,nj->n", points, matrix, points) + points @ linear
     inverse = np.linalg.inv(corners[1:] - corners[0]).T
-    barycentric = np.concatenate([-inverse.sum(axis=0, keepdims=True), inverse])
+    barycentric = np.ascontiguousarray(np.concatenate([-inverse.sum(axis=0, keepdims=True), inverse]))
     near = (5.0 - np.sqrt(5.0)) / 20.0
     where = near * corners.sum(axis=0) + (1.0 - 4.0 * near) * corners
     got = sample_gradients(np.stack([values, 2 * values], axis=1), np.arange(10)[None], barycentric[None])

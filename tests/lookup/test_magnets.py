@@ -21,6 +21,7 @@ GRID = Grid([-0.015, -0.015, -0.02], [0.00125, 0.00125, 0.00125], (25, 25, 25))
 
 def loops(points):
     """B (2, n, 3) and G per 1000 A."""
+    points = np.ascontiguousarray(points)
     parts = [loop_flux_density_and_gradient(points - np.array(c), r) for r, c in LOOPS]
     return tuple(1e3 * np.stack(part) for part in zip(*parts, strict=True))
 
