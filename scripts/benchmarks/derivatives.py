@@ -81,7 +81,9 @@ def _rows(name: str, refinement: float, repeats: int) -> Iterator[Row]:
     force = DipoleForce(0.5 * (device.bounds[0] + device.bounds[1]), [0.0, 0.0, 8.0])
     sets = _sets(device)
     if name == "eight_coils":  # its cores touch nothing
-        sets["radius of one core"] = ["body.core 1.radius_mm"]
+        numbers = ("radius_mm", "height_mm", "position_mm.1", "position_mm.2", "position_mm.3")
+        shapes = [f"body.{body.name}.{number}" for body in device.bodies for number in numbers]
+        sets |= {f"shapes and places of cores, {n}": shapes[:n] for n in (1, 10, 30)}
     for iron in ("linear", "saturating"):
         alone = float("nan")
         if iron == "linear":

@@ -110,12 +110,30 @@ class NodalElements(Record):
         bubble = np.zeros((len(first), self.count))
         bubble[:, len(self.points) :] = 0.5 * (first - second)
         along = (first + second)[:, self.nodes[:, 4:] - len(self.points)]
+        return CoilField(np.einsum("cem,emd->ced", along, self._edge_functions()), bubble)
+
+    def _edge_functions(self) -> Array:
+        """Lowest-order edge functions (e, 6, 3) at the centroids."""
         # Stored edges run from the smaller to the larger point number.
         sign = np.where(self.nodes[:, _PAIRS[:, 0]] < self.nodes[:, _PAIRS[:, 1]], 1.0, -1.0)
-        # Lowest-order edge function of (a, b) at the centroid: (grad l_b - grad l_a) / 4.
+        # Of (a, b): (grad l_b - grad l_a) / 4.
         shape = 0.25 * (self.gradients[:, _PAIRS[:, 1]] - self.gradients[:, _PAIRS[:, 0]])
-        constant = np.einsum("cem,em,emd->ced", along, sign, shape)
-        return CoilField(constant, bubble)
+        return np.asarray(sign[..., None] * shape)
+
+    def tested_by_circulations(self, vectors: Array) -> tuple[Array, Array]:
+        """How sums of vectors (c, e, 4, 3) at the four points of every element times t there follow its circulations
+        along the first and the second half of every edge: (c, m) each."""
+        bubble = self.tested(vectors)[:, len(self.points) :]
+        of_elements = np.einsum("ced,emd->cem", vectors.sum(axis=2), self._edge_functions(), optimize=True)
+        number = (self.nodes[:, 4:] - len(self.points)).ravel()
+        along = np.stack([np.bincount(number, of.ravel(), len(self.edges)) for of in of_elements])
+        return along + 0.5 * bubble, along - 0.5 * bubble
+
+    def half_rule(self) -> tuple[Array, Array]:
+        """Places (q,) along an edge, from 0 to 1, and weights (q,) of the rule for its circulation; the first half of
+        them are those of its first half."""
+        x, w = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
+        return np.concatenate([(x + 1) / 4, (x + 3) / 4]), np.concatenate([w, w]) / 4
 
     def node_images(self, corners: Index) -> Index:
         """Images (n,) of all nodes, from those of the mesh's points: the midpoints' are those of their edges."""
@@ -148,8 +166,7 @@ class NodalElements(Record):
         return out[0], out[1]
 
     def _integrated(self, field: Callable[[Array], Array], edges: Index) -> tuple[Array, Array]:
-        x, w = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
-        where = np.concatenate([(x + 1) / 4, (x + 3) / 4])
+        where, w = self.half_rule()
         parts = []
         for batch in np.array_split(edges, max(1, len(edges) * len(where) // _BATCH)):
             start = self.points[batch[:, 0]]
@@ -158,8 +175,8 @@ class NodalElements(Record):
             value = field(x.reshape(-1, 3)).reshape(-1, len(where), len(batch), 3)
             parts.append(np.einsum("cqmd,md->cqm", value, step))
         along = np.concatenate(parts, axis=2)
-        n = len(w)
-        return (np.einsum("q,cqm->cm", w / 4, along[:, :n]), np.einsum("q,cqm->cm", w / 4, along[:, n:]))
+        n = _POINTS_PER_HALF
+        return np.einsum("q,cqm->cm", w[:n], along[:, :n]), np.einsum("q,cqm->cm", w[n:], along[:, n:])
 
     def no_field(self) -> CoilField:
         """One source that is zero."""
@@ -216,20 +233,37 @@ class NodalElements(Record):
 
         Shape functions as in `fieldmap.kernels.iron.quadratic_potential`: (4 l_i - 1) g_i and 4 (l_a g_b + l_b g_a).
         """
-        barycentric, _ = tetrahedron_rule(2)
         nodal = values[self.nodes]
-        for point in barycentric:
-            combine = np.zeros((4, 10))
-            combine[np.arange(4), np.arange(4)] = 4 * point - 1
-            for m, (a, b) in enumerate(_PAIRS):
-                combine[b, 4 + m] += 4 * point[a]
-                combine[a, 4 + m] += 4 * point[b]
+        for combine in _combinations():
             yield np.einsum("kn,enc,ekd->ced", combine, nodal, self.gradients, optimize=True)
+
+    def tested(self, vectors: Array) -> Array:
+        """Sums (c, n) of vectors (c, e, 4, 3) at the four points of every element times the gradients of the nodes'
+        functions there: the transpose of `point_gradients`."""
+        total = np.zeros((len(vectors), *self.nodes.shape))
+        for q, combine in enumerate(_combinations()):
+            along = np.einsum("ced,ekd->cek", vectors[:, :, q], self.gradients, optimize=True)
+            total += along @ combine
+        flat = self.nodes.ravel()
+        return np.stack([np.bincount(flat, of.ravel(), self.count) for of in total])
 
     def _arrays(self, potential, field, source):
         """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
         values, constant = np.ascontiguousarray(potential), np.ascontiguousarray(field.constant[source])
         return values, constant, field.bubble[source], self.nodes, self.gradients
+
+
+def _combinations() -> Iterator[Array]:
+    """At each of the four points, how the gradients of the nodes' functions are made of those of the barycentric
+    coordinates: (4, 10)."""
+    barycentric, _ = tetrahedron_rule(2)
+    for point in barycentric:
+        combine = np.zeros((4, 10))
+        combine[np.arange(4), np.arange(4)] = 4 * point - 1
+        for m, (a, b) in enumerate(_PAIRS):
+            combine[b, 4 + m] += 4 * point[a]
+            combine[a, 4 + m] += 4 * point[b]
+        yield combine
 
 
 def _middles_and_means(triangles: Index, edges: Index, corners: int) -> tuple[Index, csr_matrix]:

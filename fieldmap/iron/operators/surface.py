@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
+from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
-from fieldmap.kernels.iron.mutual_potential import mutual_potential, mutual_product
+from fieldmap.kernels.iron.mutual_gradient import close_gradient, far_cubes
+from fieldmap.kernels.iron.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
 _FAR_RADII = 8.0
@@ -18,8 +20,10 @@ _FAR_RADII = 8.0
 NEAR_RADII = 3.0
 _NEAR_DEGREE = 4
 _TOUCH_DEGREE = 8
-# Into which the rows of a product are divided for threads.
+# Into which the pairs of a sum are divided for threads.
 _SHARES = 16
+# Triangles whose far pairs are taken at once: 20 MB where there are 10 000.
+_ROWS = 32
 
 
 def _for_kernels(points: Array) -> Array:
@@ -79,12 +83,34 @@ class ChargedFaces(Record):
         mutual_potential(one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
         return block
 
-    def mutual_product(self, charge: Array, first: int = 0) -> Array:
-        """Mean potentials (n,) of charges (n,), W q, without making W; those between two triangles that both stand
-        before `first` are left out."""
-        parts = np.empty((_SHARES, len(charge)))
-        mutual_product(self.kernel_geometry(), self._far(), NEAR_RADII, first, charge, parts)
-        return np.asarray(parts.sum(axis=0))
+    def mutual_gradient(
+        self, nodes: Index, count: int, charge: Array, others: Array, moving: NDArray[np.bool_]
+    ) -> Array:
+        """How others (k, n) . W charge (n,) follow the corners, which are `count` nodes with numbers nodes (n, 3):
+        (k, count, 3). Right for nodes of which all triangles are marked as moving (n,)."""
+        near, touch, far = (triangle_rule(degree)[0] for degree in (_NEAR_DEGREE, _TOUCH_DEGREE, 2))
+        geometry, far_points = self.kernel_geometry(), self.far_points()
+        parts = np.zeros((_SHARES, count, len(others), 3))
+        close_gradient(geometry, near, touch, NEAR_RADII, nodes, moving, charge, others, parts)
+        out = parts.sum(axis=0)
+        # From the middle, so that sums over q - p lose fewer digits.
+        middle = far_points.mean(axis=1)
+        points = (far_points - middle[:, None]).T
+        charges = np.repeat(np.vstack([charge, others]), 3, axis=1)
+        columns = np.concatenate([charges[..., None], charges[..., None] * points], axis=2)
+        columns = np.ascontiguousarray(columns.transpose(1, 0, 2).reshape(len(points), -1))
+        cubes = np.empty((3 * _ROWS, len(points)))
+        for chosen in np.split(rows := np.flatnonzero(moving), range(_ROWS, len(rows), _ROWS)):
+            block = cubes[: 3 * len(chosen)]
+            far_cubes(chosen, far_points, geometry, NEAR_RADII, block)
+            sums = (block @ columns).reshape(len(chosen), 3, -1, 4)
+            here = points.reshape(-1, 3, 3)[chosen]
+            pull = (sums[..., 1:] - here[:, :, None] * sums[..., :1]) / (36 * np.pi)
+            by_corner = np.einsum("qc,rqsd->rcsd", far, pull)
+            total = others.T[chosen][:, None, :, None] * by_corner[:, :, :1]
+            total += charge[chosen, None, None, None] * by_corner[:, :, 1:]
+            np.add.at(out, nodes[chosen], total)
+        return np.ascontiguousarray(out.transpose(1, 0, 2))
 
     def kernel_geometry(self) -> tuple[Array, ...]:
         """What the kernels of mutual potentials take of one set of triangles; last the points and weights of the outer
@@ -114,12 +140,16 @@ class ChargedFaces(Record):
     def weights(self, points: Array, by_field: Array, by_gradient: Array) -> Array:
         """What a unit density on each face counts in sums over points (n, 3), (k, m): those of by_field (k, n, 3) times
         the field and by_gradient (k, n, 3, 3) times the gradient. The transpose of `field_and_gradient`."""
-        g = by_gradient
-        # The gradient is symmetric and free of trace: five of its entries are all.
-        five = [g[..., 0, 0] - g[..., 2, 2], g[..., 0, 1] + g[..., 1, 0], g[..., 0, 2] + g[..., 2, 0]]
-        five += [g[..., 1, 1] - g[..., 2, 2], g[..., 1, 2] + g[..., 2, 1]]
-        entries = np.ascontiguousarray(np.concatenate([by_field, np.stack(five, axis=-1)], axis=-1))
+        entries = _entries(by_field, by_gradient)
         return surface_weights(points, self.corners, self.normals, self._as_charges(), entries)
+
+    def gradient(
+        self, points: Array, by_field: Array, by_gradient: Array, charge: Array, moving: NDArray[np.bool_]
+    ) -> Array:
+        """How the sums of `weights` for charges (n,) follow the corners of the triangles marked as moving (n,):
+        (n, k, 3, 3)."""
+        entries, (shapes, _) = _entries(by_field, by_gradient), triangle_rule(2)
+        return surface_gradient(points, self.corners, self._as_charges(), shapes, charge, moving, entries)
 
     def _as_charges(self) -> Array:
         """Of every triangle the points that replace it, a third of its area, its centre and the squared distance
@@ -128,3 +158,12 @@ class ChargedFaces(Record):
         limit = (_FAR_RADII * self.radii) ** 2
         rows = [charges.reshape(-1, 9).T, self.areas / 3, self.centres.T, limit]
         return np.ascontiguousarray(np.vstack(rows))
+
+
+def _entries(by_field: Array, by_gradient: Array) -> Array:
+    """Weights (k, n, 8) of field and gradient as the kernels take them."""
+    g = by_gradient
+    # The gradient is symmetric and free of trace: five of its entries are all.
+    five = [g[..., 0, 0] - g[..., 2, 2], g[..., 0, 1] + g[..., 1, 0], g[..., 0, 2] + g[..., 2, 0]]
+    five += [g[..., 1, 1] - g[..., 2, 2], g[..., 1, 2] + g[..., 2, 1]]
+    return np.ascontiguousarray(np.concatenate([by_field, np.stack(five, axis=-1)], axis=-1))

@@ -32,9 +32,10 @@ from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField
 from fieldmap.iron.quantities.air import refuse_inside
+from fieldmap.iron.sensitivity.by_nodes import Adjoint, ByNodes, SolvedIron
 from fieldmap.iron.sensitivity.changes import Change, Parameters, RigidMotion
 from fieldmap.iron.sensitivity.derivatives import Derivatives
-from fieldmap.iron.sensitivity.moved_bodies import Adjoint, FrozenState, MovedMesh
+from fieldmap.iron.sensitivity.moved_bodies import velocities
 from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
 from fieldmap.kernels.constants import MU0
@@ -92,11 +93,7 @@ def derivatives(
     if problem is not None:
         inside = _Inside(device, state, problem)
         # What the parameters make of the iron's magnetisation does not depend on the quantity.
-        extent = float(np.ptp(problem.form.iron.mesh.points, axis=0).max())
-        follows = [
-            inside.follow(change, parameters.fine_change(change.key, extent) if change.has_shapes else None)
-            for change in changes
-        ]
+        follows = [inside.follow(change) for change in changes]
         for start in range(0, len(rows), _AT_ONCE):
             batch = slice(start, start + _AT_ONCE)
             rows[batch] += inside.derivatives(points, _part(weights, batch), follows)
@@ -222,13 +219,13 @@ class _Direct:
 class _Follow(Record):
     """What follows a parameter in the iron, at the points of the elements (e, 4, 3), T: the applied field, by `applied`
     and by `currents` (c,) times the coils' own fields; mu0 M by the material alone, `polarisation`; and the unit fields
-    of `coils`, by number. moved: the mesh, where bodies move."""
+    of `coils`, by number; velocity (n, 3) of the mesh's points, where bodies move."""
 
     currents: Array
     applied: Array | None
     polarisation: Array | None
     coils: Mapping[int, Array]
-    moved: MovedMesh | None
+    velocity: Array | None
 
 
 class _Inside:
@@ -268,18 +265,27 @@ class _Inside:
         turned = self._susceptible(cover)
         by_current = np.einsum("kedx,cedx->kc", turned, self._unit, optimize=True)
         out = np.zeros((len(cover), len(follows)))
+        moved = {p: follow.velocity for p, follow in enumerate(follows) if follow.velocity is not None}
+        if moved:
+            shifts = np.stack(list(moved.values()))
+            by_nodes = self._by_nodes(shifts).derivative(Adjoint(adjoint, points, weights, cover, turned))
+            out[:, list(moved)] = np.tensordot(by_nodes, shifts, ((1, 2), (1, 2)))
         for p, follow in enumerate(follows):
-            out[:, p] = by_current @ follow.currents
+            out[:, p] += by_current @ follow.currents
             if follow.applied is not None:
                 out[:, p] += np.tensordot(turned, follow.applied, 3)
             if follow.polarisation is not None:
                 out[:, p] += np.tensordot(cover, follow.polarisation, 3)
-            if follow.moved is not None:
-                out[:, p] += follow.moved.derivative(Adjoint(adjoint, points, weights))
             for k, change in follow.coils.items():
                 linked = float(np.sum(self._share * self._polarisation * change))
                 out[:, p] += linked * linkage[:, k]
         return out
+
+    def _by_nodes(self, shifts: Array) -> ByNodes:
+        """By the nodes that one of the velocities (p, n, 3) moves."""
+        form, device, currents = self._problem.form, self._device, self._currents
+        state = SolvedIron(device, currents, self._potential, self._strength, self._polarisation, self._share)
+        return ByNodes(form, state, (shifts != 0).any(axis=(0, 2)))
 
     def _adjoint(self, points: Array, weights: Weights) -> Array:
         """Solutions (n, k) of (K + S) lambda = J_phi."""
@@ -300,8 +306,8 @@ class _Inside:
         along = np.einsum("...eqd,eqd->...eq", vectors, self._direction) * (self._slope - self._chord)
         return (self._chord - 1)[..., None] * vectors + along[..., None] * self._direction
 
-    def follow(self, change: Change, fine: Change | None) -> _Follow:
-        """What follows a parameter in the iron; fine: where bodies move."""
+    def follow(self, change: Change) -> _Follow:
+        """What follows a parameter in the iron."""
         applied: Array | None = None
         currents = change.currents.copy()
         coils: dict[int, Array] = {}
@@ -318,11 +324,9 @@ class _Inside:
             above, below = (self._background(side) for side in change.sides)
             applied = _added(applied, (above - below) / change.width)
         polarisation = self._of_material(change) if change.has_materials else None
-        moved: MovedMesh | None = None
-        if fine is not None:
-            state = FrozenState(self._device, self._currents, self._potential, self._material)
-            moved = MovedMesh(self._problem.form, state, fine)
-        return _Follow(currents, applied, polarisation, coils, moved)
+        mesh = self._problem.form.iron.mesh
+        velocity = velocities(mesh, self._device, change) if change.has_shapes else None
+        return _Follow(currents, applied, polarisation, coils, velocity)
 
     def _moved(self, change: Change, k: int) -> Array:
         """Change (e, 4, 3) of the unit field of a coil that moves, or otherwise changes its shape."""

@@ -1,0 +1,229 @@
+"""How numbers of a state follow the nodes of its mesh: one pass over elements and pairs of faces, for any movement.
+
+With R the residual of the potential form and lambda an adjoint,
+
+    lambda . R = inside(lambda, phi) - lambda . S phi,      S = M^T (W^-1 - N^-1) M,
+
+and for q = W^-1 M phi (charges) and z, the smoothest potential with the face means M phi,
+
+    d(lambda . S phi) = -q_lambda . dW q_phi - z_lambda . dK z_phi,
+
+with K the stiffness at mu_r = 1 (`fieldmap.iron.operators.exterior`). What is seen through the charges at points
+follows W in the same way, and the places of the charges.
+
+Within an element that is deformed by the velocity gradient L, gradients a of potentials and circulations follow by
+-L^T a and the volume by tr L, so that an integral follows by a matrix P: L,
+
+    int (M . u),      P = (M . u) 1 - h (db/dh - 1) u - u M,        int (a . b),      P = (a . b) 1 - a b - b a,
+
+with mu0 M the polarisation at mu0 H = h. The field of the coils, which has no curl there, changes along a movement v by
+the gradient of B . v as well: its circulation along an edge follows its ends alone, but for the error of the rule that
+it is computed by, which counts close to a winding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.device.coils import Coil
+from fieldmap.device.model import Device
+from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.sensitivity.quantities import Weights
+from fieldmap.kernels.constants import MU0
+from fieldmap.records import Record
+from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
+from fieldmap.typing import Array, Index
+
+# Edges along whose halves the field of a coil changes by more than this share of itself count as close to it. Along the
+# others the rule for circulations, of four points in each half, is exact as far as derivatives go: 2e-8 of them, where
+# 0.3 leaves 5e-7 (core and magnet, a coarse mesh whose core stands 1 mm from its winding).
+_CHANGES = 0.1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SolvedIron(Record):
+    """What a state is, for one source: nodal potential (n,), currents (c,); at the points of the elements (e, 4, 3), T,
+    field strength and polarisation; and the weights (e, 1, 1) of these."""
+
+    device: Device
+    currents: Array
+    potential: Array
+    strength: Array
+    polarisation: Array
+    share: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Adjoint(Record):
+    """Adjoint potentials (n, k) of k numbers that follow the samples at points by weights; cover (k, e, 4, 3): their
+    gradients, and the fields of the coils whose linkages count, times the share of each point; turned: db/dh - 1 times
+    that."""
+
+    potential: Array
+    points: Array
+    weights: Weights
+    cover: Array
+    turned: Array
+
+
+class ByNodes:
+    """Derivatives of a state by the nodes of its mesh that are `moving` (n,)."""
+
+    def __init__(self, form: PotentialForm, state: SolvedIron, moving: NDArray[np.bool_]) -> None:
+        self._form, self._state = form, state
+        elements, topology = form.elements, form.iron.topology
+        self._triangles = topology.nodes[topology.surface]
+        self._faces_moving: NDArray[np.bool_] = np.any(moving[self._triangles], axis=1)
+        self._moving_edges = moving[elements.edges].any(axis=1)
+        # Where the coils' fields are needed: the ends of these edges and their middles.
+        ends = np.zeros(len(moving), bool)
+        ends[elements.edges[self._moving_edges]] = True
+        self._needed = np.concatenate([ends, self._moving_edges])
+
+    @cached_property
+    def _unit(self) -> Array:
+        """Fields (c, n, 3) of one ampere in each coil at the nodes that move and their neighbours; zero
+        elsewhere."""
+        at, moving = self._nodes, self._needed
+        out = np.zeros((len(self._state.currents), *at.shape))
+        out[:, moving] = unit_flux_densities(self._state.device.coils, np.ascontiguousarray(at[moving]))
+        return out
+
+    @cached_property
+    def _applied(self) -> Array:
+        """Field (n, 3) of coils and background at these nodes."""
+        field = np.tensordot(self._state.currents, self._unit, 1)
+        background, moving = self._state.device.background, self._needed
+        if background is not None:
+            field[moving] += background.field(np.ascontiguousarray(self._nodes[moving]))
+        return field
+
+    @cached_property
+    def _nodes(self) -> Array:
+        elements = self._form.elements
+        return np.concatenate([elements.points, elements.points[elements.edges].mean(axis=1)])
+
+    @cached_property
+    def _charges(self) -> Array:
+        return np.ascontiguousarray(self._form.charges(self._state.potential[:, None])[:, 0])
+
+    @cached_property
+    def _gradients(self) -> tuple[Array, Array]:
+        """Gradients (e, 4, 3) of the potential, and of the smoothest one with its face means."""
+        potential = self._state.potential[:, None]
+        pair = np.column_stack([potential, self._form.smoothest(potential)])
+        own, smooth = np.stack(list(self._form.elements.point_gradients(pair)), axis=2)
+        return own, smooth
+
+    def derivative(self, adjoint: Adjoint) -> Array:
+        """By the nodes (k, n, 3)."""
+        return self._by_elements(adjoint) + self._by_coils(adjoint) + self._by_faces(adjoint)
+
+    def _by_elements(self, adjoint: Adjoint) -> Array:
+        elements, state = self._form.elements, self._state
+        of, smoothest = (
+            state.share * np.stack(list(elements.point_gradients(values)), axis=2)
+            for values in (adjoint.potential, self._form.smoothest(adjoint.potential))
+        )
+        own, smooth = self._gradients
+        total = _trace(state.polarisation, adjoint.cover) - _outer(adjoint.cover, state.polarisation)
+        total -= _outer(state.strength, adjoint.turned)
+        for sign, one, other in ((-1.0, own, of), (1.0, smooth, smoothest)):
+            total += sign * (_trace(one, other) - _outer(one, other) - _outer(other, one))
+        forces = np.einsum("keab,eib->keia", total, elements.gradients, optimize=True)
+        return _on_nodes(forces, elements.nodes[:, :4], len(elements.points))
+
+    def _by_coils(self, adjoint: Adjoint) -> Array:
+        state, currents = self._state, self._state.currents
+        out = self._by_field(adjoint.turned, np.ones((1, 1)), self._applied[None], currents[None])
+        linkage = adjoint.weights.linkage / MU0
+        if linkage.any():
+            out += self._by_field((state.share * state.polarisation)[None], linkage, self._unit, linkage)
+        return out
+
+    def _by_field(self, vectors: Array, mix: Array, fields: Array, amperes: Array) -> Array:
+        """How sums of vectors (k, e, 4, 3) times a field there follow the nodes (k, n, 3): of fields (c, n, 3) mixed by
+        mix (k, c), which are those of amperes (k, coils); k may be 1 on either side."""
+        elements = self._form.elements
+        out = elements.tested(vectors)[..., None] * np.tensordot(mix, fields, 1)
+        corners = len(elements.points)
+        ends = np.repeat(0.5 * out[:, corners:, None], 2, axis=2)
+        halves = np.stack(elements.tested_by_circulations(vectors), axis=2)
+        for c, (edges, rest) in enumerate(self._rests):
+            ends[:, edges] += amperes[:, c, None, None, None] * np.einsum(
+                "kmh,mhsd->kmsd", halves[:, edges], rest
+            )
+        return np.asarray(out[:, :corners] + _on_nodes(ends, elements.edges, corners))
+
+    @cached_property
+    def _rests(self) -> list[tuple[Index, Array]]:
+        """Of every coil the edges (m,) close to it, and how their circulations follow their ends otherwise than those
+        of an exact integral: those of both halves, by both ends, (m, 2, 2, 3), for one ampere."""
+        elements = self._form.elements
+        first, last = elements.edges.T
+        out = []
+        for coil, field in zip(self._state.device.coils, self._unit, strict=True):
+            begin, middle, end = field[first], field[len(elements.points) :], field[last]
+            change = np.maximum(*(np.linalg.norm(at - middle, axis=1) for at in (begin, end)))
+            changes = change > _CHANGES * np.linalg.norm(middle, axis=1)
+            edges = np.flatnonzero(changes & self._moving_edges)
+            rest = self._by_rule(coil, edges)
+            rest[:, 0, 0] += begin[edges] - 0.5 * middle[edges]
+            rest[:, 0, 1] -= 0.5 * middle[edges]
+            rest[:, 1, 0] += 0.5 * middle[edges]
+            rest[:, 1, 1] -= end[edges] - 0.5 * middle[edges]
+            out.append((edges, rest))
+        return out
+
+    def _by_rule(self, coil: Coil, edges: Index) -> Array:
+        """How the circulations of a coil's unit field along both halves of edges (m,) follow their ends (m, 2, 2, 3),
+        as they are computed."""
+        elements = self._form.elements
+        where, weight = elements.half_rule()
+        start, end = np.swapaxes(elements.points[elements.edges[edges]], 0, 1)
+        step = end - start
+        points = start[:, None] + where[:, None] * step[:, None]
+        b, g = unit_flux_density_and_gradient(coil, points.reshape(-1, 3))
+        b = b.reshape(*points.shape)
+        slope = np.einsum("mqij,mi->mqj", g.reshape(*points.shape, 3), step)
+        by_start = weight[:, None] * ((1 - where)[:, None] * slope - b)
+        by_end = weight[:, None] * (where[:, None] * slope + b)
+        pairs = np.stack([by_start, by_end], axis=2).reshape(len(edges), 2, len(where) // 2, 2, 3)
+        return np.asarray(pairs.sum(axis=2))
+
+    def _by_faces(self, adjoint: Adjoint) -> Array:
+        form, weights, count = self._form, adjoint.weights, len(self._form.elements.points)
+        charges, faces = form.charges(adjoint.potential), form.iron.surface
+        seen = np.zeros((len(charges.T), count, 3))
+        if len(adjoint.points):
+            points = np.ascontiguousarray(adjoint.points)
+            by_density = faces.weights(points, weights.field, weights.gradient)
+            charges = charges - form.iron.mutual.solve(by_density.T / faces.areas[:, None], 2)
+            by_corners = faces.gradient(
+                points, weights.field, weights.gradient, self._charges, self._faces_moving
+            )
+            seen = _on_nodes(by_corners.transpose(1, 0, 2, 3), self._triangles, count)
+        others = np.ascontiguousarray(charges.T)
+        return seen + faces.mutual_gradient(self._triangles, count, self._charges, others, self._faces_moving)
+
+
+def _on_nodes(values: Array, nodes: Index, count: int) -> Array:
+    """Sums (k, count, 3) of values (k, m, c, 3) of nodes (m, c)."""
+    flat = nodes.ravel()
+    rows = [[np.bincount(flat, of[..., d].ravel(), count) for d in range(3)] for of in values]
+    return np.swapaxes(np.array(rows), 1, 2)
+
+
+def _outer(one: Array, other: Array) -> Array:
+    """Sums (k, e, 3, 3) of a_i b_j over the points of the elements, of (e, 4, 3) and (k, e, 4, 3), or the reverse."""
+    return np.asarray(np.swapaxes(one, -1, -2) @ other)
+
+
+def _trace(one: Array, other: Array) -> Array:
+    """Sums (k, e, 3, 3) of (a . b) 1 over the points of the elements."""
+    total = np.einsum("eqd,keqd->ke", one, other)
+    return np.asarray(total[..., None, None] * np.eye(3))

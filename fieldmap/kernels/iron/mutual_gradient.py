@@ -1,0 +1,231 @@
+"""How sums over mean potentials of charged triangles follow the corners: the derivative of a . W b.
+
+W as in `fieldmap.kernels.iron.mutual_potential`, pair by pair by the same rule. Of a far pair the derivative is that of
+nine inverse distances. Of a close one it is closed form: with x a point of the outer rule, u the potential of the inner
+triangle there, f_k, m_k, h and Omega as in `fieldmap.kernels.iron.charged_triangle`, and N_k the function that is 1 at
+corner k and 0 at the others, a corner's movement within the plane changes u by what its two edges sweep over, and one
+along the normal n by a double layer,
+
+    du/dp_k = sum_e m_e int_e N_k / R dl + n (N_k(x) Omega - h grad N_k . sum_e f_e m_e),      du/dx = -e.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from fieldmap.kernels.iron.charged_triangle import solid_angle
+from fieldmap.kernels.iron.mutual_potential import separation
+
+_INVERSE_4PI = 1.0 / (4.0 * math.pi)
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def corner_gradient(x, y, z, p, n, area, field, by_corner):
+    """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,) and an area; fills its field (3,) there
+    and the potential's derivative by the corners (3, 3)."""
+    tx_sum = ty_sum = tz_sum = 0.0
+    potential = 0.0
+    for k in range(3):
+        for a in range(3):
+            by_corner[k, a] = 0.0
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
+        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
+        tx, ty, tz = vx - ux, vy - uy, vz - uz
+        length = math.sqrt(tx * tx + ty * ty + tz * tz)
+        ru = math.sqrt(ux * ux + uy * uy + uz * uz)
+        rv = math.sqrt(vx * vx + vy * vy + vz * vz)
+        f = math.log((ru + rv + length) / max(ru + rv - length, 1e-16 * length))
+        mx = (ty * n[2] - tz * n[1]) / length
+        my = (tz * n[0] - tx * n[2]) / length
+        mz = (tx * n[1] - ty * n[0]) / length
+        potential += (mx * ux + my * uy + mz * uz) * f
+        tx_sum += mx * f
+        ty_sum += my * f
+        tz_sum += mz * f
+        end = ((rv - ru) - (ux * tx + uy * ty + uz * tz) / length * f) / length
+        start = f - end
+        by_corner[k, 0] += mx * start
+        by_corner[k, 1] += my * start
+        by_corner[k, 2] += mz * start
+        by_corner[k1, 0] += mx * end
+        by_corner[k1, 1] += my * end
+        by_corner[k1, 2] += mz * end
+    omega = solid_angle(x, y, z, p)
+    height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        k2 = k1 + 1 if k1 < 2 else 0
+        tx, ty, tz = p[k2, 0] - p[k1, 0], p[k2, 1] - p[k1, 1], p[k2, 2] - p[k1, 2]
+        gx = 0.5 * (n[1] * tz - n[2] * ty) / area
+        gy = 0.5 * (n[2] * tx - n[0] * tz) / area
+        gz = 0.5 * (n[0] * ty - n[1] * tx) / area
+        shape = 1.0 + gx * (x - p[k, 0]) + gy * (y - p[k, 1]) + gz * (z - p[k, 2])
+        normal = shape * omega - height * (gx * tx_sum + gy * ty_sum + gz * tz_sum)
+        by_corner[k, 0] += normal * n[0]
+        by_corner[k, 1] += normal * n[1]
+        by_corner[k, 2] += normal * n[2]
+    field[0] = tx_sum + n[0] * omega
+    field[1] = ty_sum + n[1] * omega
+    field[2] = tz_sum + n[2] * omega
+    return potential - height * omega
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, field, by_corner):
+    """Add `share` times the derivative of the mean over points (q, 3) of an outer triangle, of shapes (q, 3) at them,
+    of the potential of the triangle p with unit charge: by the outer and the inner triangle's corners (3, 3)."""
+    total = 0.0
+    for q in range(weights.size):
+        w = share * weights[q] / area
+        total += w * corner_gradient(points[q, 0], points[q, 1], points[q, 2], p, n, area, field, by_corner)
+        for k in range(3):
+            for a in range(3):
+                by_inner[k, a] += w * by_corner[k, a]
+                by_outer[k, a] -= w * shapes[q, k] * field[a]
+    for k in range(3):
+        k1 = k + 1 if k < 2 else 0
+        k2 = k1 + 1 if k1 < 2 else 0
+        tx, ty, tz = p[k2, 0] - p[k1, 0], p[k2, 1] - p[k1, 1], p[k2, 2] - p[k1, 2]
+        half = 0.5 * total / area
+        by_inner[k, 0] -= half * (n[1] * tz - n[2] * ty)
+        by_inner[k, 1] -= half * (n[2] * tx - n[0] * tz)
+        by_inner[k, 2] -= half * (n[0] * ty - n[1] * tx)
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _close_pair(i, j, apart, faces, near_shapes, touch_shapes, by_one, by_other, field, by_corner):
+    """Derivative of `fieldmap.kernels.iron.mutual_potential.close_pair` by the corners (3, 3) of both triangles."""
+    corners, normals, areas, _, _, near, near_weights, touch, touch_weights = faces
+    by_one[:] = 0.0
+    by_other[:] = 0.0
+    if not apart:
+        _add_mean(
+            0.5,
+            touch[i],
+            touch_weights,
+            touch_shapes,
+            corners[j],
+            normals[j],
+            areas[j],
+            by_one,
+            by_other,
+            field,
+            by_corner,
+        )
+        _add_mean(
+            0.5,
+            touch[j],
+            touch_weights,
+            touch_shapes,
+            corners[i],
+            normals[i],
+            areas[i],
+            by_other,
+            by_one,
+            field,
+            by_corner,
+        )
+    elif areas[i] < areas[j]:
+        _add_mean(
+            1.0,
+            near[i],
+            near_weights,
+            near_shapes,
+            corners[j],
+            normals[j],
+            areas[j],
+            by_one,
+            by_other,
+            field,
+            by_corner,
+        )
+    else:
+        _add_mean(
+            1.0,
+            near[j],
+            near_weights,
+            near_shapes,
+            corners[i],
+            normals[i],
+            areas[i],
+            by_other,
+            by_one,
+            field,
+            by_corner,
+        )
+
+
+@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+def close_gradient(faces, near_shapes, touch_shapes, reach, nodes, moving, charge, others, parts):
+    """Add to parts (t, p, k, 3), whose sum over t it is, the derivative of others (k, n) . W charge (n,) by p nodes:
+    what the close pairs make of it of which a triangle is moving (n,).
+
+    faces, reach: as in `mutual_potential`; near_shapes, touch_shapes (q, 3): of the corners at the points of the outer
+    rules; nodes (n, 3): numbers of the corners.
+    """
+    n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[0]
+    for t in prange(shares):
+        by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
+        field, by_corner = np.empty(3), np.empty((3, 3))
+        part = parts[t]
+        for i in range(np.int64(t), n, shares):
+            for j in range(i + 1):
+                if not (moving[i] or moving[j]):
+                    continue
+                distance2, size = separation(i, j, faces, faces)
+                if distance2 > (reach * size) ** 2:
+                    continue
+                apart = distance2 > size * size
+                _close_pair(
+                    i,
+                    j,
+                    apart,
+                    faces,
+                    near_shapes,
+                    touch_shapes,
+                    by_one,
+                    by_other,
+                    field,
+                    by_corner,
+                )
+                for k in range(rows):
+                    share = others[k, i] * charge[j]
+                    if i != j:
+                        share += others[k, j] * charge[i]
+                    share *= _INVERSE_4PI
+                    for c in range(3):
+                        for a in range(3):
+                            part[nodes[i, c], k, a] += share * by_one[c, a]
+                            part[nodes[j, c], k, a] += share * by_other[c, a]
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _cubes(px, py, pz, x, y, z, out):
+    """1/|p - q|^3 for one point p and many q. No branches: the compiler turns it into vector code."""
+    for q in range(out.size):
+        dx, dy, dz = px - x[q], py - y[q], pz - z[q]
+        square = dx * dx + dy * dy + dz * dz + 1e-30
+        guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+        inverse = guess * (1.5 - 0.5 * square * guess * guess)
+        out[q] = inverse * inverse * inverse
+
+
+@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+def far_cubes(chosen, far, faces, reach, out):
+    """Fill out (3 c, 3 n) with 1/|p - q|^3 of the points p of c chosen triangles and all points q, far (3, 3 n), as in
+    `mutual_potential`; 0 for close pairs."""
+    n = faces[2].size
+    x, y, z = far[0], far[1], far[2]
+    for r in prange(chosen.size):
+        i = chosen[r]
+        for p in range(3):
+            _cubes(x[3 * i + p], y[3 * i + p], z[3 * i + p], x, y, z, out[3 * r + p])
+        for j in range(n):
+            distance2, size = separation(i, j, faces, faces)
+            if distance2 <= (reach * size) ** 2:
+                for p in range(3):
+                    for q in range(3):
+                        out[3 * r + p, 3 * j + q] = 0.0
