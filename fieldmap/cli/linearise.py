@@ -89,9 +89,13 @@ def _page(scenario: str, output: Path | None, found: "Linearisation") -> "Iterat
 
 
 def _modes(points: "tuple[LinearPoint, ...]") -> list[tuple[str, ...]]:
+    from fieldmap.cli.printing import without_noise
+
     lines: list[tuple[str, ...]] = []
     for point in points:
-        for mode in point.modes:
+        reached = without_noise([mode.input_gains.max() for mode in point.modes])
+        seen = without_noise([mode.output_gains.max() for mode in point.modes])
+        for k, mode in enumerate(point.modes):
             # One line for a pair.
             if mode.pole.imag < -1e-9:
                 continue
@@ -103,8 +107,8 @@ def _modes(points: "tuple[LinearPoint, ...]") -> list[tuple[str, ...]]:
                     f"{mode.frequency:.3f}",
                     f"{mode.damping:.3f}",
                     ", ".join(sorted(shares, key=lambda name: -shares[name])),
-                    f"{mode.input_gains.max():.3g}",
-                    f"{mode.output_gains.max():.3g}",
+                    f"{reached[k]:.3g}",
+                    f"{seen[k]:.3g}",
                 )
             )
     return lines

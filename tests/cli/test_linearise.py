@@ -35,3 +35,20 @@ def test_models_are_written(command, six_coils, tmp_path):
     assert code == 2
     assert "--depths" in err
     assert ".npz" in err
+
+
+def test_what_rounding_leaves_of_a_mode_is_printed_as_zero(command):
+    # Nothing but rounding turns an upright magnet of one axis about that axis.
+    code, text, err = command("linearise", "hold", "--map", "sample", "--set", "field.scale=2")
+    assert code == 0, err
+    turning = [line.split() for line in text.splitlines() if "turn_z" in line]
+    assert [words[-2] for words in turning] == ["0", "0"]
+
+
+def test_a_machine_that_cannot_carry_its_payload_anywhere_says_so(command):
+    # The shipped map's six coils need 5.8 A at its highest place, and their driver gives 3.55 A.
+    code, _, err = command("simulate", "hold", "--map", "sample")
+    assert code == 1
+    told = " ".join(err.split())
+    assert "3.55 A" in told
+    assert "lighter payload" in told

@@ -274,7 +274,10 @@ def operating_point_at(
         limit = (high if point.currents[worst] > 0 else low)[worst]
         must = f"the body must float with what the amplifiers give and the supply drives, {limit:.4g} A"
         received = f"{point.currents[worst]:.3g} A"
-        remedy = "begin higher or nearer to the axis, or state a field.scale"
+        remedy = (
+            "begin higher or nearer to the axis, take a lighter payload, or state a field.scale; a start without "
+            "depth_mm is at the height that takes least already"
+        )
         raise Infeasible(scenario.error("start", must, received, remedy).problems[0])
     return point
 
