@@ -148,6 +148,12 @@ def test_no_table_is_wider_than_a_page(site):
             assert sum(columns) + 2 * len(columns) < most, f"{name}: {plain(table)[:60]}"
 
 
+def test_every_table_has_a_head(site):
+    for name, text in pages(site).items():
+        for head in re.findall(r"<thead>(.*?)</thead>", article(text), re.DOTALL):
+            assert plain(head).strip(), name
+
+
 def test_the_index_of_the_search_has_every_page(site):
     documents = index(site)["docs"]
     assert isinstance(documents, list)
@@ -231,6 +237,8 @@ def test_pages_fit_into_1400_and_400_pixels(site, served, browse):
     assert [(r["page"], r["page_width"]) for r in results if r["page_width"] > r["width"] + 1] == []
     assert [(r["page"], r["wrong"], r["formulas"] - r["typeset"]) for r in results if r["wrong"]] == []
     assert [r["page"] for r in results if r["formulas"] != r["typeset"]] == []
+    # Numbers of more than three digits, which may end a line in their middle.
+    assert [(r["page"], r["loose"]) for r in results if r["loose"]] == []
     assert [(r["page"], r["broken"]) for r in results if r["broken"]] == []
     assert sum(r["formulas"] for r in results) > 1000
 
