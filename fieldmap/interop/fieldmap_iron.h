@@ -18,7 +18,7 @@
 enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRON_MEMORY = 34 };
 
 enum {
-    FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16,
+    FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16, FIELDMAP_IRON_POINTS = 3,
     FIELDMAP_IRON_SIZES = 20, FIELDMAP_IRON_NAMES = 32, FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
 };
 
@@ -243,7 +243,7 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->single_change = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->total = (float *)fieldmap_iron_place(memory, &used, r * w, f);
-    s->rows = (float *)fieldmap_iron_place(memory, &used, 4 * w, f);
+    s->rows = (float *)fieldmap_iron_place(memory, &used, (1 + 3 * FIELDMAP_IRON_POINTS) * w, f);
     s->piece = (int *)fieldmap_iron_place(memory, &used, p, sizeof(int));
     return used;
 }
@@ -490,14 +490,14 @@ static inline double fieldmap_iron_shorter(
     return t;
 }
 
-/* One row (wide numbers) each of w (db/dh - 1) G for the three components of point p. */
-static inline void fieldmap_iron_rows(const fieldmap_iron *map, fieldmap_iron_state *s, int p)
+/* out: one row (wide numbers) each of w (db/dh - 1) G for the three components of point p. */
+static inline void fieldmap_iron_rows(const fieldmap_iron *map, fieldmap_iron_state *s, int p, float *out)
 {
     const int w = map->wide;
     const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
     const double *h = s->h + 3 * (size_t)p;
     const float x = (float)h[0], y = (float)h[1], z = (float)h[2], m = (float)s->isotropic[p], e = (float)s->along[p];
-    float *radial = s->rows, *out = s->rows + w;
+    float *radial = s->rows;
     int j;
     for (j = 0; j < w; j++) radial[j] = e * (x * g[j] + y * g[w + j] + z * g[2 * w + j]);
     for (j = 0; j < w; j++) out[j] = m * g[j] + x * radial[j];
@@ -505,10 +505,25 @@ static inline void fieldmap_iron_rows(const fieldmap_iron *map, fieldmap_iron_st
     for (j = 0; j < w; j++) out[2 * w + j] = m * g[2 * w + j] + z * radial[j];
 }
 
+/* Row i of the tangent, to its diagonal, += what the points of gradients g and rows `out` add: nine products for one
+ * sum that is fetched and stored, and no more rows than a compiler compares the places of. */
+static inline void fieldmap_iron_add(
+    const float *const g[FIELDMAP_IRON_POINTS], const float *out, int w, int i, float *row)
+{
+    const float a = g[0][i], b = g[0][w + i], c = g[0][2 * w + i], d = g[1][i], e = g[1][w + i], f = g[1][2 * w + i];
+    const float k = g[2][i], l = g[2][w + i], m = g[2][2 * w + i];
+    const int end = (i / FIELDMAP_IRON_LANES + 1) * FIELDMAP_IRON_LANES;
+    int j;
+    for (j = 0; j < end; j++)
+        row[j] += (a * out[j] + b * out[w + j] + c * out[2 * w + j])
+            + (d * out[3 * w + j] + e * out[4 * w + j] + f * out[5 * w + j])
+            + (k * out[6 * w + j] + l * out[7 * w + j] + m * out[8 * w + j]);
+}
+
 /* The factor of Cholesky of the tangent at h. */
 static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s)
 {
-    const int w = map->wide, r = map->r, l = FIELDMAP_IRON_LANES;
+    const int w = map->wide, r = map->r;
     int i, j, p;
     for (p = 0; p < map->p; p++) {
         const double *h = s->h + 3 * (size_t)p;
@@ -518,15 +533,19 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
         s->along[p] = map->weights[p] * (slope - b / size) / (size * size);
     }
     for (j = 0; j < r * w; j++) s->total[j] = 0.0f;
-    for (p = 0; p < map->p; p++) {
-        const float *g = map->gradients + 3 * (size_t)p * (size_t)w, *out = s->rows + w;
-        fieldmap_iron_rows(map, s, p);
-        for (i = 0; i < r; i++) {
-            const float a = g[i], b = g[w + i], c = g[2 * w + i];
-            float *row = s->total + (size_t)i * (size_t)w;
-            const int end = (i / l + 1) * l;
-            for (j = 0; j < end; j++) row[j] += a * out[j] + b * out[w + j] + c * out[2 * w + j];
+    for (p = 0; p < map->p; p += FIELDMAP_IRON_POINTS) {
+        const float *g[FIELDMAP_IRON_POINTS], *out = s->rows + w;
+        for (i = 0; i < FIELDMAP_IRON_POINTS; i++) {
+            /* Behind the last point rows of zeros. */
+            const int there = p + i < map->p;
+            float *rows = s->rows + (1 + 3 * i) * w;
+            g[i] = map->gradients + 3 * (size_t)(there ? p + i : p) * (size_t)w;
+            if (there)
+                fieldmap_iron_rows(map, s, p + i, rows);
+            else
+                for (j = 0; j < 3 * w; j++) rows[j] = 0.0f;
         }
+        for (i = 0; i < r; i++) fieldmap_iron_add(g, out, w, i, s->total + (size_t)i * (size_t)w);
     }
     for (i = 0; i < r; i++) {
         double *row = s->factor + (size_t)i * (size_t)r;
@@ -807,9 +826,9 @@ static inline int fieldmap_iron_slopes(
     fieldmap_iron_tangent(map, state);
     for (i = 0; i < coils * w; i++) state->right[i] = 0.0;
     for (p = 0; p < map->p; p++) {
-        const float *out = state->rows + w;
+        float *out = state->rows + w;
         const double *unit = map->source + 3 * (size_t)p * (size_t)coils;
-        fieldmap_iron_rows(map, state, p);
+        fieldmap_iron_rows(map, state, p, out);
         for (c = 0; c < coils; c++) {
             double *right = state->right + (size_t)c * (size_t)w;
             const double x = unit[c], y = unit[coils + c], z = unit[2 * coils + c];

@@ -18,7 +18,7 @@ from fieldmap.store import MapData, ReducedModel
 HERE = Path(__file__).parent / "c"
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
 COUNTED = ["-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc"]
-POINTS, MODES = 20, 5
+POINTS, MODES = 22, 5
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 
