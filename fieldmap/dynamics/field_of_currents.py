@@ -43,7 +43,7 @@ class FieldOfCurrents(Record):
 
     def begin(self, tolerance: float | None = None) -> Superposition:
         """`numbers` for one run or search: a model of the iron that remembers nothing of others. tolerance: share of
-        the state that its solves may leave, in the norm of the energy; 2e-5 unless given."""
+        the state that its solves may leave, in the norm of the energy; 1e-4 unless given."""
         if self.numbers.kind != MODELLED:
             return self.numbers
         return self.numbers._replace(iron=with_address(self.numbers.iron, tolerance))
