@@ -78,6 +78,6 @@ def test_row_of_the_sparse_inverse():
 
 
 def test_farthest_first():
-    x = np.array([0.0, 0.1, 1.0, 0.45, 0.2])
-    order = farthest_first(x.copy(), np.zeros(5), np.zeros(5))
+    x = np.array([0.0, 0.1, 1.0, 0.45, 0.2], np.float32)
+    order = farthest_first(x, *np.zeros((2, 5), np.float32))
     assert list(order[:3]) == [0, 2, 3]

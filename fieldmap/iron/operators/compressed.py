@@ -116,7 +116,7 @@ def inverse_factor(
     block_of_leaves = np.full((leaves, leaves), -1, np.int32)
     block_of_leaves[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
     # Single precision is enough to say which is farther, and a new copy may be rearranged.
-    x, y, z = np.array(centres.T, np.float32)
+    x, y, z = np.array(centres.T, np.float32, order="C")
     order = farthest_first(x, y, z)
     columns, filled = earlier_neighbours(order, centres, width)
     values = np.zeros(columns.shape, np.float32)
