@@ -84,6 +84,7 @@ def _rows(name: str, refinement: float, repeats: int) -> Iterator[Row]:
         numbers = ("radius_mm", "height_mm", "position_mm.1", "position_mm.2", "position_mm.3")
         shapes = [f"body.{body.name}.{number}" for body in device.bodies for number in numbers]
         sets |= {f"shapes and places of cores, {n}": shapes[:n] for n in (1, 10, 30)}
+        sets["all of these"] = [*sets["these and places of the coils"], *shapes]
     for iron in ("linear", "saturating"):
         alone = float("nan")
         if iron == "linear":

@@ -24,7 +24,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_slopes, law_values
@@ -33,7 +32,7 @@ from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField
 from fieldmap.iron.quantities.air import refuse_inside
 from fieldmap.iron.sensitivity.by_nodes import Adjoint, ByNodes, SolvedIron
-from fieldmap.iron.sensitivity.changes import Change, Parameters, RigidMotion
+from fieldmap.iron.sensitivity.changes import Change, Parameters
 from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.iron.sensitivity.moved_bodies import velocities
 from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
@@ -219,13 +218,15 @@ class _Direct:
 class _Follow(Record):
     """What follows a parameter in the iron, at the points of the elements (e, 4, 3), T: the applied field, by `applied`
     and by `currents` (c,) times the coils' own fields; mu0 M by the material alone, `polarisation`; and the unit fields
-    of `coils`, by number; velocity (n, 3) of the mesh's points, where bodies move."""
+    of `coils`, by number; velocity (n, 3) of the mesh's points, where bodies move; drifts: velocities
+    (n, 3) at these points of coils that move as a whole, by number."""
 
     currents: Array
     applied: Array | None
     polarisation: Array | None
     coils: Mapping[int, Array]
     velocity: Array | None
+    drifts: Mapping[int, Array]
 
 
 class _Inside:
@@ -265,11 +266,17 @@ class _Inside:
         turned = self._susceptible(cover)
         by_current = np.einsum("kedx,cedx->kc", turned, self._unit, optimize=True)
         out = np.zeros((len(cover), len(follows)))
+        traced = Adjoint(adjoint, points, weights, cover, turned)
         moved = {p: follow.velocity for p, follow in enumerate(follows) if follow.velocity is not None}
         if moved:
             shifts = np.stack(list(moved.values()))
-            by_nodes = self._by_nodes(shifts).derivative(Adjoint(adjoint, points, weights, cover, turned))
+            by_nodes = self._by_nodes(shifts).derivative(traced)
             out[:, list(moved)] = np.tensordot(by_nodes, shifts, ((1, 2), (1, 2)))
+        for c in sorted({c for follow in follows for c in follow.drifts}):
+            by_nodes = self._by_all_nodes.of_coil(c, traced)
+            for p, follow in enumerate(follows):
+                if c in follow.drifts:
+                    out[:, p] -= np.tensordot(by_nodes, follow.drifts[c], 2)
         for p, follow in enumerate(follows):
             out[:, p] += by_current @ follow.currents
             if follow.applied is not None:
@@ -286,6 +293,10 @@ class _Inside:
         form, device, currents = self._problem.form, self._device, self._currents
         state = SolvedIron(device, currents, self._potential, self._strength, self._polarisation, self._share)
         return ByNodes(form, state, (shifts != 0).any(axis=(0, 2)))
+
+    @cached_property
+    def _by_all_nodes(self) -> ByNodes:
+        return self._by_nodes(np.ones((1, *self._elements.points.shape)))
 
     def _adjoint(self, points: Array, weights: Weights) -> Array:
         """Solutions (n, k) of (K + S) lambda = J_phi."""
@@ -311,6 +322,7 @@ class _Inside:
         applied: Array | None = None
         currents = change.currents.copy()
         coils: dict[int, Array] = {}
+        drifts: dict[int, Array] = {}
         for k in change.coils:
             turns = change.turns(k)
             if turns is not None:
@@ -318,7 +330,12 @@ class _Inside:
                 currents[k] += share * self._currents[k]
                 coils[k] = share * self._unit[k]
                 continue
-            coils[k] = self._moved(change, k)
+            motion = change.motion(k)
+            if motion is not None:
+                origin = self._device.coils[k].placement.position
+                drifts[k] = motion.velocity + (self._elements.points - origin) @ motion.spin.T
+                continue
+            coils[k] = self._reshaped(change, k)
             applied = _added(applied, self._currents[k] * coils[k])
         if change.has_background:
             above, below = (self._background(side) for side in change.sides)
@@ -326,16 +343,13 @@ class _Inside:
         polarisation = self._of_material(change) if change.has_materials else None
         mesh = self._problem.form.iron.mesh
         velocity = velocities(mesh, self._device, change) if change.has_shapes else None
-        return _Follow(currents, applied, polarisation, coils, velocity)
+        return _Follow(currents, applied, polarisation, coils, velocity, drifts)
 
-    def _moved(self, change: Change, k: int) -> Array:
-        """Change (e, 4, 3) of the unit field of a coil that moves, or otherwise changes its shape."""
-        motion, (above, below) = change.motion(k), change.coil_pair(k)
-        coil = self._device.coils[k]
+    def _reshaped(self, change: Change, k: int) -> Array:
+        """Change (e, 4, 3) of the unit field of a coil that changes its shape."""
+        above, below = change.coil_pair(k)
 
         def field(x: Array) -> Array:
-            if motion is not None:
-                return _moved_field(coil, motion, x)[None]
             return (unit_flux_density(above, x) - unit_flux_density(below, x))[None] / change.width
 
         return self._elements.coil_field_at_points(self._elements.coil_field(field))[0]
@@ -360,10 +374,3 @@ class _Inside:
 
 def _added(one: Array | None, other: Array) -> Array:
     return other if one is None else one + other
-
-
-def _moved_field(coil: Coil, motion: RigidMotion, x: Array) -> Array:
-    """Change (n, 3) of the unit field of a coil at points (n, 3) as it moves: W B - G (v + W (x - x0))."""
-    b, g = unit_flux_density_and_gradient(coil, x)
-    drift = motion.velocity + (x - coil.placement.position) @ motion.spin.T
-    return b @ motion.spin.T - np.einsum("nij,nj->ni", g, drift)

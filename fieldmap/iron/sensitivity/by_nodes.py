@@ -83,6 +83,7 @@ class ByNodes:
         ends = np.zeros(len(moving), bool)
         ends[elements.edges[self._moving_edges]] = True
         self._needed = np.concatenate([ends, self._moving_edges])
+        self._rests: dict[int, tuple[Index, Array]] = {}
 
     @cached_property
     def _unit(self) -> Array:
@@ -94,13 +95,12 @@ class ByNodes:
         return out
 
     @cached_property
-    def _applied(self) -> Array:
-        """Field (n, 3) of coils and background at these nodes."""
-        field = np.tensordot(self._state.currents, self._unit, 1)
-        background, moving = self._state.device.background, self._needed
+    def _background(self) -> Array:
+        """Field (n, 3) of the background at these nodes."""
+        out, needed, background = np.zeros_like(self._nodes), self._needed, self._state.device.background
         if background is not None:
-            field[moving] += background.field(np.ascontiguousarray(self._nodes[moving]))
-        return field
+            out[needed] = background.field(np.ascontiguousarray(self._nodes[needed]))
+        return out
 
     @cached_property
     def _nodes(self) -> Array:
@@ -118,6 +118,15 @@ class ByNodes:
         pair = np.column_stack([potential, self._form.smoothest(potential)])
         own, smooth = np.stack(list(self._form.elements.point_gradients(pair)), axis=2)
         return own, smooth
+
+    def of_coil(self, c: int, adjoint: Adjoint) -> Array:
+        """What the field of coil c makes of the derivatives by the nodes (k, n, 3): it moves against them."""
+        state, one = self._state, np.arange(len(self._state.currents)) == c
+        out = self._by_field(adjoint.turned, state.currents[None] * one)
+        linkage = adjoint.weights.linkage / MU0 * one
+        if linkage.any():
+            out += self._by_field((state.share * state.polarisation)[None], linkage)
+        return out
 
     def derivative(self, adjoint: Adjoint) -> Array:
         """By the nodes (k, n, 3)."""
@@ -138,46 +147,44 @@ class ByNodes:
         return _on_nodes(forces, elements.nodes[:, :4], len(elements.points))
 
     def _by_coils(self, adjoint: Adjoint) -> Array:
-        state, currents = self._state, self._state.currents
-        out = self._by_field(adjoint.turned, np.ones((1, 1)), self._applied[None], currents[None])
+        state = self._state
+        out = self._by_field(adjoint.turned, state.currents[None], self._background)
         linkage = adjoint.weights.linkage / MU0
         if linkage.any():
-            out += self._by_field((state.share * state.polarisation)[None], linkage, self._unit, linkage)
+            out += self._by_field((state.share * state.polarisation)[None], linkage)
         return out
 
-    def _by_field(self, vectors: Array, mix: Array, fields: Array, amperes: Array) -> Array:
-        """How sums of vectors (k, e, 4, 3) times a field there follow the nodes (k, n, 3): of fields (c, n, 3) mixed by
-        mix (k, c), which are those of amperes (k, coils); k may be 1 on either side."""
+    def _by_field(self, vectors: Array, amperes: Array, more: Array | float = 0.0) -> Array:
+        """How sums of vectors (k, e, 4, 3) times the field of amperes (k, coils), and more (n, 3), follow the nodes
+        (k, n, 3); k may be 1 on either side."""
         elements = self._form.elements
-        out = elements.tested(vectors)[..., None] * np.tensordot(mix, fields, 1)
+        out = elements.tested(vectors)[..., None] * (np.tensordot(amperes, self._unit, 1) + more)
         corners = len(elements.points)
         ends = np.repeat(0.5 * out[:, corners:, None], 2, axis=2)
         halves = np.stack(elements.tested_by_circulations(vectors), axis=2)
-        for c, (edges, rest) in enumerate(self._rests):
-            ends[:, edges] += amperes[:, c, None, None, None] * np.einsum(
-                "kmh,mhsd->kmsd", halves[:, edges], rest
-            )
+        for c in np.flatnonzero(amperes.any(axis=0)).tolist():
+            edges, rest = self._rest(c)
+            follow = np.einsum("kmh,mhsd->kmsd", halves[:, edges], rest)
+            ends[:, edges] += amperes[:, c, None, None, None] * follow
         return np.asarray(out[:, :corners] + _on_nodes(ends, elements.edges, corners))
 
-    @cached_property
-    def _rests(self) -> list[tuple[Index, Array]]:
-        """Of every coil the edges (m,) close to it, and how their circulations follow their ends otherwise than those
-        of an exact integral: those of both halves, by both ends, (m, 2, 2, 3), for one ampere."""
-        elements = self._form.elements
-        first, last = elements.edges.T
-        out = []
-        for coil, field in zip(self._state.device.coils, self._unit, strict=True):
+    def _rest(self, c: int) -> tuple[Index, Array]:
+        """The edges (m,) close to coil c, and how the circulations of its unit field follow their ends otherwise than
+        those of an exact integral: those of both halves, by both ends, (m, 2, 2, 3)."""
+        if c not in self._rests:
+            elements, field = self._form.elements, self._unit[c]
+            first, last = elements.edges.T
             begin, middle, end = field[first], field[len(elements.points) :], field[last]
             change = np.maximum(*(np.linalg.norm(at - middle, axis=1) for at in (begin, end)))
             changes = change > _CHANGES * np.linalg.norm(middle, axis=1)
             edges = np.flatnonzero(changes & self._moving_edges)
-            rest = self._by_rule(coil, edges)
+            rest = self._by_rule(self._state.device.coils[c], edges)
             rest[:, 0, 0] += begin[edges] - 0.5 * middle[edges]
             rest[:, 0, 1] -= 0.5 * middle[edges]
             rest[:, 1, 0] += 0.5 * middle[edges]
             rest[:, 1, 1] -= end[edges] - 0.5 * middle[edges]
-            out.append((edges, rest))
-        return out
+            self._rests[c] = edges, rest
+        return self._rests[c]
 
     def _by_rule(self, coil: Coil, edges: Index) -> Array:
         """How the circulations of a coil's unit field along both halves of edges (m,) follow their ends (m, 2, 2, 3),
