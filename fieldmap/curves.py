@@ -126,8 +126,8 @@ def _compared(ours: Series, other: Series) -> tuple[Array, Array] | None:
 
 
 def message_of(curves: Curves) -> str:
-    """What `agreements` say in one line; of lines of ours alone how far they are apart; empty where there is nothing to
-    compare."""
+    """What `agreements` say in one line; of lines of ours alone how far formulas are from the computed one; empty where
+    there is nothing to compare."""
     found = agreements(curves)
     if not found:
         return _message_of_lines(curves)
@@ -140,22 +140,24 @@ def message_of(curves: Curves) -> str:
 
 
 def _message_of_lines(curves: Curves) -> str:
-    """How far lines of ours are from each other where they share a range: those that are farthest apart are named."""
+    """Of lines of ours: whether all are the same, or how far formulas are from the line that is called "computed"."""
     if any(one.kind != "ours" for one in curves.series):
         return ""
     lines = [one for one in curves.series if not one.points and len(one.x) > 1]
-    pairs = [
-        (float(np.abs(pair[0] - pair[1]).max()), one.name, other.name)
-        for one, other in combinations(lines, 2)
-        if one.name != other.name and (pair := _compared(one, other)) is not None
-    ]
+    pairs = [_compared(one, other) for one, other in combinations(lines, 2)]
     size = _range(np.concatenate([one.y[np.isfinite(one.y)] for one in lines])) if pairs else 0.0
-    if not size:
-        return ""
-    gap, one_name, other_name = max(pairs)
-    if gap < _SAME * size:
+    if size and all(pair is not None and np.abs(pair[0] - pair[1]).max() < _SAME * size for pair in pairs):
         return f"All {len(lines)} lines are the same" if len(lines) > 2 else "Both lines are the same"
-    return f"{one_name} and {other_name} are up to {percent(gap / size)} of the range apart"
+    computed = next((one for one in lines if one.name == "computed"), None)
+    formulas = [one for one in lines if one is not computed]
+    found = [] if computed is None else [(_difference(one, computed), one.name) for one in formulas]
+    known = [(difference, name) for difference, name in found if difference is not None]
+    if not known:
+        return ""
+    worst, name = max(known)
+    if len(known) > 1:
+        return f"Within {percent(worst)} of the computed range (worst: {name})"
+    return f"{name} is within {percent(worst)} of the computed range"
 
 
 def percent(share: float) -> str:

@@ -103,25 +103,25 @@ def test_the_message_is_from_the_data():
     assert drawn(given).texts[0].get_text() == "said"
 
 
-def test_the_message_of_lines_of_ours_is_how_far_they_are_apart():
+def test_the_message_of_lines_of_ours_is_how_far_they_are_from_the_computed_one():
     x = np.linspace(0.0, 2.0, 50)
     lines = [
-        Series("linear", x, 2.0 * x),
-        Series("saturating", x[::2], 1.5 * x[::2]),
-        Series("joints", x, 1.9 * x),
+        Series("computed", x, 2.0 * x),
+        Series("formula", x[::2], 1.5 * x[::2]),
+        Series("other formula", x, 1.9 * x),
     ]
     alone = Curves("t", "x (mm)", "B (T)", tuple(lines))
-    # At the end of the shorter line, of the whole range, which is 4.
-    said = f"linear and saturating are up to {100 * 0.5 * x[::2][-1] / 4.0:.2g} % of the range apart"
-    assert message_of(alone) == said
-    assert drawn(alone).texts[0].get_text().replace("\n", " ") == said
-    assert message_of(
-        replace(alone, series=tuple(replace(lines[0], name=name) for name in "abc"))
-    ).startswith("All 3")
-    # One line, lines apart, and what was measured under other names say nothing.
+    # At the end of the shorter line, of the computed range as far as it goes.
+    assert message_of(alone) == "Within 25 % of the computed range (worst: formula)"
+    two = replace(alone, series=tuple(lines[:2]))
+    assert drawn(two).texts[0].get_text() == "formula is within 25 % of the computed range"
+    same = tuple(replace(lines[0], name=name) for name in "abc")
+    assert message_of(replace(alone, series=same)) == "All 3 lines are the same"
+    # Lines that differ by a parameter, one line, lines apart, and what was measured under other names say nothing.
     apart = replace(lines[1], x=lines[1].x + 5.0)
     measured = replace(lines[1], kind="measured", points=True, name="rig")
-    for series in (lines[:1], [lines[0], apart], [lines[0], lines[2], measured]):
+    named = replace(lines[0], name="y = 1 mm")
+    for series in ([named, *lines[1:]], lines[:1], [lines[0], apart], [lines[0], lines[2], measured]):
         assert message_of(replace(alone, series=tuple(series))) == ""
 
 
