@@ -45,7 +45,10 @@ class Progress:
         if self.shown and must_compile(self._kernels):
             print("first run: kernels are compiled on the way; later runs start at once", file=sys.stderr)
         if self.shown and sys.stderr.isatty():
-            self._bar = _bar()
+            try:
+                self._bar = _bar()
+            except ImportError:  # without the extra `cli`: plain lines
+                return self
             self._bar.start()
             self._task = self._bar.add_task(self.title, total=1.0)
         return self

@@ -1,6 +1,7 @@
 """From recipe to map: against closed forms and the solver, finished maps left alone, bad input leaving nothing."""
 
 import shutil
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -150,6 +151,14 @@ def test_progress_runs_from_nothing_to_all(rig):
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
     assert all(isinstance(text, str) and text for text, _ in told)
+
+
+def test_progress_on_a_terminal_without_the_extra_of_the_program_is_in_lines(rig, monkeypatch, capsys):
+    """The extra `make` alone brings no rich."""
+    monkeypatch.setitem(sys.modules, "rich.progress", None)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    generate(rig / "recipe.toml", rig / "map.h5")
+    assert "100 %" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
