@@ -10,7 +10,8 @@ import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import FluxDensityAt, FluxLinkage, GradientAt, NonlinearSolver
 from fieldmap.iron.mesh.mesh import volumes
-from fieldmap.iron.operators import surface
+from fieldmap.iron.operators import mutual_gradient, surface
+from fieldmap.iron.sensitivity import by_nodes
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.moved_bodies import moved_points
 from fieldmap.iron.solvers import linear, nonlinear
@@ -46,7 +47,8 @@ def closed_form_between_all_faces():
     jumps by what the sum is off. Differences over a small step see that as noise, 1e-4 of themselves; these tests take
     the closed form for all pairs, in solutions and derivatives alike."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(surface, "NEAR_RADII", 1e3)
+    for module in (surface, mutual_gradient):
+        patch.setattr(module, "NEAR_RADII", 1e3)
     yield
     patch.undo()
 
@@ -228,8 +230,8 @@ turns = 500
 
 def test_many_keys_take_one_pass_over_the_pairs(monkeypatch):
     """And each has the derivative that it has alone, where other faces count as moving."""
-    calls, own = [], surface.ChargedFaces.mutual_gradient
-    monkeypatch.setattr(surface.ChargedFaces, "mutual_gradient", lambda *args: calls.append(1) or own(*args))
+    calls, own = [], by_nodes.mutual_gradient
+    monkeypatch.setattr(by_nodes, "mutual_gradient", lambda *args: calls.append(1) or own(*args))
     together = base(True).derivative(QUANTITIES["field"], list(KEYS))
     assert len(calls) == 1
     for key in ("body.plate.size_mm.2", "body.block.rotation_deg.3"):

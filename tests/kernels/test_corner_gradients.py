@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from fieldmap.iron.mesh.chamber import MeshSymmetry
+from fieldmap.iron.operators.mutual_gradient import mutual_gradient
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.symmetry import Operation, SymmetryGroup
 
 STEP = 1e-6
 
@@ -37,10 +40,57 @@ def test_mutual_potentials(balls, moving):
         velocity[40:] = 0.0
     chosen = (velocity[triangles] != 0).any(axis=(1, 2))
     faces = ChargedFaces.from_nodes(points, triangles)
-    by_nodes = faces.mutual_gradient(triangles, len(points), charge, others, chosen)
+    by_nodes = mutual_gradient(faces, triangles, len(points), charge, others, chosen)
     ahead, behind = (others @ (side.mutual_potential() @ charge) for side in sides(balls, velocity))
     expected = (ahead - behind) / (2 * STEP)
     np.testing.assert_allclose(np.einsum("knd,nd->k", by_nodes, velocity), expected, rtol=3e-6)
+
+
+@pytest.fixture(scope="module")
+def star():
+    """Three balls, and their mirror images, about an axis: points (p, 3), triangles (n, 3) and the symmetry."""
+    cosine, sine = -0.5, np.sqrt(0.75)
+    turn, mirror = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]]), np.diag([1.0, -1.0, 1.0])
+    matrices = [np.linalg.matrix_power(turn, k) @ side for side in (np.eye(3), mirror) for k in range(3)]
+    random = np.random.default_rng(3).normal(size=(20, 3))
+    ball = random / np.linalg.norm(random, axis=1)[:, None]
+    triangles = ConvexHull(ball).simplices.astype(np.int64)
+    ball = 0.5 * ball + [2.0, 0.8, 0.3]
+    points = np.concatenate([ball @ matrix.T for matrix in matrices])
+    # Product of two of the operations, which numbers the image of an image.
+    number = lambda m: int(np.argmin([np.abs(m - other).max() for other in matrices]))  # noqa: E731
+    table = [[number(a @ b) for b in matrices] for a in matrices]
+    places = np.array([[20 * b + p for b in row for p in range(20)] for row in table])
+    operations = tuple(Operation(m, np.zeros(3), (), None, (), True) for m in matrices)
+    symmetry = MeshSymmetry(SymmetryGroup(operations, np.zeros(3), 1e-9), places)
+    return points, np.concatenate([triangles + 20 * k for k in range(6)]), symmetry
+
+
+@pytest.mark.parametrize("moving", ["all", "one ball"])
+def test_one_chamber_stands_for_all(star, moving):
+    """For charges and a movement without the symmetry."""
+    points, triangles, symmetry = star
+    random = np.random.default_rng(4)
+    charge, others = random.normal(size=len(triangles)), random.normal(size=(2, len(triangles)))
+    velocity = random.normal(size=points.shape)
+    if moving == "one ball":
+        velocity[20:80] = velocity[100:] = 0.0
+    chosen = (velocity[triangles] != 0).any(axis=(1, 2))
+    faces = ChargedFaces.from_nodes(points, triangles)
+    found, whole = (
+        np.einsum(
+            "knd,nd->k",
+            mutual_gradient(faces, triangles, len(points), charge, others, chosen, used),
+            velocity,
+        )
+        for used in (symmetry, None)
+    )
+    # Of two faces of one size rounding decides which gets the outer rule.
+    np.testing.assert_allclose(found, whole, rtol=1e-6)
+    ahead, behind = (
+        others @ (side.mutual_potential() @ charge) for side in sides((points, triangles), velocity)
+    )
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * STEP), rtol=3e-6)
 
 
 def test_potentials_within_one_ball_do_not_follow_its_movement(balls):
@@ -48,7 +98,7 @@ def test_potentials_within_one_ball_do_not_follow_its_movement(balls):
     points, triangles = balls
     ball = triangles[triangles.max(axis=1) < 40]
     faces, ones = ChargedFaces.from_nodes(points[:40], ball), np.ones(len(ball))
-    by_nodes = faces.mutual_gradient(ball, 40, ones, ones[None], ones > 0)[0]
+    by_nodes = mutual_gradient(faces, ball, 40, ones, ones[None], ones > 0)[0]
     size = np.abs(by_nodes).sum()
     assert np.abs(by_nodes.sum(axis=0)).max() < 1e-13 * size
     # Scaled up, potentials fall.

@@ -8,22 +8,17 @@ from numpy.typing import NDArray
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
 from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
-from fieldmap.kernels.iron.mutual_gradient import close_gradient, far_cubes
 from fieldmap.kernels.iron.mutual_potential import mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
-from fieldmap.typing import Array, Index
+from fieldmap.typing import Array
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
 _FAR_RADII = 8.0
 # Pairs of triangles closer than this many summed radii are integrated in closed form on one side.
 NEAR_RADII = 3.0
-_NEAR_DEGREE = 4
-_TOUCH_DEGREE = 8
-# Into which the pairs of a sum are divided for threads.
-_SHARES = 16
-# Triangles whose far pairs are taken at once: 20 MB where there are 10 000.
-_ROWS = 32
+NEAR_DEGREE = 4
+TOUCH_DEGREE = 8
 
 
 def _for_kernels(points: Array) -> Array:
@@ -83,39 +78,10 @@ class ChargedFaces(Record):
         mutual_potential(one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
         return block
 
-    def mutual_gradient(
-        self, nodes: Index, count: int, charge: Array, others: Array, moving: NDArray[np.bool_]
-    ) -> Array:
-        """How others (k, n) . W charge (n,) follow the corners, which are `count` nodes with numbers nodes (n, 3):
-        (k, count, 3). Right for nodes of which all triangles are marked as moving (n,)."""
-        near, touch, far = (triangle_rule(degree)[0] for degree in (_NEAR_DEGREE, _TOUCH_DEGREE, 2))
-        geometry, far_points = self.kernel_geometry(), self.far_points()
-        parts = np.zeros((_SHARES, count, len(others), 3))
-        close_gradient(geometry, near, touch, NEAR_RADII, nodes, moving, charge, others, parts)
-        out = parts.sum(axis=0)
-        # From the middle, so that sums over q - p lose fewer digits.
-        middle = far_points.mean(axis=1)
-        points = (far_points - middle[:, None]).T
-        charges = np.repeat(np.vstack([charge, others]), 3, axis=1)
-        columns = np.concatenate([charges[..., None], charges[..., None] * points], axis=2)
-        columns = np.ascontiguousarray(columns.transpose(1, 0, 2).reshape(len(points), -1))
-        cubes = np.empty((3 * _ROWS, len(points)))
-        for chosen in np.split(rows := np.flatnonzero(moving), range(_ROWS, len(rows), _ROWS)):
-            block = cubes[: 3 * len(chosen)]
-            far_cubes(chosen, far_points, geometry, NEAR_RADII, block)
-            sums = (block @ columns).reshape(len(chosen), 3, -1, 4)
-            here = points.reshape(-1, 3, 3)[chosen]
-            pull = (sums[..., 1:] - here[:, :, None] * sums[..., :1]) / (36 * np.pi)
-            by_corner = np.einsum("qc,rqsd->rcsd", far, pull)
-            total = others.T[chosen][:, None, :, None] * by_corner[:, :, :1]
-            total += charge[chosen, None, None, None] * by_corner[:, :, 1:]
-            np.add.at(out, nodes[chosen], total)
-        return np.ascontiguousarray(out.transpose(1, 0, 2))
-
     def kernel_geometry(self) -> tuple[Array, ...]:
         """What the kernels of mutual potentials take of one set of triangles; last the points and weights of the outer
         rules for close pairs: those apart, then those whose circles overlap."""
-        near, touch = self.rule_points(_NEAR_DEGREE), self.rule_points(_TOUCH_DEGREE)
+        near, touch = self.rule_points(NEAR_DEGREE), self.rule_points(TOUCH_DEGREE)
         return (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)
 
     def far_points(self) -> Array:
@@ -125,7 +91,11 @@ class ChargedFaces(Record):
 
     def _far(self) -> tuple[Array, Array]:
         """Points of the degree-2 rule, centres and radii, as rows (`fieldmap.kernels.iron.mutual_potential`)."""
-        return self.far_points(), np.vstack([self.centres.T, self.radii])
+        return self.far_points(), self.spheres()
+
+    def spheres(self) -> Array:
+        """Centres and radii as rows (4, n)."""
+        return np.vstack([self.centres.T, self.radii])
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""

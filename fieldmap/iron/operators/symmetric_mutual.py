@@ -35,17 +35,22 @@ R = TypeVar("R")
 _WORTH_THREADS = 4_000_000
 
 
-def face_orbits(symmetry: MeshSymmetry, triangles: Index) -> Index:
-    """faces (n, g): faces[r, a] is the image under operation a of face r of one chamber.
-
-    triangles (s, 3): nodes of the surface faces. No operation but the identity maps a triangle onto itself.
-    """
+def face_images(symmetry: MeshSymmetry, triangles: Index) -> Index:
+    """images (g, s): the face that each is mapped onto by each operation; triangles (s, 3): nodes of the faces."""
     count = symmetry.node_images.shape[1]
     weight = np.array([count * count, count, 1])
     keys = np.sort(triangles, axis=1) @ weight
     order = np.argsort(keys)
     moved = np.sort(symmetry.node_images[:, triangles], axis=2) @ weight
-    images = order[np.searchsorted(keys[order], moved)]
+    return np.asarray(order[np.searchsorted(keys[order], moved)])
+
+
+def face_orbits(symmetry: MeshSymmetry, triangles: Index) -> Index:
+    """faces (n, g): faces[r, a] is the image under operation a of face r of one chamber.
+
+    triangles (s, 3): nodes of the surface faces. No operation but the identity maps a triangle onto itself.
+    """
+    images = face_images(symmetry, triangles)
     return np.ascontiguousarray(images[:, images.min(axis=0) == np.arange(len(triangles))].T)
 
 

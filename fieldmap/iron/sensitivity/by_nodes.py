@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
 from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.operators.mutual_gradient import mutual_gradient
 from fieldmap.iron.sensitivity.quantities import Weights
 from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
@@ -214,8 +215,10 @@ class ByNodes:
                 points, weights.field, weights.gradient, self._charges, self._faces_moving
             )
             seen = _on_nodes(by_corners.transpose(1, 0, 2, 3), self._triangles, count)
-        others = np.ascontiguousarray(charges.T)
-        return seen + faces.mutual_gradient(self._triangles, count, self._charges, others, self._faces_moving)
+        others, symmetry = np.ascontiguousarray(charges.T), form.iron.mesh.symmetry
+        return seen + mutual_gradient(
+            faces, self._triangles, count, self._charges, others, self._faces_moving, symmetry
+        )
 
 
 def _on_nodes(values: Array, nodes: Index, count: int) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from fieldmap.kernels.iron.charged_triangle import solid_angle
-from fieldmap.kernels.iron.mutual_potential import separation
+from fieldmap.kernels.iron.mutual_potential import row_beyond, separation
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 
@@ -158,31 +158,48 @@ def _close_pair(i, j, apart, faces, near_shapes, touch_shapes, by_one, by_other,
         )
 
 
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _add_turned(share, matrix, by_corner, corners, places, out):
+    """Add to out (p, k, 3) shares (k,) of a derivative by corners (3, 3), turned by a matrix, at their places."""
+    for c in range(3):
+        x, y, z = by_corner[c, 0], by_corner[c, 1], by_corner[c, 2]
+        at = places[corners[c]]
+        for a in range(3):
+            turned = matrix[a, 0] * x + matrix[a, 1] * y + matrix[a, 2] * z
+            for k in range(share.size):
+                out[at, k, a] += share[k] * turned
+
+
 @njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def close_gradient(faces, near_shapes, touch_shapes, reach, nodes, moving, charge, others, parts):
+def close_gradient(
+    faces, spheres, near_shapes, touch_shapes, reach, nodes, first, moving, charge, others, places, matrices, parts
+):  # fmt: skip
     """Add to parts (t, p, k, 3), whose sum over t it is, the derivative of others (k, n) . W charge (n,) by p nodes:
     what the close pairs make of it of which a triangle is moving (n,).
 
-    faces, reach: as in `mutual_potential`; near_shapes, touch_shapes (q, 3): of the corners at the points of the outer
-    rules; nodes (n, 3): numbers of the corners.
+    faces, spheres (4, n) and reach: as in `mutual_potential`; near_shapes, touch_shapes (q, 3): of the corners at the
+    points of the outer rules; nodes (n, 3): numbers of the corners. The pairs of one chamber stand for those that g
+    operations with matrices (g, 3, 3) make of them: first (n,): the one among the images of each triangle that lies
+    there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n): those of each triangle's images.
     """
-    n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[0]
+    n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[1]
     for t in prange(shares):
         by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
         field, by_corner = np.empty(3), np.empty((3, 3))
-        part = parts[t]
+        beyond, share = np.empty(n), np.empty(rows)
         for i in range(np.int64(t), n, shares):
-            for j in range(i + 1):
-                if not (moving[i] or moving[j]):
+            if first[i] != i:
+                continue
+            row_beyond(i, spheres, spheres, reach, beyond)
+            for j in range(n):
+                # A pair of two families is that of the later one; pairs within one are met from both ends.
+                if beyond[j] > 0.0 or first[j] > i or not (moving[i] or moving[j]):
                     continue
                 distance2, size = separation(i, j, faces, faces)
-                if distance2 > (reach * size) ** 2:
-                    continue
-                apart = distance2 > size * size
                 _close_pair(
                     i,
                     j,
-                    apart,
+                    distance2 > size * size,
                     faces,
                     near_shapes,
                     touch_shapes,
@@ -191,41 +208,43 @@ def close_gradient(faces, near_shapes, touch_shapes, reach, nodes, moving, charg
                     field,
                     by_corner,
                 )
-                for k in range(rows):
-                    share = others[k, i] * charge[j]
-                    if i != j:
-                        share += others[k, j] * charge[i]
-                    share *= _INVERSE_4PI
-                    for c in range(3):
-                        for a in range(3):
-                            part[nodes[i, c], k, a] += share * by_one[c, a]
-                            part[nodes[j, c], k, a] += share * by_other[c, a]
+                weight = _INVERSE_4PI if first[j] < i else 0.5 * _INVERSE_4PI
+                for a in range(matrices.shape[0]):
+                    for k in range(rows):
+                        share[k] = weight * (others[a, k, i] * charge[a, j] + others[a, k, j] * charge[a, i])
+                    _add_turned(share, matrices[a], by_one, nodes[i], places[a], parts[t])
+                    _add_turned(share, matrices[a], by_other, nodes[j], places[a], parts[t])
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _cubes(px, py, pz, x, y, z, out):
-    """1/|p - q|^3 for one point p and many q. No branches: the compiler turns it into vector code."""
-    for q in range(out.size):
-        dx, dy, dz = px - x[q], py - y[q], pz - z[q]
-        square = dx * dx + dy * dy + dz * dz + 1e-30
-        guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
-        inverse = guess * (1.5 - 0.5 * square * guess * guess)
-        out[q] = inverse * inverse * inverse
+def _pulls(px, py, pz, x, y, z, beyond, gx, gy, gz):
+    """Sums (n,) of (q - p)/|q - p|^3 over the points q of each triangle, x, y, z (3, n), for one point p; 0 where
+    beyond (n,) <= 0. No branches: the compiler turns it into vector code."""
+    for j in range(gx.size):
+        sx = sy = sz = 0.0
+        for q in range(3):
+            dx, dy, dz = x[q, j] - px, y[q, j] - py, z[q, j] - pz
+            square = dx * dx + dy * dy + dz * dz + 1e-30
+            guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
+            inverse = guess * (1.5 - 0.5 * square * guess * guess)
+            cube = inverse * inverse * inverse
+            sx += cube * dx
+            sy += cube * dy
+            sz += cube * dz
+        far = 1.0 if beyond[j] > 0.0 else 0.0
+        gx[j], gy[j], gz[j] = far * sx, far * sy, far * sz
 
 
 @njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def far_cubes(chosen, far, faces, reach, out):
-    """Fill out (3 c, 3 n) with 1/|p - q|^3 of the points p of c chosen triangles and all points q, far (3, 3 n), as in
-    `mutual_potential`; 0 for close pairs."""
-    n = faces[2].size
-    x, y, z = far[0], far[1], far[2]
+def far_pulls(chosen, far, spheres, reach, out):
+    """Fill out (c, 3, 3, n) with the sums of (q - p)/|q - p|^3 over the three points q of each of n triangles, for the
+    three points p of c chosen ones, and x, y and z; 0 for close pairs. far (3, 3, n): x, y and z of the points;
+    spheres (4, n): centres and radii."""
+    n = spheres.shape[1]
     for r in prange(chosen.size):
-        i = chosen[r]
+        i, beyond = chosen[r], np.empty(n)
+        row_beyond(i, spheres, spheres, reach, beyond)
         for p in range(3):
-            _cubes(x[3 * i + p], y[3 * i + p], z[3 * i + p], x, y, z, out[3 * r + p])
-        for j in range(n):
-            distance2, size = separation(i, j, faces, faces)
-            if distance2 <= (reach * size) ** 2:
-                for p in range(3):
-                    for q in range(3):
-                        out[3 * r + p, 3 * j + q] = 0.0
+            at = out[r, p]
+            x, y, z = far[0, p, i], far[1, p, i], far[2, p, i]
+            _pulls(x, y, z, far[0], far[1], far[2], beyond, at[0], at[1], at[2])

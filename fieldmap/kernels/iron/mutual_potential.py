@@ -48,7 +48,7 @@ def _far_row(i, far, other_far, sums):
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def _row_beyond(i, one, other, reach, beyond):
+def row_beyond(i, one, other, reach, beyond):
     """Fill beyond (m,) with what the squared distances of triangle i from the first m of the other set exceed those of
     `reach` summed radii by; one, other (4, n): centres and radii."""
     x, y, z, r = other[0], other[1], other[2], other[3]
@@ -116,7 +116,7 @@ def mutual_potential(one, far, other, other_far, reach, symmetric, w):
         for i in (low, n - 1 - low):
             stop = i + 1 if symmetric else n
             _far_row(i, far[0], other_far[0], sums[: 3 * stop])
-            _row_beyond(i, far[1], other_far[1], reach, beyond[:stop])
+            row_beyond(i, far[1], other_far[1], reach, beyond[:stop])
             _fill_row(i, one, other, sums, beyond, w[i, :stop])
     if symmetric:
         for i in prange(n):
@@ -183,7 +183,7 @@ def mutual_product(one, far, reach, first, charge, parts):
         for i in range(first + np.int64(t), n, shares):
             stop = i + 1
             _far_row(i, far[0], far[0], sums[: 3 * stop])
-            _row_beyond(i, far[1], far[1], reach, beyond[:stop])
+            row_beyond(i, far[1], far[1], reach, beyond[:stop])
             _fill_row(i, one, one, sums, beyond, row[:stop])
             total = row[i] * charge[i]
             for j in range(i):
