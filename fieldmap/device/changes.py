@@ -52,7 +52,7 @@ def with_changes(document: Document, changes: Mapping[str, Any]) -> Document:
         raise DeviceFileError(Problem("changes", must_hold, shown(changes), remedy))
     changes = {key: _plain(value) for key, value in changes.items()}
     parameters = {key: value for key, value in changes.items() if _is_parameter(key)}
-    after = changed(document, parameters.items())
+    after = changed(document, parameters.items()) if parameters else document
     wrong = [key_finding((key,), key, document, arrays=True) for key in parameters]
     wrong += [key_finding((key,), key, after, arrays=True) for key in changes if key not in parameters]
     found = [finding for finding in wrong if finding is not None]

@@ -156,14 +156,15 @@ def material(
     return contents.law(name or contents.name, above, saturation)
 
 
-def device_of(document: Document) -> Device:
+def device_of(document: Document, written: bool = True) -> Device:
     """The device of a file that has been parsed, or of its data after some keys were changed.
 
-    Files that it names lie relative to `document.path`. Raises DeviceFileError with one Problem for every error.
+    Files that it names lie relative to `document.path`. written: whether it knows its text, which takes as long as the
+    rest where keys were changed. Raises DeviceFileError with one Problem for every error.
     """
     DEVICE.refuse_other_kinds(document)
     contents, curves, included = checked_contents(document, DeviceFile)
-    return _build(contents, document, curves, included)
+    return _build(contents, document, curves, included, complete_text(document) if written else "")
 
 
 def recorded_device(text: str, solids: bool = False) -> Device:
@@ -227,7 +228,9 @@ def checked_contents(document: Document, root: type[_File]) -> tuple[_File, Curv
     return contents, curves, included
 
 
-def _build(contents: DeviceFile, document: Document, curves: Curves, included: dict[str, str]) -> Device:
+def _build(
+    contents: DeviceFile, document: Document, curves: Curves, included: dict[str, str], text: str
+) -> Device:
     folder = document.path.parent
     bodies = tuple(body.to_model(folder) for body in contents.body)
     materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
@@ -245,7 +248,7 @@ def _build(contents: DeviceFile, document: Document, curves: Curves, included: d
         sections=tuple(section.to_model() for section in contents.section),
         provenance=FrozenDict(dict(contents.provenance)),
         source=None if document.path == Path(TEXT) else document.path,
-        text=complete_text(document),
+        text=text,
         included=FrozenDict(included),
         background=contents.background.to_model() if contents.background else None,
         joints=tuple(joint.to_model() for joint in contents.joint),

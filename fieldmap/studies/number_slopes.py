@@ -76,7 +76,8 @@ class VariedParameters(Parameters):
         return self._changes[key]
 
     def _with(self, key: str, value: float) -> Device:
-        return device_of(changed(self._base, settings_at(self._variables, self._values | {key: value})))
+        settings = settings_at(self._variables, self._values | {key: value})
+        return device_of(changed(self._base, settings), written=False)
 
 
 @dataclass(frozen=True, repr=False)

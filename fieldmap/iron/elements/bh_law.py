@@ -51,7 +51,9 @@ def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawT
 
     Raises InputError for a law that no iron follows.
     """
-    pieces = [_law(material, mu_r) for material in materials]
+    # Bodies of one material, of which there may be many, share its object.
+    laws = {id(material): _law(material, mu_r) for material in {id(one): one for one in materials}.values()}
+    pieces = [laws[id(material)] for material in materials]
     offset = np.concatenate([[0], np.cumsum([len(knots) for knots, _, _ in pieces])]).astype(np.int64)
     return LawTables(
         offset,

@@ -8,6 +8,7 @@ volume under the face: face T with edges e and corners v lacks A_T sum_e d_e / 3
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,11 @@ class IronMesh(Record):
     symmetry: MeshSymmetry | None = None
     cells: MesherCells | None = None
     sheets: tuple[Sheet, ...] = ()
+
+    @cached_property
+    def nodes_of_bodies(self) -> tuple[NDArray[np.int64], ...]:
+        """Numbers of the points of each body, in order; bodies that touch share some."""
+        return tuple(np.unique(self.tets[self.body == number]) for number in range(len(self.body_names)))
 
     @property
     def iron_names(self) -> tuple[str, ...]:

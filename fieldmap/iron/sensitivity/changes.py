@@ -163,7 +163,7 @@ class Parameters:
         return Change(key, np.zeros(len(names)), above, below, 2 * width)
 
     def _with(self, key: str, value: float) -> Device:
-        return device_of(with_changes(self._document, {key: value}))
+        return device_of(with_changes(self._document, {key: value}), written=False)
 
 
 def _has_unit(key: str, unit: str) -> bool:

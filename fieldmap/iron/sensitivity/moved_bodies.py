@@ -41,7 +41,7 @@ def _points(mesh: IronMesh, device: Device, other: Device, change: Change) -> Ar
     out, moved = mesh.points.copy(), np.zeros(len(mesh.points), bool)
     size = float(np.ptp(mesh.points, axis=0).max())
     for number, (body, target) in enumerate(zip(device.bodies, other.bodies, strict=True)):
-        nodes = np.unique(mesh.tets[mesh.body == number])
+        nodes = mesh.nodes_of_bodies[number]
         there = (
             mesh.points[nodes] if _alike(body, target) else _carried(mesh.points[nodes], body, target, change)
         )
