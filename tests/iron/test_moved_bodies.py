@@ -10,10 +10,11 @@ import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import FluxDensityAt, FluxLinkage, GradientAt, NonlinearSolver
 from fieldmap.iron.mesh.mesh import volumes
+from fieldmap.iron.mesh.topology import build_faces
 from fieldmap.iron.operators import mutual_gradient, surface
 from fieldmap.iron.sensitivity import by_nodes
 from fieldmap.iron.sensitivity.changes import Parameters
-from fieldmap.iron.sensitivity.moved_bodies import moved_points
+from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.solvers import linear, nonlinear
 from tests.conftest import DEVICES
 
@@ -182,7 +183,7 @@ def test_nodes_follow_their_shapes():
     """Spheres and rings: nodes stay on the surfaces, and the volume follows its formula."""
     device, mesh = fm.read_device(WHOLE), whole().mesh
     change = Parameters(device).change("parameters.gauge", 0.1)
-    above, _ = moved_points(mesh, device, change)
+    above, _ = MovedBodies(device, mesh, build_faces(mesh)).points(change)
     ring = np.unique(mesh.tets[mesh.body == 1])
     distance = np.hypot(*above[ring, :2].T)
     before = np.hypot(*mesh.points[ring, :2].T)

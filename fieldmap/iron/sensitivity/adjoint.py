@@ -34,7 +34,7 @@ from fieldmap.iron.quantities.air import refuse_inside
 from fieldmap.iron.sensitivity.by_nodes import Adjoint, ByNodes, SolvedIron
 from fieldmap.iron.sensitivity.changes import Change, Parameters
 from fieldmap.iron.sensitivity.derivatives import Derivatives
-from fieldmap.iron.sensitivity.moved_bodies import velocities
+from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
 from fieldmap.kernels.constants import MU0
@@ -255,6 +255,7 @@ class _Inside:
         self._polarisation = (self._chord - 1)[..., None] * h + remanence[0][:, None]
         self._share = (0.25 * self._elements.volume)[:, None, None]
         self._unit = self._elements.coil_field_at_points(problem.unit)
+        self._moved = MovedBodies(device, problem.form.iron.mesh, problem.form.iron.topology)
 
     def derivatives(self, points: Array, weights: Weights, follows: Sequence[_Follow]) -> Array:
         """What the iron adds to derivatives (k, p)."""
@@ -341,8 +342,7 @@ class _Inside:
             above, below = (self._background(side) for side in change.sides)
             applied = _added(applied, (above - below) / change.width)
         polarisation = self._of_material(change) if change.has_materials else None
-        mesh = self._problem.form.iron.mesh
-        velocity = velocities(mesh, self._device, change) if change.has_shapes else None
+        velocity = self._moved.velocities(change) if change.has_shapes else None
         return _Follow(currents, applied, polarisation, coils, velocity, drifts)
 
     def _reshaped(self, change: Change, k: int) -> Array:

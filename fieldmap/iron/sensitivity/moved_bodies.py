@@ -1,56 +1,88 @@
 """Bodies that move or change their size: their nodes move with them, and the mesh keeps its topology.
 
 A node has a fixed place in its body, in multiples of the body's dimensions: (x, y, z)/size in a box, (x, y)/radius and
-z/height in a cylinder. That carries the whole mesh smoothly along with the shape, its curved faces included.
+z/height in a cylinder. That carries the whole mesh smoothly along with the shape, its curved faces included. Where a
+body slides along another one that it touches, its nodes are moved on (`fieldmap.iron.sensitivity.contacts`).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Ring, Sphere
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.sensitivity.changes import Change, same
+from fieldmap.iron.sensitivity.contacts import Contacts
 from fieldmap.typing import Array
 
 # Nodes that two bodies share, and that both move, agree within this share of the device's size.
 _AGREE = 1e-12
 
 
-def moved_points(mesh: IronMesh, device: Device, change: Change) -> tuple[Array, Array]:
-    """Points (n, 3) of the mesh of a device with a key above and below its value.
+class MovedBodies:
+    """The mesh of a device whose bodies move or change their size."""
 
-    Raises InputError for bodies of several parts that change otherwise than as a whole, of other shapes than boxes,
-    cylinders, rings and spheres unless they only move, for bodies that touch others which do not follow, and for
-    joints.
-    """
-    if mesh.sheets:
-        raise _refused(change, "must not move bodies of a device with joints", "joints")
-    above, below = change.sides
-    return tuple(_points(mesh, device, side, change) for side in (above, below))  # type: ignore[return-value]
+    def __init__(self, device: Device, mesh: IronMesh, topology: Faces) -> None:
+        self._device, self._mesh, self._topology = device, mesh, topology
 
+    @cached_property
+    def _contacts(self) -> Contacts:
+        return Contacts(self._mesh, self._topology)
 
-def velocities(mesh: IronMesh, device: Device, change: Change) -> Array:
-    """Velocities (n, 3) of the points of the mesh per unit of a key; raises as `moved_points`."""
-    above, below = moved_points(mesh, device, change)
-    return (above - below) / change.width
+    def velocities(self, change: Change) -> Array:
+        """Velocities (n, 3) of the points of the mesh per unit of a key; raises as `points`."""
+        above, below = self.points(change)
+        return (above - below) / change.width
 
+    def points(self, change: Change) -> tuple[Array, Array]:
+        """Points (n, 3) of the mesh with a key above and below its value.
 
-def _points(mesh: IronMesh, device: Device, other: Device, change: Change) -> Array:
-    out, moved = mesh.points.copy(), np.zeros(len(mesh.points), bool)
-    size = float(np.ptp(mesh.points, axis=0).max())
-    for number, (body, target) in enumerate(zip(device.bodies, other.bodies, strict=True)):
-        nodes = mesh.nodes_of_bodies[number]
-        there = (
-            mesh.points[nodes] if _alike(body, target) else _carried(mesh.points[nodes], body, target, change)
-        )
-        known = moved[nodes]
-        if np.abs(out[nodes][known] - there[known]).max(initial=0.0) > _AGREE * size:
-            must_hold = "must move bodies that touch together"
-            raise _refused(change, must_hold, f"'{body.name}' and a body that it touches part")
-        out[nodes], moved[nodes] = there, True
-    return out
+        Raises InputError for bodies of several parts that change otherwise than as a whole, of other shapes than boxes,
+        cylinders, rings and spheres unless they only move, for bodies that part from what they touch, or slide along it
+        where the edges of neither bound the contact, and for joints.
+        """
+        if self._mesh.sheets:
+            raise _refused(change, "must not move bodies of a device with joints", "joints")
+        above, below = change.sides
+        return self._points(above, change), self._points(below, change)
+
+    def _points(self, other: Device, change: Change) -> Array:
+        mesh, bodies = self._mesh, zip(self._device.bodies, other.bodies, strict=True)
+        moved = [
+            np.zeros((len(nodes), 3))
+            if _alike(body, target)
+            else _carried(mesh.points[nodes], body, target, change) - mesh.points[nodes]
+            for nodes, (body, target) in zip(mesh.nodes_of_bodies, bodies, strict=True)
+        ]
+        slack = _AGREE * float(np.ptp(mesh.points, axis=0).max())
+        out, apart = self._joined(moved)
+        if apart > slack:
+            found = self._contacts.reconciled(moved, slack)
+            if isinstance(found, list):
+                out, apart = self._joined(found)
+            if isinstance(found, tuple) or apart > slack:
+                names = (
+                    " and ".join(f"'{mesh.body_names[k]}'" for k in found)
+                    if isinstance(found, tuple)
+                    else "three"
+                )
+                must_hold = "must leave bodies that touch in contact, with the edges of one of them around it"
+                raise _refused(change, must_hold, f"{names} part, or their edges cross")
+        return mesh.points + out
+
+    def _joined(self, moved: Sequence[Array]) -> tuple[Array, float]:
+        """Movements (n, 3) of all nodes from those of the bodies', and by how much these differ where bodies touch."""
+        out, known, apart = np.zeros_like(self._mesh.points), np.zeros(len(self._mesh.points), bool), 0.0
+        for nodes, there in zip(self._mesh.nodes_of_bodies, moved, strict=True):
+            again = known[nodes]
+            apart = max(apart, float(np.abs(out[nodes][again] - there[again]).max(initial=0.0)))
+            out[nodes], known[nodes] = there, True
+        return out, apart
 
 
 def _alike(one: Body, other: Body) -> bool:

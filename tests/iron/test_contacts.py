@@ -1,0 +1,171 @@
+"""Derivatives by sizes and places of bodies that slide along what they touch: a core that stands on a disk."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.errors import InputError
+from fieldmap.iron import FluxDensityAt, NonlinearSolver
+from fieldmap.iron.mesh.mesh import volumes
+from fieldmap.iron.mesh.topology import build_faces
+from fieldmap.iron.operators import mutual_gradient, surface
+from fieldmap.iron.sensitivity.changes import Parameters
+from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
+from fieldmap.iron.solvers import nonlinear
+
+CORE = """[[body]]
+name = "core"
+material = "iron"
+shape = "cylinder"
+radius_mm = 5.0
+height_mm = 20.0
+mesh_size_mm = 3.0
+position_mm = [8.0, 1.0, "= thick"]
+"""
+TEXT = f"""format = 1
+name = "foot"
+title = "A core on a disk"
+
+[parameters]
+thick = 4.0
+
+[material.iron]
+kind = "arctangent"
+mu_r = 500.0
+saturation_polarisation_T = 2.0
+
+[[body]]
+name = "disk"
+material = "iron"
+shape = "cylinder"
+radius_mm = 20.0
+height_mm = "= thick"
+mesh_size_mm = 3.0
+position_mm = [0.0, 0.0, 0.0]
+
+{CORE}
+[[coil]]
+name = "coil"
+kind = "circular"
+inner_radius_mm = 7.0
+outer_radius_mm = 12.0
+height_mm = 16.0
+turns = 500
+position_mm = [8.0, 1.0, 14.0]
+"""
+OTHER = CORE.replace('"core"', '"other"').replace("[8.0, 1.0,", "[-10.0, 0.0,")
+TWO = TEXT.replace("[[coil]]", f"{OTHER}\n[[coil]]")
+# Amperes at which the core is saturated.
+CURRENT = 6.0
+AT = FluxDensityAt([[0.0, 0.002, -0.006], [0.015, 0.003, 0.03]])
+# Key: value, and step of differences on moved nodes.
+KEYS = {
+    "body.disk.radius_mm": (20.0, 0.04),
+    "body.core.radius_mm": (5.0, 0.01),
+    "body.core.position_mm.1": (8.0, 0.02),
+    "parameters.thick": (4.0, 0.01),
+}
+# Of two meshes, and how far each derivative may be off for that.
+NEW_MESHES = {
+    "body.disk.radius_mm": (1.0, 0.04),
+    "body.core.radius_mm": (0.25, 0.02),
+    "parameters.thick": (0.2, 0.03),
+}
+
+
+@cache
+def state(refinement=0.8):
+    return NonlinearSolver(TEXT, refinement, symmetry="none").solve([CURRENT], tolerance=1e-8)
+
+
+def moved(key, step, mesh=None):
+    """Meshes above and below."""
+    mesh, device = mesh or state().mesh, fm.read_device(TEXT)
+    change = Parameters(device).change(key, step)
+    points = MovedBodies(device, mesh, build_faces(mesh)).points(change)
+    return [replace(mesh, points=one) for one in points]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_against_differences_of_whole_solves_on_moved_nodes(key, monkeypatch):
+    # As in test_moved_bodies.py: pairs of faces that cross the three radii would make noise.
+    for module in (surface, mutual_gradient):
+        monkeypatch.setattr(module, "NEAR_RADII", 1e3)
+    value, step = KEYS[key]
+    solved = NonlinearSolver(TEXT, 0.8, symmetry="none").solve([CURRENT], tolerance=1e-8)
+    fields = []
+    for side, mesh in zip((1, -1), moved(key, step, solved.mesh), strict=True):
+        monkeypatch.setattr(nonlinear, "generate_mesh", lambda *_, mesh=mesh: mesh)
+        device = fm.read_device(TEXT, {key: value + side * step})
+        fields.append(NonlinearSolver(device).solve([CURRENT], tolerance=1e-8).field(AT.points))
+    difference = (fields[0] - fields[1]) / (2 * step)
+    found = solved.derivative(AT, [key])[key]
+    assert np.abs(found - difference).max() <= 5e-5 * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("key", NEW_MESHES)
+def test_against_differences_of_new_meshes(key):
+    """However nodes move, the derivative is that of the shape."""
+    step, bound = NEW_MESHES[key]
+    value = KEYS[key][0]
+    ahead, behind = (
+        NonlinearSolver(fm.read_device(TEXT, {key: value + side * step}), 1.2)
+        .solve([CURRENT])
+        .field(AT.points)
+        for side in (1, -1)
+    )
+    difference = (ahead - behind) / (2 * step)
+    found = state(1.2).derivative(AT, [key])[key]
+    assert np.abs(found - difference).max() <= bound * np.abs(difference).max()
+
+
+def test_a_disk_grows_under_its_core():
+    """Its rim and the volume follow the formula, its planes stay planes, and the core stays where it is."""
+    mesh = state().mesh
+    above, _ = moved("body.disk.radius_mm", 2.0)
+    disk, core = mesh.nodes_of_bodies
+    np.testing.assert_array_equal(above.points[core], mesh.points[core])
+    np.testing.assert_allclose(above.points[disk, 2], mesh.points[disk, 2], atol=1e-12)
+    distance = np.hypot(*mesh.points[disk, :2].T)
+    rim = distance > 0.0199
+    np.testing.assert_allclose(above.points[disk][rim, :2], 1.1 * mesh.points[disk][rim, :2], rtol=1e-9)
+    of_disk = mesh.body == 0
+    total = [volumes(one.points, mesh.tets)[of_disk].sum() for one in (above, mesh)]
+    assert total[0] / total[1] == pytest.approx(1.1**2, rel=1e-9)
+    assert volumes(above.points, mesh.tets).min() > 0
+
+
+def test_a_core_grows_on_its_disk():
+    mesh = state().mesh
+    above, _ = moved("body.core.radius_mm", 0.5)
+    disk, core = mesh.nodes_of_bodies
+    axis = np.array([0.008, 0.001])
+    np.testing.assert_allclose(
+        above.points[core, :2] - axis, 1.1 * (mesh.points[core, :2] - axis), atol=1e-15
+    )
+    np.testing.assert_allclose(above.points[disk, 2], mesh.points[disk, 2], atol=1e-12)
+    rim = np.hypot(*mesh.points[disk, :2].T) > 0.0199
+    np.testing.assert_allclose(above.points[disk][rim], mesh.points[disk][rim], atol=1e-15)
+    # Nodes of the disk beside the core make room.
+    beside = np.setdiff1d(disk, core)
+    assert np.abs(above.points[beside] - mesh.points[beside]).max() > 0.2e-3
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "who"),
+    [
+        (TEXT, "body.core.position_mm.3", "'disk' and 'core'"),
+        (TWO, "body.other.position_mm.3", "'disk' and 'other'"),
+        # Across the rim: edges of both bound the contact.
+        (TEXT.replace("[8.0, 1.0,", "[18.0, 1.0,"), "body.disk.radius_mm", "'disk' and 'core'"),
+    ],
+    ids=["lifted", "one of two lifted", "across the rim"],
+)
+def test_refused(text, key, who):
+    solved = fm.solve_linear(text, refinement=0.5).at([1.0])
+    with pytest.raises(InputError, match="touch") as caught:
+        solved.derivative(FluxDensityAt([0.0, 0.0, -0.02]), [key])
+    assert who in str(caught.value)
