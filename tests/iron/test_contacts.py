@@ -122,6 +122,67 @@ def test_against_differences_of_new_meshes(key):
     assert np.abs(found - difference).max() <= bound * np.abs(difference).max()
 
 
+HOOK = """
+[[body]]
+name = "hook"
+material = "iron"
+mesh_size_mm = 3.0
+
+[[body.part]]   # the leg
+shape = "box"
+size_mm = [6.0, 6.0, "= thick * 4"]
+position_mm = [-10.0, 0.0, "= thick"]
+
+[[body.part]]   # an arm on it
+shape = "box"
+size_mm = [14.0, 6.0, 5.0]
+position_mm = [-14.0, 0.0, "= thick * 5"]
+"""
+
+
+@cache
+def hooked():
+    text = TEXT.replace("[[coil]]", f"{HOOK}\n[[coil]]")
+    return text, NonlinearSolver(text, 1.2, symmetry="none").solve([CURRENT], tolerance=1e-8)
+
+
+def test_parts_of_a_body_carry_their_faces():
+    """A leg that grows lifts the arm on it: the volume follows the formula, and all faces stay in their planes."""
+    text, solved = hooked()
+    mesh, device = solved.mesh, fm.read_device(text)
+    change = Parameters(device).change("parameters.thick", 0.2)
+    above, _ = MovedBodies(device, mesh, build_faces(mesh)).points(change)
+    hook = mesh.nodes_of_bodies[2]
+    before, after = mesh.points[hook], above[hook]
+    for height, moved in ((4e-3, 4.2e-3), (20e-3, 21e-3), (25e-3, 26e-3)):
+        plane = np.abs(before[:, 2] - height) < 1e-9
+        assert plane.any()
+        inside = (np.abs(before[:, 0] + 0.01) < 2.9e-3) & (np.abs(before[:, 1]) < 2.9e-3)
+        # Where the leg goes on into the arm there is no face.
+        face = plane & ~(inside & (height == 20e-3))
+        np.testing.assert_allclose(after[face, 2], moved, atol=1e-12)
+    side = np.abs(np.abs(before[:, 1]) - 3e-3) < 1e-9
+    np.testing.assert_allclose(after[side, 1], before[side, 1], atol=1e-12)
+    of_hook = mesh.body == 2
+    assert volumes(above, mesh.tets)[of_hook].sum() == pytest.approx(
+        36e-6 * 16.8e-3 + 14e-3 * 30e-6, rel=1e-9
+    )
+
+
+def test_parts_against_differences_of_new_meshes():
+    text, solved = hooked()
+    ahead, behind = (
+        NonlinearSolver(fm.read_device(text, {"parameters.thick": value}), 1.2)
+        .solve([CURRENT])
+        .field(AT.points)
+        for value in (4.2, 3.8)
+    )
+    difference = (ahead - behind) / 0.4
+    found = solved.derivative(AT, ["parameters.thick"])["parameters.thick"]
+    print(found, difference)
+    assert np.abs(found - difference).max() <= 0.03 * np.abs(difference).max()
+
+
 def test_a_disk_grows_under_its_core():
     """Its rim and the volume follow the formula, its planes stay planes, and the core stays where it is."""
     mesh = state().mesh

@@ -20,6 +20,7 @@ from fieldmap.iron import (
     NonlinearSolver,
     Pinning,
 )
+from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.lookup.payload import magnetic_body
 from fieldmap.sources import CoilSet
 from tests.conftest import DEVICES
@@ -264,6 +265,14 @@ def test_keys_that_cannot_be_followed(key):
 def test_a_key_that_the_device_lacks():
     with pytest.raises(DeviceFileError):
         base("saturated").derivative(QUANTITIES["field"], ["coil.around.turn"])
+
+
+def test_a_parameter_whose_expressions_are_written_out():
+    """The text of a device that includes others has numbers in their place: no derivative of 0 is told."""
+    device = fm.read_device("drive_unit")
+    with pytest.raises(InputError) as caught:
+        Parameters(device).change("parameters.disk")
+    assert caught.value.problems[0].where == "derivative, parameters.disk"
 
 
 def test_points_in_the_iron_and_names_of_no_coil():

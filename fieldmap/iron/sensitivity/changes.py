@@ -28,7 +28,9 @@ from fieldmap.typing import Array
 _STEP = 1e-4
 _LEAST = {"mm": 1e-3, "deg": 1e-2}
 _LEAST_OF_ANY = 1e-6
-_CURRENT = "current."
+_CURRENT, _PARAMETER = "current.", "parameters."
+# What of a device may follow a parameter.
+_WHOLE = ("coils", "bodies", "materials", "background", "joints", "payload", "driver", "workspace")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,7 +147,7 @@ class Parameters:
 
     def change(self, key: str, step: float | None = None) -> Change:
         """What follows a key. Raises DeviceFileError for a key that the device lacks, InputError for one that is no
-        number or cannot be changed to both sides."""
+        number or cannot be changed to both sides, and for a parameter that nothing follows."""
         names = self.device.coil_names
         if key.startswith(_CURRENT):
             name = key.removeprefix(_CURRENT)
@@ -160,6 +162,15 @@ class Parameters:
             above, below = (self._with(key, value + side * width) for side in (1, -1))
         except DeviceFileError as error:
             raise InputError(*error.problems) from error
+        if key.startswith(_PARAMETER) and all(
+            same(getattr(above, one), getattr(below, one)) for one in _WHOLE
+        ):
+            # The text of a device that includes files, or had keys changed, has numbers in the place of expressions.
+            must_hold = (
+                "must be a parameter that something follows; of a file that includes others nothing does"
+            )
+            remedy = "name the keys that follow it"
+            raise InputError(Problem(f"derivative, {key}", must_hold, "nothing follows it", remedy))
         return Change(key, np.zeros(len(names)), above, below, 2 * width)
 
     def _with(self, key: str, value: float) -> Device:

@@ -50,7 +50,7 @@ class Contacts:
         corners = mesh.points[topology.nodes]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._normals = cross / np.linalg.norm(cross, axis=1)[:, None]
-        self._smooth: dict[int, _SmoothMovement] = {}
+        self._smooth: dict[tuple[int, int], _SmoothMovement] = {}
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
@@ -122,28 +122,39 @@ class Contacts:
     def _pair_of(self, number: int) -> tuple[int, int]:
         return next(contact.bodies for contact in self.contacts if number in contact.bodies)
 
+    def surface(self, number: int) -> tuple[Index, Array]:
+        """Faces of a body: numbers (f, 3) of their corners among its nodes, and unit normals (f, 3)."""
+        faces = self._boundary(number)
+        triangles = np.searchsorted(self._mesh.nodes_of_bodies[number], self._nodes[faces])
+        return triangles, self._normals[faces]
+
+    def carried(self, number: int, surface: Array, slack: float) -> Array | None:
+        """Smooth movement (n, 3) of the nodes of a body whose faces' corners have these movements (f, 3, 3), of which
+        the part across the face counts; None where faces that meet would part."""
+        across = np.einsum("fkd,fd->fk", surface, self.surface(number)[1])
+        return self._movement(number, np.zeros(0, int)).of(np.zeros((0, 3)), slack, across)
+
     def _movement(self, number: int, fixed: Index) -> _SmoothMovement:
-        if number not in self._smooth:
-            mesh, faces = self._mesh, self._boundary(number)
+        known = self._smooth.get((number, len(fixed)))
+        if known is None:
+            mesh = self._mesh
             nodes = mesh.nodes_of_bodies[number]
             tets = np.searchsorted(nodes, mesh.tets[mesh.body == number])
-            triangles = np.searchsorted(nodes, self._nodes[faces])
             at = np.searchsorted(nodes, fixed)
-            self._smooth[number] = _SmoothMovement(
-                mesh.points[nodes], tets, triangles, self._normals[faces], at
-            )
-        return self._smooth[number]
+            known = _SmoothMovement(mesh.points[nodes], tets, *self.surface(number), at)
+            self._smooth[number, len(fixed)] = known
+        return known
 
 
 class _SmoothMovement:
-    """Movements of the nodes of one body that are given at fixed ones and have no component across its surface."""
+    """Movements of the nodes of one body that are given at fixed ones, and elsewhere across its surface alone."""
 
     def __init__(self, points: Array, tets: Index, triangles: Index, normals: Array, fixed: Index) -> None:
         self._fixed, self._triangles, self._normals = fixed, triangles, normals
         count = len(points)
         is_fixed = np.zeros(count, bool)
         is_fixed[fixed] = True
-        along = _planes(triangles, normals, count)
+        along, self._across = _planes(triangles, normals, count)
         free = [along.get(node, np.eye(3)) for node in np.flatnonzero(~is_fixed).tolist()]
         # (3 n, r): what the unknowns are in coordinates of the nodes that are not fixed.
         here = 3 * np.flatnonzero(~is_fixed)[:, None] + np.arange(3)
@@ -153,28 +164,35 @@ class _SmoothMovement:
         self._basis = csc_matrix(place @ block_diag(free, format="csc"))
         self._matrix = csc_matrix(kron(_stiffness(points, tets), identity(3)))
         self._factor = splu(csc_matrix(self._basis.T @ self._matrix @ self._basis))
-        self._on_fixed = is_fixed[triangles]
 
-    def of(self, values: Array, slack: float) -> Array | None:
-        """Movement (n, 3) of all nodes, from that of the fixed ones (m, 3); None where these leave the surface."""
+    def of(self, values: Array, slack: float, across: Array | float = 0.0) -> Array | None:
+        """Movement (n, 3) of all nodes, from that of the fixed ones (m, 3), and of the corners of faces across these
+        (f, 3); None where they do not agree."""
         out = np.zeros((self._matrix.shape[0] // 3, 3))
+        pushes = self._normals[:, None] * np.broadcast_to(across, self._triangles.shape)[..., None]
+        np.add.at(out, self._triangles, pushes)
+        out = np.einsum("nij,nj->ni", self._across, out)
         out[self._fixed] = values
-        across = np.abs(np.einsum("fkd,fd->fk", out[self._triangles], self._normals))
-        if across.max(where=self._on_fixed, initial=0.0) > _SAME_PLANE * np.abs(values).max() + slack:
+        left = np.abs(np.einsum("fkd,fd->fk", out[self._triangles], self._normals) - across)
+        if left.max() > _SAME_PLANE * np.abs(out).max() + slack:
             return None
         right = -(self._basis.T @ (self._matrix @ out.ravel()))
         return out + (self._basis @ self._factor.solve(right)).reshape(-1, 3)
 
 
-def _planes(triangles: Index, normals: Array, count: int) -> dict[int, Array]:
-    """Of each node of a surface the directions (3, r) that lie in all faces that meet there."""
+def _planes(triangles: Index, normals: Array, count: int) -> tuple[dict[int, Array], Array]:
+    """Of each node of a surface the directions (3, r) that lie in all faces that meet there; and the inverses (n, 3, 3)
+    of the sums of n n over the normals of these, in the directions that do not."""
     nodes = triangles.ravel()
     order = np.argsort(nodes, kind="stable")
     at = np.repeat(normals, 3, axis=0)[order]
     squares = np.zeros((count, 3, 3))
     np.add.at(squares, nodes[order], at[:, :, None] * at[:, None, :])
     values, vectors = np.linalg.eigh(squares)
-    return {int(k): vectors[k][:, values[k] < _SAME_PLANE**2 * values[k, 2]] for k in np.unique(nodes)}
+    flat = values < np.maximum(_SAME_PLANE * values[:, 2:], 1e-300)
+    inverse = np.where(flat, 0.0, 1 / np.where(flat, 1.0, values))
+    along = {int(k): vectors[k][:, flat[k]] for k in np.unique(nodes)}
+    return along, np.einsum("nij,nj,nkj->nik", vectors, inverse, vectors)
 
 
 def _stiffness(points: Array, tets: Index) -> coo_matrix:

@@ -1,13 +1,14 @@
 """Bodies that move or change their size: their nodes move with them, and the mesh keeps its topology.
 
 A node has a fixed place in its body, in multiples of the body's dimensions: (x, y, z)/size in a box, (x, y)/radius and
-z/height in a cylinder. That carries the whole mesh smoothly along with the shape, its curved faces included. Where a
-body slides along another one that it touches, its nodes are moved on (`fieldmap.iron.sensitivity.contacts`).
+z/height in a cylinder. That carries the whole mesh smoothly along with the shape, its curved faces included. Of a body
+of several parts each part carries its own faces, and nodes inside move smoothly between them. Where a body slides along
+another one that it touches, its nodes are moved on (`fieldmap.iron.sensitivity.contacts`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +19,7 @@ from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.sensitivity.changes import Change, same
 from fieldmap.iron.sensitivity.contacts import Contacts
+from fieldmap.iron.sensitivity.part_surfaces import lies_on
 from fieldmap.typing import Array
 
 # Nodes that two bodies share, and that both move, agree within this share of the device's size.
@@ -42,9 +44,9 @@ class MovedBodies:
     def points(self, change: Change) -> tuple[Array, Array]:
         """Points (n, 3) of the mesh with a key above and below its value.
 
-        Raises InputError for bodies of several parts that change otherwise than as a whole, of other shapes than boxes,
-        cylinders, rings and spheres unless they only move, for bodies that part from what they touch, or slide along it
-        where the edges of neither bound the contact, and for joints.
+        Raises InputError for bodies of other shapes than boxes, cylinders, rings and spheres unless they only move, and
+        as a whole, for bodies that part from what they touch, or slide along it where the edges of neither bound the
+        contact, and for joints.
         """
         if self._mesh.sheets:
             raise _refused(change, "must not move bodies of a device with joints", "joints")
@@ -52,14 +54,9 @@ class MovedBodies:
         return self._points(above, change), self._points(below, change)
 
     def _points(self, other: Device, change: Change) -> Array:
-        mesh, bodies = self._mesh, zip(self._device.bodies, other.bodies, strict=True)
-        moved = [
-            np.zeros((len(nodes), 3))
-            if _alike(body, target)
-            else _carried(mesh.points[nodes], body, target, change) - mesh.points[nodes]
-            for nodes, (body, target) in zip(mesh.nodes_of_bodies, bodies, strict=True)
-        ]
+        mesh, pairs = self._mesh, zip(self._device.bodies, other.bodies, strict=True)
         slack = _AGREE * float(np.ptp(mesh.points, axis=0).max())
+        moved = [self._of_body(number, *pair, change, slack) for number, pair in enumerate(pairs)]
         out, apart = self._joined(moved)
         if apart > slack:
             found = self._contacts.reconciled(moved, slack)
@@ -75,6 +72,40 @@ class MovedBodies:
                 raise _refused(change, must_hold, f"{names} part, or their edges cross")
         return mesh.points + out
 
+    def _of_body(self, number: int, body: Body, target: Body, change: Change, slack: float) -> Array:
+        """Movements (n, 3) of the nodes of a body, whatever it touches."""
+        x = self._mesh.points[self._mesh.nodes_of_bodies[number]]
+        if same(body.parts, target.parts):
+            return np.zeros_like(x)
+        pairs = zip(body.parts, target.parts, strict=True)
+        maps = [carry for pair in pairs if (carry := _map(*pair)) is not None]
+        if len(maps) == len(body.parts):
+            moved = [carry(x) - x for carry in maps]
+            if all(np.abs(one - moved[0]).max() <= slack for one in moved):
+                return moved[0]
+            found = self._by_parts(number, body, maps, slack)
+            if found is not None:
+                return found
+        must_hold = "must move a body as a whole, or boxes, cylinders, rings and spheres of which it consists"
+        raise _refused(change, must_hold, f"body '{body.name}'")
+
+    def _by_parts(
+        self, number: int, body: Body, maps: Sequence[Callable[[Array], Array]], slack: float
+    ) -> Array | None:
+        """The same of a body whose parts carry their own surfaces; None where these are not known, or part."""
+        triangles, normals = self._contacts.surface(number)
+        corners = self._mesh.points[self._mesh.nodes_of_bodies[number]][triangles]
+        surface, known = np.zeros_like(corners), np.zeros(corners.shape[:2], bool)
+        for part, carry in zip(body.parts, maps, strict=True):
+            on = lies_on(part, corners, normals)
+            moved = carry(corners) - corners
+            # What lies on two parts must not be torn between them.
+            apart = np.einsum("fkd,fd->fk", moved - surface, normals)[on & known]
+            if np.abs(apart).max(initial=0.0) > slack:
+                return None
+            surface[on], known[on] = moved[on], True
+        return self._contacts.carried(number, surface, slack) if known.all() else None
+
     def _joined(self, moved: Sequence[Array]) -> tuple[Array, float]:
         """Movements (n, 3) of all nodes from those of the bodies', and by how much these differ where bodies touch."""
         out, known, apart = np.zeros_like(self._mesh.points), np.zeros(len(self._mesh.points), bool), 0.0
@@ -85,55 +116,37 @@ class MovedBodies:
         return out, apart
 
 
-def _alike(one: Body, other: Body) -> bool:
-    return same(one.parts, other.parts)
-
-
-def _carried(x: Array, body: Body, target: Body, change: Change) -> Array:
-    """Points (n, 3) of a body, carried along."""
-    if len(body.parts) == 1:
-        one, other = body.parts[0], target.parts[0]
-        local = _stretched((x - one.placement.position) @ one.placement.rotation, one, other)
-        if local is not None:
-            return local @ other.placement.rotation.T + other.placement.position
-    carriers = [_rigid(one, other) for one, other in zip(body.parts, target.parts, strict=True)]
-    first = carriers[0]
-    if first is None or not all(
-        carrier is not None
-        and np.allclose(carrier[0], first[0], atol=1e-12)
-        and np.allclose(carrier[1], first[1], atol=1e-12)
-        for carrier in carriers
-    ):
-        must_hold = "must move a body as a whole, or change the size of a box, cylinder, ring or sphere"
-        raise _refused(change, must_hold, f"body '{body.name}'")
-    turn, shift = first
-    return x @ turn.T + shift
-
-
-def _rigid(one: Part, other: Part) -> tuple[Array, Array] | None:
-    """Rotation and shift that carry a part to its other place; None where its shape changes."""
-    if not same(one.shape, other.shape):
+def _map(one: Part, other: Part) -> Callable[[Array], Array] | None:
+    """How a part carries points (..., 3); None where its shape changes and has no such map."""
+    here, there = one.placement, other.placement
+    if same(one.shape, other.shape):
+        turn = there.rotation @ here.rotation.T
+        return lambda x: x @ turn.T + (there.position - turn @ here.position)
+    stretch = _stretch(one, other)
+    if stretch is None:
         return None
-    turn = other.placement.rotation @ one.placement.rotation.T
-    return turn, other.placement.position - turn @ one.placement.position
+
+    return lambda x: stretch((x - here.position) @ here.rotation) @ there.rotation.T + there.position
 
 
-def _stretched(local: Array, one: Part, other: Part) -> Array | None:
-    """Local points with the dimensions of another shape of the same kind; None for kinds that have no such map."""
+def _stretch(one: Part, other: Part) -> Callable[[Array], Array] | None:
+    """How local points follow the dimensions of another shape of the same kind; None for kinds without such a map."""
     match one.shape, other.shape:
         case Box(size), Box(resized):
-            return local * (np.array(resized) / np.array(size))
+            return lambda x: x * (np.array(resized) / np.array(size))
         case Cylinder(radius, height), Cylinder(wider, higher):
-            return local * [wider / radius, wider / radius, higher / height]
+            return lambda x: x * [wider / radius, wider / radius, higher / height]
         case Sphere(radius), Sphere(wider):
-            return local * (wider / radius)
+            return lambda x: x * (wider / radius)
         case Ring(inner, outer, height), Ring(inside, outside, higher):
-            distance = np.hypot(local[:, 0], local[:, 1])
-            wanted = inside + (distance - inner) * (outside - inside) / (outer - inner)
-            scale = wanted / distance
-            return np.column_stack(
-                [local[:, 0] * scale, local[:, 1] * scale, local[:, 2] * (higher / height)]
-            )
+
+            def widened(local: Array) -> Array:
+                distance = np.hypot(local[..., 0], local[..., 1])
+                wanted = inside + (distance - inner) * (outside - inside) / (outer - inner)
+                scale = wanted / distance
+                return local * np.stack([scale, scale, np.full_like(scale, higher / height)], axis=-1)
+
+            return widened
     return None
 
 
