@@ -25,7 +25,7 @@ STARTS = ((66.0, 6.0), (80.0, 10.0), (60.0, 3.5))
 # Best of the twelve: 56 mm, 6 mm (docs/studies.md).
 BEST_OF_TWELVE = (56.0, 6.0)
 # Of the search without a limit: relative change of the area.
-TOLERANCE = 1e-2
+TOLERANCE = 1e-3
 # A, that no disk lifts with, and designs that may be solved to find that out.
 TOO_LITTLE, DESIGNS = 3.0, 25
 
