@@ -179,7 +179,6 @@ def test_parts_against_differences_of_new_meshes():
     )
     difference = (ahead - behind) / 0.4
     found = solved.derivative(AT, ["parameters.thick"])["parameters.thick"]
-    print(found, difference)
     assert np.abs(found - difference).max() <= 0.03 * np.abs(difference).max()
 
 
