@@ -63,13 +63,9 @@ class MovedBodies:
             if isinstance(found, list):
                 out, apart = self._joined(found)
             if isinstance(found, tuple) or apart > slack:
-                names = (
-                    " and ".join(f"'{mesh.body_names[k]}'" for k in found)
-                    if isinstance(found, tuple)
-                    else "three"
-                )
+                named = [f"'{mesh.body_names[k]}'" for k in found] if isinstance(found, tuple) else ["bodies"]
                 must_hold = "must leave bodies that touch in contact, with the edges of one of them around it"
-                raise _refused(change, must_hold, f"{names} part, or their edges cross")
+                raise _refused(change, must_hold, f"{' and '.join(named)} part, or their edges cross")
         return mesh.points + out
 
     def _of_body(self, number: int, body: Body, target: Body, change: Change, slack: float) -> Array:
