@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
+from fieldmap.kernels.coils.neumann import neumann_sum
 from fieldmap.kernels.constants import MU0
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.line_currents import (
@@ -18,9 +18,6 @@ from fieldmap.sources.line_currents import (
 )
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
 from fieldmap.typing import Array
-
-# Rows of the table of distances between two windings that are in memory at once.
-_ROWS = 500
 
 
 def bare_inductance(coils: Sequence[Coil]) -> Array:
@@ -76,9 +73,5 @@ def background_linkage(coils: Sequence[Coil], background: Background | None) -> 
 
 def _neumann(one: WindingRule, other: WindingRule) -> float:
     """mu0/(4 pi) times the double sum of dl . dl' / distance."""
-    total = 0.0
-    for start in range(0, len(one.points), _ROWS):
-        rows = slice(start, start + _ROWS)
-        potential = (1 / cdist(one.points[rows], other.points)) @ other.vectors
-        total += float(np.sum(potential * one.vectors[rows]))
-    return MU0 / (4 * np.pi) * total
+    rows = (np.ascontiguousarray(each.T) for each in (one.points, one.vectors, other.points, other.vectors))
+    return MU0 / (4 * np.pi) * neumann_sum(*rows)
