@@ -2,19 +2,24 @@
 
     python scripts/mutants.py --planted                     # the errors of scripts/planted_errors.toml
     python scripts/mutants.py lookup levitation --count 25  # as many of Cosmic Ray's mutants of these packages
+    python scripts/mutants.py lookup --count 25 --again     # and those once more that no test caught
     python scripts/mutants.py --report                      # what is known so far
 
 Each mutant changes one operator, number, comparison or condition of one line; which ones are tried is drawn by --seed,
-the same ones each time, more of them with a larger --count. A mutant is caught if a test fails; the tests that name
-what stands in its file run first. Results are kept in the folder of --keep, and what is known is not tried again.
-Survivors are listed with their line: kill them with a test, or say in scripts/equivalent_mutants.toml why they change
-nothing that could be seen. It takes from seconds to minutes for each mutant; nothing here runs in CI.
+the same ones each time, more of them with a larger --count. A mutant is caught if a test fails, of those that run its
+line (scripts/tests_of_lines.py), the quickest first, for at most a minute of processor time. What would be caught by
+a test left out there, or by one of tests/slow.txt, counts as not caught: the true share is higher, if anything.
+Results are kept in the folder of --keep, and what is known is not tried again. Survivors are listed with their line:
+kill them with a test, or say in scripts/equivalent_mutants.toml why they change nothing that could be seen. At first
+all tests run once with coverage (half an hour of one processor; --tests names fewer); then it takes from seconds to
+two minutes for each mutant. Nothing here runs in CI.
 """
 
 import argparse
+import hashlib
 import json
+import math
 import os
-import random
 import re
 import shutil
 import subprocess
@@ -27,6 +32,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from tests_of_lines import TestsOfLines, environment_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PLANTED = ROOT / "scripts" / "planted_errors.toml"
@@ -39,13 +45,15 @@ OPERATORS = ("ReplaceBinaryOperator", "ReplaceComparisonOperator", "ReplaceUnary
              "ReplaceBreakWithContinue", "ZeroIterationForLoop")  # fmt: skip
 # Of numbers that are not whole they end in an error at once, which any test that runs the line catches.
 _NEEDS_BITS = re.compile("_(BitAnd|BitOr|BitXor|LShift|RShift|Invert|Mod|FloorDiv)(_|$)")
-# Beyond it the tests hang, which is caught too.
-SECONDS = 900.0
+# A mesh is kept by all that the mesher is given (fieldmap.iron.mesh.mesher): an error in what it does then must not
+# meet a mesh made without it.
+MESHER = tuple(f"fieldmap/iron/mesh/{name}.py" for name in ("mesher", "local_sizes", "distinct_rows"))
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One error: what it is, the line before and after, whether a test failed, and how long that took."""
+    """One error: what it is, the line before and after, whether a test failed, how long that took, and which failed:
+    "" for none, and where none runs the line."""
 
     file: str
     what: str
@@ -53,6 +61,7 @@ class Trial:
     after: str
     caught: bool
     seconds: float
+    by: str = ""
 
     @property
     def key(self) -> str:
@@ -70,6 +79,8 @@ def main() -> int:
     parser.add_argument(
         "--keep", type=Path, default=ROOT / "maps" / "out" / "mutants", help="folder of results"
     )
+    parser.add_argument("--tests", nargs="+", default=["tests"], help="files and folders of tests that count")
+    parser.add_argument("--again", action="store_true", help="try those again that no test caught")
     parser.add_argument("--report", action="store_true", help="print what is known and try nothing")
     given = parser.parse_args()
     given.keep.mkdir(parents=True, exist_ok=True)
@@ -79,8 +90,13 @@ def main() -> int:
         copy = _copied(given.keep / "copy")
         if given.planted:
             known |= _planted(copy, given.keep, console)
+        if given.packages:
+            environment = environment_of(copy) | {"FIELDMAP_MESHES": str((given.keep / "meshes").resolve())}
+            tests = TestsOfLines(copy, (given.keep / "covering").resolve(), given.tests, environment)
         for package in given.packages:
-            known |= _sampled(package, given.count, given.seed, copy, given.keep, known, console)
+            again = {key for key, one in known.items() if given.again and not one.caught}
+            left = {key: one for key, one in known.items() if key not in again}
+            known |= _sampled(package, given.count, given.seed, copy, given.keep, left, tests, console)
         shutil.rmtree(copy)
     _print(list(known.values()), console)
     planted = [one for one in known.values() if one.what in {error["what"] for error in _list_of_planted()}]
@@ -116,7 +132,7 @@ def _planted(copy: Path, keep: Path, console: Console) -> dict[str, Trial]:
                 raise SystemExit(f"{error['file']}: {error['before']!r} must stand there once")
             trial = _tried(
                 copy, error["file"], text.replace(error["before"], error["after"]), error["tests"].split(),
-                (error["what"], error["before"], error["after"]),
+                _limit(200.0), (error["what"], error["before"], error["after"]),
             )  # fmt: skip
             found[trial.key] = trial
             _write(keep, trial)
@@ -124,11 +140,19 @@ def _planted(copy: Path, keep: Path, console: Console) -> dict[str, Trial]:
 
 
 def _sampled(
-    package: str, count: int, seed: int, copy: Path, keep: Path, known: dict[str, Trial], console: Console
+    package: str,
+    count: int,
+    seed: int,
+    copy: Path,
+    keep: Path,
+    known: dict[str, Trial],
+    tests: TestsOfLines,
+    console: Console,
 ) -> dict[str, Trial]:
     """`count` mutants of a package: the first of a list in random order."""
-    mutants = _mutants(package)
-    random.Random(seed).shuffle(mutants)
+    mutants = _mutants(package, seed)
+    explained = _explained()
+    checked = False
     found = {}
     with Progress(console=console) as progress:
         for path, operator, occurrence, line in progress.track(mutants[:count], description=package):
@@ -139,17 +163,24 @@ def _sampled(
                 continue
             before, after = _change(original, mutated, line)
             trial = Trial(file, operator, before, after, False, 0.0)
-            if trial.key in known:
-                found[trial.key] = known[trial.key]
+            if trial.key in known or trial.key in explained:
+                found[trial.key] = known.get(trial.key, trial)
                 continue
-            trial = _tried(copy, file, mutated, _tests_of(path, package), (operator, before, after))
+            names = tests.of(file, line, package)
+            limit = _limit(sum(tests.seconds[name] for name in names))
+            if not checked and (failed := _failed(copy, file, names, limit)):
+                # As they are the tests pass, in this order too.
+                raise SystemExit(f"without any error: {failed}")
+            checked = True
+            trial = _tried(copy, file, mutated, names, limit, (operator, before, after))
             found[trial.key] = trial
             _write(keep, trial)
     return found
 
 
-def _mutants(package: str) -> list[tuple[Path, str, int, int]]:
-    """File, operator, which place in the file, and line, of all mutants of a package."""
+def _mutants(package: str, seed: int) -> list[tuple[Path, str, int, int]]:
+    """File, operator, which place in the file, and line, of all mutants of a package, in random order: one that stays
+    the same for lines that stay, whatever is written around them."""
     import cosmic_ray.plugins
     from cosmic_ray.ast import ast_nodes, get_ast
 
@@ -160,13 +191,21 @@ def _mutants(package: str) -> list[tuple[Path, str, int, int]]:
     ]
     folder = ROOT / "fieldmap" / package
     found = []
+
+    def drawn(path: Path, text: str, *place: object) -> str:
+        return hashlib.sha256(repr((seed, path.name, text.strip(), *place)).encode()).hexdigest()
+
     for path in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]:
-        tree = get_ast(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        tree, lines = get_ast(text), text.splitlines()
         for name in names:
             operator = cosmic_ray.plugins.get_operator(name)()
             places = (place for node in ast_nodes(tree) for place in operator.mutation_positions(node))
-            found += [(path, name, k, start[0]) for k, (start, _) in enumerate(places)]
-    return found
+            for k, (start, _) in enumerate(places):
+                line = lines[start[0] - 1]
+                column = start[1] - len(line) + len(line.lstrip())
+                found.append((drawn(path, line, name, column), path, name, k, start[0]))
+    return [mutant for _, *mutant in sorted(found)]
 
 
 def _mutated(text: str, operator: str, occurrence: int) -> str | None:
@@ -184,55 +223,63 @@ def _change(original: str, mutated: str, line: int) -> tuple[str, str]:
     return original.splitlines()[line - 1].strip(), "(gone)"
 
 
-def _tests_of(path: Path, package: str) -> list[str]:
-    """Test files that name the module or what it defines, the most telling first; then the package's folder."""
-    defined = set(re.findall(r"^(?:def|class) ([A-Za-z]\w+)", path.read_text(encoding="utf-8"), re.MULTILINE))
-    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-    scores = []
-    for test in (ROOT / "tests").rglob("test_*.py"):
-        text = test.read_text(encoding="utf-8")
-        score = sum(bool(re.search(rf"\b{name}\b", text)) for name in defined) + 3 * (module in text)
-        if score:
-            scores.append((-score, test.relative_to(ROOT).as_posix()))
-    files = [name for _, name in sorted(scores)]
-    near = [name for name in files[6:] if name.startswith(f"tests/{package}/")]
-    folder = [f"tests/{package}"] if (ROOT / "tests" / package).is_dir() else []
-    # What a module does for its neighbours is tested through them.
-    return [*files[:6], *near][:12] or folder
+def _limit(seconds: float) -> float:
+    """Wall time, s, beyond which tests hang, which is caught too; seconds: what they took before."""
+    return 60.0 + 3.0 * seconds
 
 
-def _tried(copy: Path, file: str, text: str, tests: list[str], told: tuple[str, str, str]) -> Trial:
+def _tried(
+    copy: Path, file: str, text: str, tests: list[str], limit: float, told: tuple[str, str, str]
+) -> Trial:
     """Plant an error, run the tests until one fails, and take it out again."""
     path = copy / file
-    original = path.read_text(encoding="utf-8")
+    original, times = path.read_text(encoding="utf-8"), path.stat()
     begin = time.monotonic()
-    # Kernels that were compiled with the mended file, or with another error, are not taken for this one's.
+    # A compiled kernel holds what it calls, and is taken again as long as its own file is as old as it was. So none is
+    # taken with an error in any kernel; those of the mended files come back. Outside kernels nothing is compiled.
+    aside = copy.parent / "compiled"
     compiled = [*(copy / "fieldmap").rglob("*.nb?")] if file.startswith("fieldmap/kernels") else []
     for one in compiled:
-        one.unlink(missing_ok=True)
+        (aside / one.relative_to(copy)).parent.mkdir(parents=True, exist_ok=True)
+        shutil.move(one, aside / one.relative_to(copy))
     try:
         path.write_text(text, encoding="utf-8")
-        caught = _fails(copy, tests)
+        failed = _failed(copy, file, tests, limit)
     finally:
         path.write_text(original, encoding="utf-8")
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
         if compiled:
             for one in (copy / "fieldmap").rglob("*.nb?"):
                 one.unlink(missing_ok=True)
-    return Trial(file, *told, caught, round(time.monotonic() - begin, 1))
+            for one in compiled:
+                shutil.move(aside / one.relative_to(copy), one)
+    return Trial(file, *told, bool(failed), round(time.monotonic() - begin, 1), failed)
 
 
-def _fails(copy: Path, tests: list[str]) -> bool:
+def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
+    """Name of the test that fails, of these; "" if none does, and for no tests at all."""
     if not tests:
-        return False
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONSAFEPATH": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+        return ""
+    environment = environment_of(copy)
+    environment.pop("FIELDMAP_MESHES", None)
+    if file not in MESHER:
+        environment["FIELDMAP_MESHES"] = str(copy.parent.resolve() / "meshes")
+    names = copy.parent / "tests.txt"
+    names.write_text("".join(f"{name}\n" for name in tests), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", f"@{names.resolve()}"]
     try:
-        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, timeout=SECONDS)
+        done = subprocess.run(
+            command, cwd=copy, env=environment, capture_output=True, timeout=limit, text=True
+        )
     except subprocess.TimeoutExpired:
-        return True
-    if done.returncode in (0, 1, 2):
-        return done.returncode != 0
-    raise SystemExit(done.stdout.decode()[-2000:] + done.stderr.decode()[-2000:])
+        return "(no end)"
+    if done.returncode == 0:
+        return ""
+    if done.returncode == 5:
+        raise SystemExit(done.stdout[-2000:] + done.stderr[-2000:])
+    # Where the package is not imported, or the interpreter dies, no test is named.
+    told = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", done.stdout, re.MULTILINE)
+    return told[1] if told else f"(exit code {done.returncode})"
 
 
 def _read(keep: Path) -> dict[str, Trial]:
@@ -254,9 +301,18 @@ def _explained() -> dict[str, str]:
 
 
 def _print(trials: list[Trial], console: Console) -> None:
-    """How many were caught in each package, and every survivor that nobody has explained."""
+    """How many were caught in each package, and every survivor that nobody has explained. Lines that are gone do not
+    count."""
+    texts = {
+        one.file: (ROOT / one.file).read_text(encoding="utf-8")
+        for one in trials
+        if (ROOT / one.file).is_file()
+    }
+    trials = [one for one in trials if one.before in texts.get(one.file, "")]
     explained, planted = _explained(), {error["what"] for error in _list_of_planted()}
-    table = Table("package", "mutants", "caught", "explained", "share (%)", "seconds each")
+    table = Table(
+        "package", "mutants", "caught", "explained", "share (%)", "95 % interval (%)", "seconds each"
+    )
     groups: dict[str, list[Trial]] = {}
     for one in trials:
         name = "planted" if one.what in planted else one.file.split("/")[1].removesuffix(".py")
@@ -266,11 +322,21 @@ def _print(trials: list[Trial], console: Console) -> None:
         named = sum(not one.caught and one.key in explained for one in ones)
         seconds = sum(one.seconds for one in ones) / len(ones)
         share = 100.0 * (caught + named) / len(ones)
-        table.add_row(name, str(len(ones)), str(caught), str(named), f"{share:.0f}", f"{seconds:.0f}")
+        low, high = (100.0 * side for side in _interval(caught + named, len(ones)))
+        table.add_row(
+            name, str(len(ones)), str(caught), str(named), f"{share:.0f}", f"{low:.0f} to {high:.0f}", f"{seconds:.0f}"
+        )  # fmt: skip
     console.print(table)
     for one in sorted(trials, key=lambda trial: trial.file):
         if not one.caught and one.key not in explained:
             console.print(f"not caught: {one.file}\n  - {one.before}\n  + {one.after}", markup=False)
+
+
+def _interval(k: int, n: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's interval of a share of which a sample of n shows k."""
+    middle = (k + z * z / 2.0) / (n + z * z)
+    half = z * math.sqrt(k * (n - k) / n + z * z / 4.0) / (n + z * z)
+    return middle - half, middle + half
 
 
 if __name__ == "__main__":
