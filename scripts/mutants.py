@@ -275,7 +275,7 @@ def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
         return "(no end)"
     if done.returncode == 0:
         return ""
-    if done.returncode == 5:
+    if done.returncode in (4, 5) and "ImportError while loading conftest" not in done.stderr:
         raise SystemExit(done.stdout[-2000:] + done.stderr[-2000:])
     # Where the package is not imported, or the interpreter dies, no test is named.
     told = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", done.stdout, re.MULTILINE)

@@ -37,7 +37,7 @@ SLOW = Path(__file__).parent / "slow.txt"
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Mark the tests of slow.txt, before those with or without a mark are selected. A line that names no test is an
     error."""
     lines = SLOW.read_text(encoding="utf-8").splitlines()
@@ -49,7 +49,9 @@ def pytest_collection_modifyitems(items):
         if of := named & {item.nodeid, function, item.nodeid.split("::")[0]}:
             item.add_marker("slow")
             found |= of
-    # Of a part of the tests, or without a library, what is not there says nothing.
+    # Of a part of the tests, or without a library, what is not there says nothing; nor do other parameters of a
+    # function of which one was asked for.
+    functions -= {name.split("[")[0] for name in config.args if "[" in name}
     files = {function.split("::")[0] for function in functions}
     lost = {name for name in named - found if name.split("[")[0] in functions}
     lost |= {name for name in named - found if name.split("::")[0] in files and not is_written(name)}
