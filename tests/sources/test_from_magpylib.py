@@ -121,6 +121,27 @@ def test_bodies_are_magpylibs_solids(model, device):
     assert {device.materials[body.material].initial_mu_r for body in device.bodies[:-1]} == {500.0}
 
 
+@pytest.mark.parametrize(
+    ("inner", "first", "last"),
+    [(0, 30, 140), (0.005, 100, 112), (0.002, -150, 200), (0.004, 80, 260), (0, -90, 270), (0.003, 0, 360)],
+)
+def test_sectors_of_cylinders_and_rings_have_their_volume_and_centroid(inner, first, last):
+    """Closed forms: area A = phi (b^2 - a^2) / 2, centroid (2 / 3) (b^3 - a^3) sin(phi / 2) / A off the axis."""
+    from fieldmap.iron.geometry.solids import body_solid
+
+    outer, height, angle = 0.01, 0.012, np.radians(last - first)
+    sector = magnet.CylinderSegment(polarization=J, dimension=(inner, outer, height, first, last))
+    sector.susceptibility = 99.0
+    (body,) = fm.Device.from_magpylib([current.Circle(current=1.0, diameter=0.1), sector]).bodies
+    solid = body_solid(body)
+    area = 0.5 * angle * (outer**2 - inner**2)
+    off = 2.0 / 3.0 * (outer**3 - inner**3) * np.sin(0.5 * angle) / area
+    middle = np.radians(0.5 * (first + last))
+    assert 1e-9 * solid.mass == pytest.approx(area * height, rel=1e-6)
+    centre = [off * np.cos(middle), off * np.sin(middle), 0.0]
+    assert 1e-3 * np.array(list(solid.center)) == pytest.approx(centre, abs=1e-8)
+
+
 def test_as_a_file_and_read_again(device, tmp_path):
     (tmp_path / "model.toml").write_text(device.to_toml())
     read = fm.read_device(tmp_path / "model.toml")
