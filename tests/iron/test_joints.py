@@ -1,14 +1,18 @@
 """Joints: thin gaps between bodies that touch."""
 
+from itertools import permutations, product
+
 import numpy as np
 import pytest
 from scipy.constants import mu_0
+from scipy.optimize import brentq
 
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Device, ExtrudedPolygon, Part, RevolvedProfile, placed
 from fieldmap.errors import GeometryError, InputError
 from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
 from fieldmap.iron.geometry import thin_gaps
+from fieldmap.iron.mesh.joints import Sheet, with_rims
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.mesh.topology import build_faces
 from fieldmap.iron.quantities.air import containing_element
@@ -160,6 +164,48 @@ def test_a_third_body_at_the_rim_closes_the_sheet_there():
 
 
 # ---- the field ----
+
+
+def column(side, length, heights):
+    """Points, tets and bodies of blocks that stand on each other: cubes of 1/2 side, each of six tets."""
+    step = side / 2
+    grid = np.stack(np.meshgrid(*[np.arange(n + 1) for n in (2, 2, length)], indexing="ij"), axis=-1)
+    number = np.arange(grid[..., 0].size).reshape(grid.shape[:3])
+    tets = []
+    for corner in product(range(2), range(2), range(length)):
+        for order in permutations(range(3)):
+            way = np.array(corner) + np.vstack(
+                [np.zeros(3, int), np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)]
+            )
+            tets.append(number[tuple(way.T)])
+    tets = np.array(tets)
+    points = step * grid.reshape(-1, 3)
+    body = np.searchsorted(np.array(heights) * step, points[tets].mean(axis=1)[:, 2])
+    return points, tets, body
+
+
+def test_the_layer_at_a_rim_lets_its_share_of_the_flux_pass_the_air():
+    """Of each joint of a stack: a gap g of area A and rim P passes P g log(h / (g / 4)) / (pi A) of its flux, 2.5 %,
+    from elements of the size h on; h is no more than exp(20) g / 4."""
+    side, gaps = 0.01, (1e-4, 2e-5, 1e-6)
+    points, tets, body = column(side, 8, (2, 4, 6))
+    sheets = [Sheet(f"{k} | {k + 1}", (k, k + 1), gap, 1.0) for k, gap in enumerate(gaps)]
+    sharp, layer = with_rims(points, tets, body, sheets, np.array([[0, 1]]), np.full(len(tets), 1e9))
+    assert len(sharp) == 1 + 3 * 8
+    outside = (np.abs(points[:, :2] - side / 2).max(axis=1) > 0.49 * side)[tets]
+    expected = np.full(len(tets), 1e9)
+    for k, gap in enumerate(gaps):
+        at_rim = (outside & np.isclose(points[tets][:, :, 2], side * (k + 1))).any(axis=1)
+
+        def passes(h, gap=gap):
+            return 4 * side * gap * np.log(h / (gap / 4)) / (np.pi * side**2)
+
+        expected[at_rim] = (
+            gap / 4 * np.exp(20)
+            if passes(gap / 4 * np.exp(20)) < 0.025
+            else brentq(lambda h: passes(h) - 0.025, gap / 4, gap * np.exp(20))
+        )
+    assert layer == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -165,6 +165,11 @@ def test_gaps_that_are_closed():
     assert pairs(low, collar) is None
     slug = block("slug", (0.01, 0.01, 0.0298), (0, 0, 0.0101))
     assert len(pairs(frame, slug) or ()) <= 1
+    # Both feet of a yoke stand on one gap; a slug in a slot has one on either side, of which none is closed.
+    slot = (Part(Box((0.03, 0.01, 0.02))), Part(Box((0.0102, 0.01, 0.01)), placed((0, 0, 0)), "cut"))
+    yoke = Body("yoke", "iron", slot, 0.004)
+    assert pairs(yoke, block("keeper", (0.03, 0.01, 0.01), (0, 0, -0.0101))) == {(0, 1)}
+    assert pairs(yoke, block("slug", (0.01, 0.01, 0.008), (0, 0, 0))) is None
 
 
 def test_moves_are_those_of_whole_pieces():
