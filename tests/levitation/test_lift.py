@@ -48,8 +48,9 @@ def test_off_the_axis_the_sideways_force_is_reported(axisymmetric):
 
 
 def test_a_uniform_field_lifts_nothing(axisymmetric):
-    with pytest.raises(Infeasible):
-        lift_current(axisymmetric((0.02, 0.0, 0.0, 0.0)), PAYLOAD, [0, 0, 0])
+    with pytest.raises(Infeasible) as caught:
+        lift_current(axisymmetric((0.02, 0.0, 0.0, 0.0)), PAYLOAD, [0.001, 0, -0.0125])
+    assert "[1.0, 0.0, -12.5] mm" in caught.value.problems[0].where
 
 
 def test_outside_and_wrong_shares(axisymmetric):

@@ -46,8 +46,9 @@ def test_corners_are_those_of_all_corners_of_the_box(count):
     assert volume == pytest.approx(by_threes, rel=1e-9)
 
 
-def test_triangles_face_outward():
-    corners, triangles, volume = zonotope(RANDOM.normal(size=(5, 3)), -np.ones(5), np.ones(5))
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_triangles_face_outward(size):
+    corners, triangles, volume = zonotope(size * RANDOM.normal(size=(5, 3)), -np.ones(5), np.ones(5))
     a, b, c = (corners[triangles[:, k]] for k in range(3))
     assert np.einsum("ti,ti->t", a, np.cross(b, c)).sum() / 6.0 == pytest.approx(volume, rel=1e-9)
     assert (np.einsum("ti,ti->t", a, np.cross(b - a, c - a)) > 0).all()
