@@ -1,0 +1,73 @@
+"""Branches that are followed in a parameter, against curves whose course is known."""
+
+import numpy as np
+import pytest
+
+from fieldmap.errors import NotConverged
+from fieldmap.levitation.continuation import follow_branch
+
+FOLD = 2.0 / (3.0 * np.sqrt(3.0))
+
+
+def cubic(q, p):
+    """q^3 - q + p = 0: turns back at q = 1 / sqrt(3), p = 2 / (3 sqrt(3)), and opposite."""
+    return q**3 - q + p
+
+
+def cubic_slope(q, p):
+    return np.array([[3.0 * q[0] ** 2 - 1.0]])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("slope", [None, cubic_slope])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_both_ways_round_the_folds(way, slope, sign):
+    """From the upper end up to the fold and on to the edge, and the mirror image of that; the same equation with its
+    sign changed."""
+    found = follow_branch(
+        lambda q, p: sign * cubic(q, p),
+        [way],
+        [0.0, 0.2 * way, 0.6 * way],
+        [1.0, 1.0],
+        slope=slope and (lambda q, p: sign * slope(q, p)),
+        limits=(-1.0, 1.0),
+    )
+    assert [fold.parameter for fold in found.folds] == pytest.approx([way * FOLD, -way * FOLD], rel=1e-6)
+    unknowns = [fold.unknowns[0] for fold in found.folds]
+    assert unknowns == pytest.approx([way / np.sqrt(3), -way / np.sqrt(3)], abs=1e-4)
+    # Cardano's: q = 2 / sqrt(3) cos(arccos(-p 3 sqrt(3) / 2) / 3) on the branch through q = 1.
+    at = way * 2.0 / np.sqrt(3.0) * np.cos(np.arccos(-0.2 * 1.5 * np.sqrt(3.0)) / 3.0)
+    assert found.at_stops[:, 0] == pytest.approx([way, at], rel=1e-9)
+    assert found.ended == "edge"
+    assert np.abs(cubic(found.unknowns[:, 0], found.parameters)).max() < 1e-8
+    assert (np.diff(found.unknowns[:, 0]) * way < 0).all()
+
+
+def test_what_a_parameter_is_measured_in_changes_nothing():
+    """The circle q^2 + p^2 = 1 in a unit of q a thousand times smaller; the same points but for the steps."""
+    fine = follow_branch(
+        lambda q, p: (1e-3 * q) ** 2 + p**2 - 1.0, [1e3], [0.0, 0.6, 2.0], [1e3, 1.0], limits=(-0.8, 2.0)
+    )
+    assert fine.at_stops[:, 0] == pytest.approx([1e3, 0.8e3], rel=1e-8)
+    assert [fold.parameter for fold in fine.folds] == pytest.approx([1.0], rel=1e-8)
+    # On the other side as far as the parameter may go.
+    assert fine.ended == "edge"
+    assert (fine.parameters[-1], fine.unknowns[-1, 0]) == pytest.approx((-0.8, -0.6e3), abs=0.1e3)
+
+
+def test_how_a_branch_ends():
+    line = ([0.0], [0.0, 0.5, 1.0], [1.0, 1.0])
+    reached = follow_branch(lambda q, p: q - p, *line)
+    assert reached.ended == "last stop"
+    assert reached.at_stops[:, 0] == pytest.approx([0.0, 0.5, 1.0], abs=1e-9)
+    assert reached.parameters[-1] == pytest.approx(1.0, abs=1e-9)
+    inside = follow_branch(lambda q, p: q - p, *line, inside=lambda q: q[0] < 0.7)
+    assert inside.ended == "edge"
+    assert inside.at_stops[:, 0] == pytest.approx([0.0, 0.5], abs=1e-9)
+    assert 0.69 < inside.parameters[-1] < 0.7
+    # Steps of 0.02 along a slope of 1.
+    few = follow_branch(lambda q, p: q - p, *line, step=0.02, most_steps=10)
+    assert few.ended == "steps"
+    assert few.parameters == pytest.approx(0.02 / np.sqrt(2.0) * np.arange(11), abs=1e-9)
+    with pytest.raises(NotConverged):
+        follow_branch(lambda q, p: q**2 + 1.0 + p, [0.0], [0.0, 1.0], [1.0, 1.0])
