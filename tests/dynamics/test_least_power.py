@@ -190,6 +190,15 @@ def test_the_shipped_scenario_takes_any_map(some, scale):
         assert 2.5 / 1.11 < run.currents[0].max() <= 2.5
 
 
+@pytest.mark.parametrize("zero", [-10.0, 77.0])
+def test_a_chosen_start_is_the_same_place_from_any_zero_of_depth(some, zero):
+    """The middle of the map, z = -108 mm, read downward from z = -zero."""
+    given = {"map": str(some(RING).parent / "some.h5"), "sensors.zero_depth_mm": zero}
+    experiment = prepare(read_scenario("hold", given))
+    assert experiment.scenario.start_depth_mm == pytest.approx(108.0 - zero)
+    assert experiment.operating_point.sensed[2] == pytest.approx(-0.108, abs=1e-9)
+
+
 def test_what_falls_on_the_shipped_map_falls_by_its_margins():
     """Its driver gives 3.55 A where its magnet takes 5.8 A; with a field three times as strong it is seen 15 mm above
     its middle, and swings there nearly undamped: the loops forgive a gain of 5 %. Drag that damps it holds it."""
