@@ -123,7 +123,7 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
         raise Infeasible(
             Problem(
-                f"lift_current at {(1e3 * point).round(3).tolist()} mm",
+                _at(point),
                 "dBz/dz must not vanish where a vertical dipole is to be lifted",
                 "no vertical force for the given shares",
                 "choose another position or other shares",
@@ -283,13 +283,12 @@ def _of_pieces(
 
 
 def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
-    where = f"lift_current at {(1e3 * point).round(3).tolist()} mm"
     must_hold = "the field must pull the payload up at the first current"
     remedy = (
         "choose another position, other shares, or another first current; where every coil may carry its own: "
         "fieldmap currents --lift, or currents_for of the map"
     )
-    return Infeasible(Problem(where, must_hold, f"{payload.description}, {current:g} A, no lift", remedy))
+    return Infeasible(Problem(_at(point), must_hold, f"{payload.description}, {current:g} A, no lift", remedy))
 
 
 def _next_current(tried: Sequence[tuple[float, float]]) -> float:
@@ -358,7 +357,7 @@ def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array
 def _beyond(point: Array, tried: Sequence[tuple[float, float]], current: float) -> OutsideMapError:
     return OutsideMapError(
         Problem(
-            f"lift_current at {(1e3 * point).round(3).tolist()} mm",
+            _at(point),
             "the lift must reach the weight at a current that the field holds",
             f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A",
             "choose a position nearer to the iron, or a field that holds more current",
@@ -373,10 +372,14 @@ def _last(tried: Sequence[tuple[float, float]]) -> str:
 def _not_converged(point: Array, tried: Sequence[tuple[float, float]]) -> NotConverged:
     return NotConverged(
         Problem(
-            f"lift_current at {(1e3 * point).round(3).tolist()} mm",
+            _at(point),
             f"the lift must reach the weight within {MAX_STATES} states",
             f"lift / weight at the last of them: {_last(tried)}",
             "choose a position nearer to the iron, other shares, or a first current nearer to the answer",
         ),
         residuals=tuple(abs(value) for _, value in tried),
     )
+
+
+def _at(point: Array) -> str:
+    return f"lift_current at {(1e3 * point).round(3).tolist()} mm"
