@@ -266,8 +266,7 @@ def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
         environment["FIELDMAP_MESHES"] = str(copy.parent.resolve() / "meshes")
     names = copy.parent / "tests.txt"
     names.write_text("".join(f"{name}\n" for name in tests), encoding="utf-8")
-    options = ["-q", "-x", "-m", "not slow", "-p", "no:cacheprovider"]
-    command = [sys.executable, "-m", "pytest", *options, f"@{names.resolve()}"]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", f"@{names.resolve()}"]
     try:
         done = subprocess.run(
             command, cwd=copy, env=environment, capture_output=True, timeout=limit, text=True
@@ -276,7 +275,7 @@ def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
         return "(no end)"
     if done.returncode == 0:
         return ""
-    functions = list(dict.fromkeys(name.split("[")[0] for name in tests))
+    functions = ["-m", "not slow", *dict.fromkeys(name.split("[")[0] for name in tests if "::" in name)]
     if done.returncode == 4 and "ERROR: not found" in done.stderr + done.stdout and functions != tests:
         # Parameters of a test are read from what is changed: all that it has now.
         return _failed(copy, file, functions, limit)
