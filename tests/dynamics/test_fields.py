@@ -8,6 +8,7 @@ from fieldmap.cli import main
 from fieldmap.dynamics import prepare, read_scenario, sampled_field, simulate
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.field import BaseField, as_field
+from fieldmap.maps.recipe import FEWEST_NODES
 
 DEVICE = """
 format = 1
@@ -135,6 +136,16 @@ def test_a_field_of_ones_own_is_sampled_over_its_box():
     points = np.random.default_rng(3).uniform(*BOX, (20, 3))
     np.testing.assert_allclose(sampled.field(points, [1.5]), own.field(points, [1.5]), rtol=2e-3)
     assert sampled_field(sampled) is sampled
+
+
+def test_cells_of_a_sampled_field_are_no_larger_than_asked_and_as_many_as_a_map_must_have():
+    """40 mm at 9 mm are five cells of 8 mm, 12 mm are two of 6 mm, but a map has four at least."""
+    thin = (BOX[0], BOX[0] + [0.04, 0.012, 0.016])
+    (words,) = (
+        one for one in sampled_field(as_field(Above(True), thin), 9e-3).assumptions if "sampled" in one
+    )
+    assert "8, 3, 4 mm" in words
+    assert FEWEST_NODES == 1 + 4
 
 
 @pytest.mark.parametrize(("field", "where"), [(as_field(Above(False), BOX), "field"), (Above(True), "Above")])
