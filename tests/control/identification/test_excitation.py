@@ -75,7 +75,7 @@ def power_of_x(exponent, polynomial, order):
     return result
 
 
-@pytest.mark.parametrize("order", TAPS)
+@pytest.mark.parametrize("order", range(2, 65))
 def test_feedback_polynomials_are_primitive(order):
     """x has the full order 2^n - 1, which also makes the polynomial irreducible."""
     polynomial = (1 << order) | 1 | sum(1 << tap for tap in TAPS[order])
