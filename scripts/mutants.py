@@ -301,7 +301,9 @@ def _explained() -> dict[str, str]:
     if not EQUIVALENT.is_file():
         return {}
     entries = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("mutant", [])
-    return {f"{one['file']}: {one['before']} -> {one['after']}": one["why"] for one in entries}
+    return {
+        f"{one['file']}: {one['before']} -> {after}": one["why"] for one in entries for after in one["after"]
+    }
 
 
 def _print(trials: list[Trial], console: Console) -> None:
