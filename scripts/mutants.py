@@ -275,15 +275,16 @@ def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
         return "(no end)"
     if done.returncode == 0:
         return ""
+    # Where a module of tests cannot be imported, pytest misses the tests that were asked for as well.
+    if told := re.search(r"^(?:FAILED|ERROR) (tests/.*?)(?: - |$)", done.stdout, re.MULTILINE):
+        return told[1]
     functions = ["-m", "not slow", *dict.fromkeys(name.split("[")[0] for name in tests if "::" in name)]
-    if done.returncode == 4 and "ERROR: not found" in done.stderr + done.stdout and functions != tests:
+    if done.returncode == 4 and "ERROR: not found" in done.stderr and functions != tests:
         # Parameters of a test are read from what is changed: all that it has now.
         return _failed(copy, file, functions, limit)
     if done.returncode in (4, 5) and "ImportError while loading conftest" not in done.stderr:
         raise SystemExit(done.stdout[-2000:] + done.stderr[-2000:])
-    # Where the package is not imported, or the interpreter dies, no test is named.
-    told = re.search(r"^(?:FAILED|ERROR) (.*?)(?: - |$)", done.stdout, re.MULTILINE)
-    return told[1] if told else f"(exit code {done.returncode})"
+    return f"(exit code {done.returncode})"
 
 
 def _read(keep: Path) -> dict[str, Trial]:
