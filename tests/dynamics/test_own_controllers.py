@@ -529,6 +529,22 @@ def test_limits_state_and_period_are_checked(plain):
         run(plain, own(python_pid, lower=[1.0, 2.0]))
 
 
+def test_a_run_says_what_it_rests_on():
+    for words, told in (
+        ({"state": [0.0, 1.0]}, "no limits; a state of 2 numbers"),
+        (
+            {"lower": [0.0, -1.0, -1.0], "upper": 10.0, "state": [0.0]},
+            "limits 0, -1, -1 to 10; a state of 1 number",
+        ),
+        ({"upper": 10.0}, "limits -inf to 10; a state of"),
+        ({"lower": -2.5}, "limits -2.5 to inf; a state of"),
+    ):
+        assert told in FunctionController(python_pid, **{"state": 1} | words).assumption
+    assert FunctionController(python_pid, 2).assumption.startswith(
+        "controller: python_pid of test_own_controllers.py"
+    )
+
+
 OWN = """
 [control.coupled]
 kind = "own"

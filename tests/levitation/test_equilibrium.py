@@ -7,6 +7,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError
 from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
+from fieldmap.levitation.balance import check_position
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -153,3 +154,24 @@ def test_bad_input(axisymmetric, change, error):
         find_equilibrium(axisymmetric((0.02, 0.03, 0.6, 0.0)), **arguments)
     assert caught.value.exit_code == 2
     assert all(p.where and p.must_hold and p.received and p.remedy for p in caught.value.problems)
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.3])
+def test_a_position_may_leave_the_box_by_rounding_only(middle):
+    """A share of 1e-12 of the box, wherever that lies; what was a little outside is put on the wall."""
+    lower, upper = middle - np.array([0.02, 0.03, 0.05]), middle + np.array([0.02, 0.03, 0.05])
+    rounding = 5e-14 * np.array([1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(check_position((lower, upper), upper + rounding, "here"), upper)
+    np.testing.assert_array_equal(check_position((lower, upper), lower - rounding, "here"), lower)
+    for outside in (upper + 20 * rounding, lower - 20 * rounding):
+        with pytest.raises(OutsideMapError):
+            check_position((lower, upper), outside, "here")
+    with pytest.raises(OutsideMapError) as caught:
+        check_position((lower, upper), middle + np.array([0.0, 0.0, 0.0625]), "here")
+    told = caught.value.problems[0]
+    z = 1e3 * middle
+    assert told.where == "here"
+    assert told.received == f"({z:g}, {z:g}, {z + 62.5:g}) mm"
+    assert (
+        f"({z - 20:g}, {z - 30:g}, {z - 50:g}) to ({z + 20:g}, {z + 30:g}, {z + 50:g}) mm" in told.must_hold
+    )

@@ -54,15 +54,17 @@ def test_triangles_face_outward(size):
     assert (np.einsum("ti,ti->t", a, np.cross(b - a, c - a)) > 0).all()
 
 
-def test_many_directions_in_one_plane():
-    """Hexagonal prisms: six coils on a circle pull within a plane, one along its axis."""
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_many_directions_in_one_plane(size):
+    """Hexagonal prisms: six coils on a circle pull within a plane, one along its axis. In any unit."""
     angle = np.arange(3) * np.pi / 3
     plane = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    corners, _, volume = zonotope(np.vstack([plane, [0, 0, 2.0]]), -np.ones(4), np.ones(4))
-    expected, hull = corners_by_brute_force(np.vstack([plane, [0, 0, 2.0]]), -np.ones(4), np.ones(4))
+    directions = size * np.vstack([plane, [0, 0, 2.0]])
+    corners, _, volume = zonotope(directions, -np.ones(4), np.ones(4))
+    expected, hull = corners_by_brute_force(directions, -np.ones(4), np.ones(4))
     # Regular hexagon of side 2, height 4.
-    assert volume == pytest.approx(6 * np.sqrt(3) * 4.0) == hull
-    same_points(corners, expected, 1e-9)
+    assert volume == pytest.approx(6 * np.sqrt(3) * 4.0 * size**3) == hull
+    same_points(corners, expected, 1e-9 * size)
 
 
 def test_flat_sets_have_no_volume():

@@ -142,6 +142,17 @@ def test_sectors_of_cylinders_and_rings_have_their_volume_and_centroid(inner, fi
     assert 1e-3 * np.array(list(solid.center)) == pytest.approx(centre, abs=1e-8)
 
 
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 2, 1, 3]])
+def test_corners_of_a_tetrahedron_may_come_in_any_order(order):
+    """Its volume is a sixth of the product of three edges at right angles, and its surface faces outward."""
+    tetrahedron = magnet.Tetrahedron(polarization=J, vertices=CORNERS[order])
+    tetrahedron.susceptibility = 99.0
+    (body,) = fm.Device.from_magpylib([current.Circle(current=1.0, diameter=0.1), tetrahedron]).bodies
+    (part,) = body.parts
+    a, b, c = np.moveaxis(part.shape.points[part.shape.triangles], 1, 0)
+    assert np.einsum("ti,ti->", a, np.cross(b, c)) / 6 == pytest.approx(0.01 * 0.012 * 0.009 / 6, rel=1e-12)
+
+
 def test_as_a_file_and_read_again(device, tmp_path):
     (tmp_path / "model.toml").write_text(device.to_toml())
     read = fm.read_device(tmp_path / "model.toml")

@@ -132,6 +132,22 @@ def test_the_sign_of_the_controller_is_the_sign_of_the_plant():
     assert identify_indirect(y[0], r, controller(0.5), ORDERS, TS).gain == pytest.approx(-found.gain)
 
 
+def test_the_indirect_way_goes_on_until_its_steps_are_within_the_tolerance():
+    """It contracts: answers to two tolerances differ by about the larger, and one round fewer is not enough."""
+    r, _, y = records(0.5, 1, noise=10 * SENSOR, hold=8)
+
+    def poles(**asked):
+        return identify_indirect(y[0], r, controller(0.5), ORDERS, TS, **asked)
+
+    fine, usual = poles(tolerance=1e-12), poles()
+    assert fine.iterations > usual.iterations > 1
+    np.testing.assert_allclose(usual.poles, fine.poles, rtol=1e-6)
+    with pytest.raises(NotConverged) as caught:
+        poles(iterations=usual.iterations - 1)
+    assert caught.value.residuals[-1] > 1e-6
+    assert poles(iterations=usual.iterations).iterations == usual.iterations
+
+
 def test_a_loop_without_delay_is_refused():
     _, u, y = records(0.5, 1)
     with pytest.raises(InputError, match="delay"):
