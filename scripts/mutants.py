@@ -26,8 +26,10 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
@@ -86,21 +88,22 @@ def main() -> int:
     given.keep.mkdir(parents=True, exist_ok=True)
     console = Console()
     known = _read(given.keep)
+    shown = known if given.report else {}
     if not given.report:
         copy = _copied(given.keep / "copy")
         if given.planted:
-            known |= _planted(copy, given.keep, console)
+            shown |= _planted(copy, given.keep, console)
         if given.packages:
             environment = environment_of(copy) | {"FIELDMAP_MESHES": str((given.keep / "meshes").resolve())}
             tests = TestsOfLines(copy, (given.keep / "covering").resolve(), given.tests, environment)
         for package in given.packages:
             again = {key for key, one in known.items() if given.again and not one.caught}
             left = {key: one for key, one in known.items() if key not in again}
-            known |= _sampled(package, given.count, given.seed, copy, given.keep, left, tests, console)
+            shown |= _sampled(package, given.count, given.seed, copy, given.keep, left, tests, console)
         shutil.rmtree(copy)
-    _print(list(known.values()), console)
-    planted = [one for one in known.values() if one.what in {error["what"] for error in _list_of_planted()}]
-    return int(given.planted and not all(one.caught for one in planted))
+    _print(list(shown.values()), console)
+    planted = [one for one in shown.values() if one.what in {error["what"] for error in _list_of_planted()}]
+    return int(not all(one.caught for one in planted))
 
 
 def _copied(folder: Path) -> Path:
@@ -197,14 +200,17 @@ def _mutants(package: str, seed: int) -> list[tuple[Path, str, int, int]]:
 
     for path in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder.with_suffix(".py")]:
         text = path.read_text(encoding="utf-8")
-        tree, lines = get_ast(text), text.splitlines()
+        tree, lines, here = get_ast(text), text.splitlines(), Counter[Any]()
         for name in names:
             operator = cosmic_ray.plugins.get_operator(name)()
             places = (place for node in ast_nodes(tree) for place in operator.mutation_positions(node))
             for k, (start, _) in enumerate(places):
                 line = lines[start[0] - 1]
-                column = start[1] - len(line) + len(line.lstrip())
-                found.append((drawn(path, line, name, column), path, name, k, start[0]))
+                place = name, start[1] - len(line) + len(line.lstrip())
+                here[place, start[0]] += 1
+                # A number is changed in two ways, which are drawn one without the other.
+                others = (here[place, start[0]],) if here[place, start[0]] > 1 else ()
+                found.append((drawn(path, line, *place, *others), path, name, k, start[0]))
     return [mutant for _, *mutant in sorted(found)]
 
 
@@ -308,8 +314,8 @@ def _explained() -> dict[str, str]:
 
 
 def _print(trials: list[Trial], console: Console) -> None:
-    """How many were caught in each package, and every survivor that nobody has explained. Lines that are gone do not
-    count."""
+    """How many were caught in each package and in all, and every survivor that nobody has explained. Lines that are
+    gone do not count."""
     texts = {
         one.file: (ROOT / one.file).read_text(encoding="utf-8")
         for one in trials
@@ -324,15 +330,16 @@ def _print(trials: list[Trial], console: Console) -> None:
     for one in trials:
         name = "planted" if one.what in planted else one.file.split("/")[1].removesuffix(".py")
         groups.setdefault(name, []).append(one)
-    for name, ones in sorted(groups.items()):
+    drawn = [one for one in trials if one.what not in planted]
+    rows = [*sorted(groups.items()), *([("all but planted", drawn)] if drawn else [])]
+    for name, ones in rows:
         caught = sum(one.caught for one in ones)
         named = sum(not one.caught and one.key in explained for one in ones)
         seconds = sum(one.seconds for one in ones) / len(ones)
         share = 100.0 * (caught + named) / len(ones)
         low, high = (100.0 * side for side in _interval(caught + named, len(ones)))
-        table.add_row(
-            name, str(len(ones)), str(caught), str(named), f"{share:.0f}", f"{low:.0f} to {high:.0f}", f"{seconds:.0f}"
-        )  # fmt: skip
+        counts = (str(len(ones)), str(caught), str(named))
+        table.add_row(name, *counts, f"{share:.0f}", f"{low:.0f} to {high:.0f}", f"{seconds:.0f}")
     console.print(table)
     for one in sorted(trials, key=lambda trial: trial.file):
         if not one.caught and one.key not in explained:
