@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.constants import g as gravity
 
-from fieldmap.dynamics import simulate
+from fieldmap.dynamics import simulate, simulate_many
 from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 from fieldmap.dynamics.scenario.batches import MOST_KEPT, Simulation
 from fieldmap.errors import InputError
@@ -136,3 +136,17 @@ def test_as_plain_python(scenario):
     assert [run["end_s"] for run in batch["runs"]] == [one.metrics.end_s for one in found.batches[0].runs]
     assert batch["rest"]["currents"] == found.first.operating_point.currents.tolist()
     assert plain["assumptions"] == list(found.first.machine.assumptions)
+
+
+def test_one_thread_for_each_processor_unless_told(scenario, monkeypatch):
+    seen = []
+
+    def one_by_one(*given, threads, **more):
+        seen.append(threads)
+        return simulate_many(*given, threads=1, **more)
+
+    monkeypatch.setattr("fieldmap.dynamics.scenario.batches.simulate_many", one_by_one)
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    for given in ({}, {"threads": 2}):
+        simulate_batches(scenario, runs=2, **given)
+    assert seen == [3, 2]

@@ -1,12 +1,16 @@
 """Scenario files: what is read, what is refused, what runs, what is written."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
+from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.scenario import find_scenario, reading_mm
+from fieldmap.dynamics.scenario.experiment import _start
 from fieldmap.dynamics.scenario.references import references
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from fieldmap.shipped import shipped_names
@@ -37,6 +41,25 @@ def test_all_mistakes_of_a_file_are_told_at_once_with_their_lines(written):
         number = next(n for n, line in enumerate(lines, 1) if line.startswith(key))
         assert any(words in text and f":{number}: " in text for text in told), (words, told)
     assert any("depth_mm" in problem.remedy for problem in caught.value.problems)
+
+
+def test_a_start_shifts_moves_and_leans_what_may_be_turned_already(written):
+    """SciPy's rotation about the map's x axis, before it one of the operating point's own."""
+    given = {
+        "start.shift_mm": [1.0, 2.0, 3.0],
+        "start.velocity_mm_per_s": [4.0, 5.0, 6.0],
+        "start.lean_deg": 40.0,
+    }
+    scenario = read_scenario(written(), given)
+    before = Rotation.from_rotvec([0.3, -0.5, 0.7])
+    quaternion = before.as_quat(scalar_first=True)
+    state = state_of([0.1, 0.2, -0.1], [0.0, 0.0, 0.0], quaternion, [7.0, 8.0, 9.0])
+    start = _start(scenario, SimpleNamespace(state=state))
+    np.testing.assert_allclose(start[:6], [0.101, 0.202, -0.103, 4e-3, 5e-3, 6e-3], rtol=1e-12)
+    turned = Rotation.from_quat(start[6:10], scalar_first=True)
+    expected = Rotation.from_euler("x", 40.0, degrees=True) * before
+    np.testing.assert_allclose(turned.as_matrix(), expected.as_matrix(), atol=1e-12)
+    assert start[10:].tolist() == [7.0, 8.0, 9.0]
 
 
 @pytest.mark.parametrize(
