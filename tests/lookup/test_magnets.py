@@ -3,12 +3,13 @@
 import magpylib
 import numpy as np
 import pytest
+from scipy.constants import mu_0
 
-from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere
+from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere, Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import BaseField
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
-from fieldmap.lookup import finite_magnet, interpolate, soft_sphere_force, volume_rule
+from fieldmap.lookup import finite_magnet, interpolate, magnetic_body, soft_sphere_force, volume_rule
 from fieldmap.store import Grid, MapData
 
 MU0 = 4e-7 * np.pi
@@ -260,3 +261,15 @@ def test_soft_sphere_in_a_map(field):
         slope = (ahead @ ahead - behind @ behind) / (2 * step)
         assert force[j] == pytest.approx(2 * np.pi * 0.5e-4**3 / MU0 * slope, rel=1e-4)
     assert soft_sphere_force(field, position[None], currents, 1e-4).shape == (1, 3)
+
+
+def test_a_moment_that_was_measured_is_that_of_the_dipole():
+    """Beside a shape: that of its remanence only where none is given."""
+    shape = MagnetCylinder(0.01, 0.012, 1.3)
+    dipole = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape))
+    assert dipole.points.tolist() == [[0.0, 0.0, 0.0]]
+    assert dipole.moments.tolist() == [[0.0, 0.0, 0.9]]
+    volume = np.pi / 4 * 0.01**2 * 0.012
+    assert magnetic_body(Payload(mass=0.01, magnet=shape)).moment == pytest.approx(
+        1.3 * volume / mu_0, rel=1e-8
+    )
