@@ -12,7 +12,7 @@ from fieldmap.device.model import Body, Box, Device, ExtrudedPolygon, Part, Revo
 from fieldmap.errors import GeometryError, InputError
 from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
 from fieldmap.iron.geometry import thin_gaps
-from fieldmap.iron.mesh.joints import Sheet, with_rims
+from fieldmap.iron.mesh.joints import Sheet, open_sheets, with_rims
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.mesh.topology import build_faces
 from fieldmap.iron.quantities.air import containing_element
@@ -180,6 +180,8 @@ def column(side, length, heights):
             tets.append(number[tuple(way.T)])
     tets = np.array(tets)
     points = step * grid.reshape(-1, 3)
+    odd = volumes(points, tets) < 0
+    tets[odd] = tets[odd][:, [0, 1, 3, 2]]
     body = np.searchsorted(np.array(heights) * step, points[tets].mean(axis=1)[:, 2])
     return points, tets, body
 
@@ -206,6 +208,27 @@ def test_the_layer_at_a_rim_lets_its_share_of_the_flux_pass_the_air():
             else brentq(lambda h: passes(h) - 0.025, gap / 4, gap * np.exp(20))
         )
     assert layer == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("height", [-1.0, 0.0, 1.0])
+def test_sheets_are_cut_out_of_a_body_wherever_the_device_stands(height):
+    """A stack of three blocks, the middle twice as high: each sheet has the volume of its gap, a block has lost it, and
+    the outside stays."""
+    side, gaps = 0.01, (1e-4, 2e-4)
+    points, tets, body = column(side, 8, (2, 6))
+    points = points + [0.0, 0.0, height]
+    sheets = [Sheet(f"{k} | {k + 1}", (k, k + 1), gap, 1.0) for k, gap in enumerate(gaps)]
+    opened = open_sheets(points, tets, body, sheets, 3)
+    volume = volumes(opened.points, opened.tets)
+    assert volume[: len(tets)].min() > 0
+    # Tets of sheets are turned the right way round later.
+    of_body = np.bincount(opened.body, np.abs(volume))
+    assert of_body[3:] == pytest.approx(side**2 * np.array(gaps), rel=1e-9)
+    assert of_body.sum() == pytest.approx(4 * side**3, rel=1e-12)
+    # Of the two at a joint the smaller one makes room.
+    assert of_body[:3] == pytest.approx(
+        side**2 * np.array([side - gaps[0], 2 * side, side - gaps[1]]), rel=1e-9
+    )
 
 
 @pytest.fixture(scope="module")
