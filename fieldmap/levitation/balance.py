@@ -205,10 +205,6 @@ class RigidBalance:
         """Weight, N."""
         return self.mass * GRAVITY
 
-    def moments(self, points: Array) -> Array:
-        """Moment (n, 3) at points (n, 3) once the magnet has turned, A m^2."""
-        return self.magnet.moment * self.axes(points)
-
     def magnetic_force(self, points: Array) -> Array:
         """Magnetic force (n, 3) with the centre at points (n, 3), N."""
         return self._wrench(points, self.axes(points))[:, :3]

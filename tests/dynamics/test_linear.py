@@ -31,7 +31,7 @@ from fieldmap.dynamics import (
     superposed,
 )
 from fieldmap.dynamics.linearisation import moved_state, sampled_machine, sensor_answer
-from fieldmap.dynamics.linearisation.loop import _shares_of_the_past
+from fieldmap.dynamics.linearisation.loop import _margins_of, _shares_of_the_past
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
 from fieldmap.lookup import open_map
@@ -178,6 +178,17 @@ def test_sampling_holds_what_the_controller_said_last(linear, delay):
     np.testing.assert_allclose(
         found.A @ x + found.B[:, 0] * now + found.before[:, 0] * before, there, rtol=1e-9
     )
+
+
+@pytest.mark.parametrize(("middle", "up", "down"), [(1.2, np.exp(1.3), 0.0), (3.5, np.inf, np.exp(-1.0))])
+def test_margins_of_a_curve_that_is_straight_in_the_logarithm_are_exact_on_any_frequencies(middle, up, down):
+    """-l = (f0 / f) exp(i (1 - 0.4 log f)): |l| = 1 at f0, and the angle passes 0 at log f = 2.5."""
+    frequencies = np.exp(np.linspace(0.0, 4.6, 8))
+    x = np.log(frequencies)
+    found = _margins_of("lift", frequencies, -np.exp(middle - x + 1j * (1.0 - 0.4 * x)))
+    assert found.crossover == pytest.approx(np.exp(middle), rel=1e-9)
+    assert found.phase == pytest.approx(np.rad2deg(abs(1.0 - 0.4 * middle)), rel=1e-9)
+    assert (found.gain_up, found.gain_down) == pytest.approx((up, down), rel=1e-9)
 
 
 def test_margins_are_those_of_python_control(linear, machine):

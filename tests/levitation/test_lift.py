@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.constants import mu_0
 
-from fieldmap.device.model import Payload
+from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import BaseField, as_field
 from fieldmap.levitation import (
@@ -148,9 +149,16 @@ def test_a_linear_field_needs_three_states_at_most_and_agrees_with_the_linear_fu
     np.testing.assert_allclose(lift.stiffness, linear.stiffness, rtol=1e-5, atol=1e-7)
 
 
-def test_force_per_ampere_is_the_slope_not_the_ratio(axisymmetric):
+SHAPE = MagnetCylinder(0.01, 0.012, 0.813 * mu_0 / (0.25 * np.pi * 0.01**2 * 0.012))
+
+
+@pytest.mark.parametrize(
+    "payload", [PAYLOAD, Payload(mass=0.01119, pieces=[SHAPE])], ids=["moment", "pieces"]
+)
+def test_force_per_ampere_is_the_slope_not_the_ratio(axisymmetric, payload):
     field = Law(axisymmetric(COEFFICIENTS), knee(0.25))
-    lift = lift_current(field, PAYLOAD, POINT, first=2.0 * NEEDED)
+    lift = lift_current(field, payload, POINT, first=2.0 * NEEDED)
+    assert lift.current == pytest.approx(0.6 * NEEDED + 0.4 * NEEDED / 0.25, rel=1e-4)
     assert lift.force_per_ampere[2] == pytest.approx(0.25 * PER_AMPERE, rel=1e-6)
 
 

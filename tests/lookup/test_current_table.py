@@ -1,6 +1,7 @@
 """The table of a map over a current division, against the model that it is made from and a law known in closed form."""
 
 import pickle
+from itertools import product
 from types import SimpleNamespace
 
 import numba
@@ -84,6 +85,19 @@ def test_beside_and_beyond_it_the_slopes_go_on_from_the_nearest_division(table):
         slope = RegularGridInterpolator(nodes, slopes)(place)[0]
         np.testing.assert_allclose(out[6:], near[6:] + (currents - division) @ slope, rtol=1e-7, atol=1e-9)
         np.testing.assert_array_equal(out[:6], currents)
+
+
+def test_corners_of_the_table_belong_to_it():
+    """Their signals are found from currents, to rounding; a millionth of the range beyond is outside."""
+    axes = [np.linspace(low, high, 5) for low, high in zip(LOWER, UPPER, strict=True)]
+    nothing = np.zeros((5, 5, 5, 3)), np.zeros((5, 5, 5, 6, 3))
+    made = tables.spline_table(axes, LiftAndDirections(N), *nothing)
+    out = np.empty(9)
+    for shares in product((0.0, 1.0), repeat=3):
+        corner = LOWER + shares * (UPPER - LOWER)
+        assert table_weights(made, divide_currents(*corner, N), out) == FOUND
+        for beyond in corner + 1e-6 * np.diag((2 * np.array(shares) - 1) * (UPPER - LOWER)):
+            assert table_weights(made, divide_currents(*beyond, N), out) == BEYOND
 
 
 def test_a_coil_above_the_limit_is_beyond_the_table(table):
