@@ -375,6 +375,19 @@ def test_currents_for_more_than_limits_allow(opened):
         opened.currents_for(at, force=1e3 * force, moment=bead, limits=limit, start=held)
 
 
+def test_currents_of_one_sense_for_a_bead(opened):
+    """A bead is pulled by the square of the currents: all of them turned about give the same force."""
+    bead, at, coils = magnetic_body(BEAD), np.array([0.001, -0.002, 0.001]), len(opened.coil_names)
+    force = np.array([np.nan, np.nan, 0.5 * WEIGHT])
+    none, most = np.zeros(coils), np.full(coils, 50.0)
+    ahead = opened.currents_for(at, force=force, moment=bead, limits=[none, most])
+    behind = opened.currents_for(at, force=force, moment=bead, limits=[-most, none])
+    assert ahead.min() >= 0.0 >= behind.max()
+    for currents in (ahead, behind):
+        assert opened.wrench(at, bead, currents)[2] == pytest.approx(force[2], rel=1e-7)
+    assert behind @ behind == pytest.approx(ahead @ ahead, rel=1e-4)
+
+
 def test_currents_for_magnets_in_a_body_are_those_for_their_dipole(opened):
     magnet, at = magnetic_body(MagnetSphere(3e-3, 1.2)), np.array([0.001, 0.0, -0.002])
     force, torque = [1e-3, -2e-3, 3e-3], [1e-6, 0.0, 0.0]
