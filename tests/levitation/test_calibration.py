@@ -97,6 +97,25 @@ def test_gains_of_the_coils_need_places(rig):
     np.testing.assert_allclose(found.currents([2.0, 2.0]), [2.2, 1.9], rtol=1e-4)
 
 
+def test_places_may_count_from_the_first(rig):
+    """A sensor that was set to zero where the magnet was first: wherever that is, the places fit."""
+    read = position_readings(rig, TRUTH)
+    sensed, currents, places = (np.asarray(of)[:2] for of in (read.sensed, read.currents, read.places))
+    found = calibrate(
+        rig,
+        PAYLOAD,
+        lift=lift_readings(rig, TRUTH),
+        positions=PositionReadings(sensed, currents, places + [3e-3, -1e-3], from_first=True),
+        fit=["field_scale"],
+        given={"magnet_offset": TRUTH["magnet_offset"]},
+    )
+    assert found.misfit < 1e-3
+    rows = [row for row in found.table if " of reading " in row.quantity]
+    expected = (places - places[0]).ravel()
+    assert [row.measured for row in rows] == pytest.approx(expected, abs=1e-12)
+    assert [row.after for row in rows] == pytest.approx(expected, abs=1e-7)
+
+
 def test_field_scale_and_current_scale_differ_where_iron_saturates(rig):
     lift = lift_readings(rig, TRUTH, (1.2, 1.2))
     fit = ["field_scale", "current_scale"]
