@@ -88,6 +88,17 @@ def test_mutual_inductance_with_a_winding_and_a_square():
         assert matrix[1, number] == pytest.approx(np.sum(field * rule.vectors), rel=2e-4)
 
 
+def test_the_potential_on_a_straight_wire_stays_finite():
+    """mu0 I / (2 pi) arsinh(L / 2d) beside its middle; on the wire that of a distance of 1e-12 of its length."""
+    wire = coil(polyline([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]))
+    distance = np.array([0.1, 1e-3, 1e-9, 0.0])
+    points = np.column_stack([np.full(4, 0.2), distance, np.zeros(4)])
+    expected = mu_0 / (2 * np.pi) * np.arcsinh(0.2 / np.maximum(distance, 0.4e-12))
+    found = vector_potential(wire, points)
+    assert found[:, 0] == pytest.approx(expected, rel=1e-9)
+    assert np.abs(found[:, 1:]).max() == 0.0
+
+
 @pytest.mark.parametrize(
     "source", [circle(), square(0.03), polyline([[0, 0, 0], [0.01, 0, 0.02], [0.03, 0.01, 0]])]
 )
