@@ -156,7 +156,13 @@ def _started(variable: Variable, draft: DesignProblem) -> Variable:
 
 
 def _of_pairs(draft: DesignProblem) -> Iterator[Finding]:
-    """Keys that one variable sets and that follow another one as well, which would then do nothing there."""
+    """Keys and currents that one variable sets and that follow another one as well, which would then do nothing
+    there."""
+    of_all = f"{CURRENT}*"
+    for k, key in enumerate(draft.keys):
+        if of_all in draft.keys and key != of_all and draft.variables[k].is_current:
+            remedy, received = "leave one of them out, or name every coil", f"{key} and {of_all}"
+            yield Finding(("variable", k, "key"), "no current may follow two variables", received, remedy)
     data = draft.document.data
     followed = [_followers(variable, draft.document) for variable in draft.variables]
     told: set[frozenset[str]] = set()

@@ -397,5 +397,9 @@ def test_a_key_that_follows_two_variables():
         ("optimise, coil.upper.position_mm.3", "coil.upper.position_mm.3"),
         ("optimise, coil.*.turns", "coil.lower.turns"),
     ]
+    currents = [Variable(f"current.{name}", 0.0, 2.0, 1.0) for name in ("*", "upper")]
+    with pytest.raises(InputError) as caught:
+        fm.optimise(text, currents, "flux_density 1 z", currents={"one": 1.0}, points=np.zeros((1, 3)))
+    assert ["current.upper" in problem.received for problem in caught.value.problems] == [True]
     best = fm.optimise(text, [spacing, middle], "inhomogeneity", box=([-1e-3] * 3, [1e-3] * 3))
     assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=1.0)
