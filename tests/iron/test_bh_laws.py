@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from fieldmap.device.model import Arctangent, BHTable, Froehlich, Marrocco
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import law_tables, law_values
+from fieldmap.iron.elements.bh_law import law_tables, law_values, straight_laws
 
 FROEHLICH = Froehlich("f", 4000.0, 2.1)
 ARCTANGENT = Arctangent("a", 1500.0, 1.95)
@@ -149,3 +149,14 @@ def test_laws_that_no_iron_follows_are_refused(material, received):
     (problem,) = caught.value.problems
     assert problem.where == f"material '{material.name}'"
     assert received in problem.received
+
+
+def test_straight_laws_hold_everywhere():
+    """b = mu_r h, with neither a first nor a last point."""
+    laws = straight_laws(np.array([1.0, 500.0, 1e5]))
+    h = np.array([0.0, 1e-6, 2.0])
+    for number, mu_r in enumerate((1.0, 500.0, 1e5)):
+        np.testing.assert_allclose(laws.flux_density(h, np.full(3, number)), mu_r * h, rtol=1e-14)
+    low, high = laws.range_h
+    assert np.isinf([low, high]).all()
+    assert len(low) == len(high) == 3
