@@ -15,6 +15,7 @@ from fieldmap.device.model import (
     Sphere,
 )
 from fieldmap.errors import GeometryError
+from fieldmap.iron.geometry import shapes
 from fieldmap.iron.geometry.solids import body_solid
 
 TRIANGLE = np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.06]])
@@ -176,3 +177,12 @@ def test_a_body_must_begin_with_something_to_cut_from():
 def test_a_place_that_is_not_a_number_is_refused():
     with pytest.raises(GeometryError, match="position"):
         body_solid(body(Part(Sphere(0.01), Placement(np.array([np.nan, 0, 0])))))
+
+
+def test_a_ring_is_full_without_a_bore_and_no_other_bore_is_none():
+    full = np.pi * 5.0**2 * 10.0
+    assert shapes.ring(0.0, 5e-3, 0.0, 1e-2).mass == pytest.approx(full, rel=1e-9)
+    assert shapes.ring(3e-3, 5e-3, 0.0, 1e-2).mass == pytest.approx(full * (1 - 0.36), rel=1e-9)
+    for inner in (-1e-3, 5e-3, 6e-3):
+        with pytest.raises(ValueError, match="inner radius"):
+            shapes.ring(inner, 5e-3, 0.0, 1e-2)
