@@ -1,6 +1,7 @@
 """Gaps of the drawing that are thin against the elements."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.constants import mu_0
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, placed
 from fieldmap.iron import generate_mesh
+from fieldmap.iron.elements.vacuum import vacuum
 from fieldmap.iron.geometry.thin_gaps import closed_gaps
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.mesh.topology import build_faces
@@ -125,6 +127,23 @@ def test_a_gap_with_a_joint_elsewhere():
     found = [volume[mesh.body == 3 + k].sum() for k in range(2)]
     assert found == pytest.approx([SIDE**2 * gap, 0.06**2 * joint], rel=1e-9)
     assert volume.min() > 0
+
+
+def test_elements_at_the_rim_of_a_sheet_are_softer_by_their_width():
+    """g / h of the flat prism that an element is a third of: h is the altitude of its triangle on the longest side."""
+    gap = 1e-5
+    mesh = generate_mesh(magnet_above_plate(gap), symmetry="none")
+    air = vacuum(SimpleNamespace(mesh=mesh, topology=build_faces(mesh)))
+    softer = np.flatnonzero(air.law)
+    assert len(softer) > 10
+    assert (mesh.body[softer] == 2).all()
+    for element in softer:
+        flat = np.unique(np.round(mesh.points[mesh.tets[element], :2], 9), axis=0)
+        a, b, c = flat
+        longest = max(np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b))
+        width = abs(np.linalg.det([b - a, c - a])) / longest
+        (found,) = air.tables.flux_density(np.array([1.0]), air.law[[element]])
+        assert found == pytest.approx(min(1.0, gap / width), rel=1e-3)
 
 
 # ---- which gaps ----
