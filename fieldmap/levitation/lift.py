@@ -288,7 +288,9 @@ def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
         "choose another position, other shares, or another first current; where every coil may carry its own: "
         "fieldmap currents --lift, or currents_for of the map"
     )
-    return Infeasible(Problem(_at(point), must_hold, f"{payload.description}, {current:g} A, no lift", remedy))
+    return Infeasible(
+        Problem(_at(point), must_hold, f"{payload.description}, {current:g} A, no lift", remedy)
+    )
 
 
 def _next_current(tried: Sequence[tuple[float, float]]) -> float:
