@@ -167,6 +167,7 @@ def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict
         "largest_weights": trained.largest_weights.tolist(),
         "modes": len(trained.model.constant),
         "sample_points": len(trained.model.weights),
+        "condensed_from": asdict(trained.condensation),
     }
 
 

@@ -25,6 +25,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers import reduced
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.training import training
+from fieldmap.maps.training.model_error import Trial
 from fieldmap.maps.training.modes import SolvedModes, proper_modes
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted, sequence, training_signals
 from fieldmap.parallel import Common, Workers
@@ -106,6 +107,38 @@ def test_the_stated_errors_are_those_of_states_not_trained_on(data):
         report["states_solved"] == report["states_trained_on_solved"] - report["corners_trained_on"] + 4 + 4
     )
     assert report["generation_processor_seconds"] > 0
+
+
+def test_a_map_holds_fewer_modes_and_points_than_were_trained(data, folder, capsys):
+    report, model = data.provenance.solver_report, data.reduced_model
+    trained = report["condensed_from"]
+    assert len(model.constant) == report["modes"] < trained["modes"] <= 40
+    assert len(model.weights) == report["sample_points"] < trained["points"] <= 250
+    assert 0.0 < trained["changed"] < 2.0
+    print_summary(folder / "map.h5", False)
+    text = " ".join(capsys.readouterr().out.split())
+    assert f"condensed from {trained['modes']} and {trained['points']}" in text
+
+
+def test_shares_of_sums_are_those_of_the_charges(solver):
+    """Fields of charges, summed by weights, against the field of the summed charges."""
+    points = np.random.default_rng(1).uniform(-2e-3, 2e-3, (9, 3)) + [0.0, 0.0, -25e-3]
+    trial, random = Trial(solver, points), np.random.default_rng(2)
+    currents = np.array([[1.0, 0.5], [2.0, -0.5], [1.5, 1.5]])
+    charge = solver.charge_density(np.array([potential_at(solver, values) for values in currents]).T)
+    weights, changes = np.eye(3), 1e-3 * random.standard_normal((3, 3))
+    ours = trial.shares_of_sums(currents, trial.fields(charge), weights, changes)
+    np.testing.assert_allclose(ours, trial.shares(currents, charge, changes @ charge), rtol=1e-9)
+    # Without any field there is nothing to compare with: a thousandth of the largest stands for it.
+    none = trial.shares_of_sums(
+        np.concatenate([currents, np.zeros((1, 2))]),
+        trial.fields(charge),
+        np.concatenate([weights, np.zeros((1, 3))]),
+        np.concatenate([changes, changes[:1]]),
+    )
+    np.testing.assert_allclose(none[:3], ours, rtol=1e-12)
+    assert np.isfinite(none[3]).all()
+    assert (none[3] > 100.0 * ours[0]).all()
 
 
 def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):

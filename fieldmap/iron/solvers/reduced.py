@@ -4,7 +4,7 @@ The amplitudes of the basis solve the projected equation of the potential form (
 B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -71,6 +71,12 @@ class GalerkinModel(Record):
         )
         return amplitude, steps
 
+    def tangent_factor(self, currents: Array, amplitude: Array) -> Array:
+        """Cholesky factor (r, r), lower, of the tangent at currents (c,) and amplitudes (r,)."""
+        laws = (self.weights, self.law, *self.tables.arrays)
+        source = self.applied(currents)
+        return tangent_factor(source, self.gradients, self._single, *laws, self.air, amplitude)
+
     @cached_property
     def _few(self) -> "GalerkinModel":
         """Enough points to say what energy is: some thousands at random, with the others' weights."""
@@ -91,10 +97,7 @@ class GalerkinModel(Record):
         fields (r, m): of the modes, at m numbers of interest. To first order: the error is K^-1 R, with the tangent K
         of the state.
         """
-        few = self._few
-        laws = (few.weights, few.law, *few.tables.arrays)
-        source = few.applied(currents)
-        factor = tangent_factor(source, few.gradients, few._single, *laws, few.air, amplitude)
+        factor = self._few.tangent_factor(currents, amplitude)
         inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
         # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
         caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
@@ -115,6 +118,16 @@ class GalerkinModel(Record):
         """What every point's moments (p, 3) add to combinations (r, k) of the residual, (p, k)."""
         of_points = (self.gradients @ combine).reshape(*moments.shape, -1)
         return np.einsum("pi,pik->pk", moments, of_points)
+
+    def combined(self, basis: Array) -> "GalerkinModel":
+        """The same model on combinations (r, q) of its modes."""
+        air = basis.T @ self.air @ basis
+        return replace(
+            self,
+            gradients=np.ascontiguousarray(self.gradients @ basis),
+            air=0.5 * (air + air.T),
+            constant=basis.T @ self.constant,
+        )
 
     def sampled(self, points: NDArray[np.int64], weights: Array) -> "GalerkinModel":
         """The same model on some of its points with other weights (hyper-reduction)."""

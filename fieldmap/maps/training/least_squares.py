@@ -28,11 +28,22 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float, most: int
     """
     most = len(matrix) if most is None else min(most, len(matrix))
     size = float(np.linalg.norm(wanted))
+    return sparse_nonnegative_of_products(_products(matrix), wanted @ matrix, size, tolerance, most)
+
+
+def sparse_nonnegative_of_products(
+    products: Array, with_wanted: Array, size: float, tolerance: float, most: int | None = None
+) -> Array:
+    """The same x (n,), of the products (n, n) of the columns, theirs (n,) with what is wanted, and its length `size`.
+
+    At most `most` of the unknowns differ from zero.
+    """
+    most = len(products) if most is None else min(most, len(products))
     allowed = (max(tolerance, _LEAST) * size) ** 2
-    passive = _Passive(_products(matrix), wanted @ matrix, most)
+    passive = _Passive(products, with_wanted, most)
     last, at_once = np.inf, _AT_ONCE
     barred: list[int] = []
-    for _ in range(20 * len(matrix)):
+    for _ in range(20 * len(products)):
         slope = passive.slope()
         rest = size**2 - float(passive.values @ (passive.right + slope[passive.numbers]))
         if rest <= allowed or len(passive.numbers) >= most:
@@ -53,7 +64,7 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float, most: int
             continue
         barred = []
         passive.solve()
-    x = np.zeros(matrix.shape[1])
+    x = np.zeros(len(products))
     x[passive.numbers] = passive.values
     return x
 

@@ -10,6 +10,9 @@ from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
+# A state whose field is a smaller share of the largest of all has none to compare with.
+_NO_FIELD = 1e-3
+
 
 @dataclass(frozen=True)
 class Errors(Record):
@@ -49,6 +52,20 @@ class Trial:
             for j in range(2):
                 largest = _largest(whole[j][k] + self._without_iron(values, j))
                 rows[k, j] = _largest(changed[j][k]) / largest
+        return rows
+
+    def shares_of_sums(
+        self, currents: Array, fields: tuple[Array, Array], weights: Array, changes: Array
+    ) -> Array:
+        """The same of changes (s, k) of weights (s, k) of fields of the iron, flux densities (k, n, 3) and gradients
+        (k, n, 3, 3); of states without a field, as shares of a thousandth of the largest."""
+        rows = np.empty((len(currents), 2))
+        for j, each in enumerate(fields):
+            largest = np.empty(len(currents))
+            for k, values in enumerate(currents):
+                largest[k] = _largest(np.tensordot(weights[k], each, 1) + self._without_iron(values, j))
+                rows[k, j] = _largest(np.tensordot(changes[k], each, 1))
+            rows[:, j] /= np.maximum(largest, _NO_FIELD * largest.max())
         return rows
 
     def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:

@@ -13,6 +13,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
+from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.cubature import Contributions, empirical_cubature
 from fieldmap.maps.training.expected import expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
@@ -296,14 +297,20 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
 @dataclass(frozen=True, eq=False, repr=False)
 class Reduction(Record):
     """The iron on modes of solved states, with the law at all points (`modes`) and at sample points (`sampled`);
-    charge (r, faces): density of the modes on the solver's surface faces, T; fields (r, m): the modes' flux densities
-    and gradients in the workspace, both of the same size."""
+    charge (r, faces): density of the modes on the solver's surface faces, T; flux (r, n, 3) and gradient (r, n, 3, 3):
+    of the modes in the workspace, T and T/m."""
 
     solver: NonlinearSolver
     modes: SolvedModes
     sampled: GalerkinModel
     charge: Array
-    fields: Array
+    flux: Array
+    gradient: Array
+
+    @property
+    def fields(self) -> Array:
+        """Flux densities and gradients (r, m) of the modes, both of the same size."""
+        return _same_size(self.flux, self.gradient)
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (s, r) at currents (s, c), by the sample points."""
@@ -333,8 +340,8 @@ def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
     """Choose the sample points. share: of the accuracy, what they may change a state by."""
     plan, solver = solving.plan, solving.solver
     charge = solver.charge_density(modes.basis)
-    fields = _same_size(*solving.trial.fields(charge))
-    lengths = same_lengths(fields)
+    of_modes = solving.trial.fields(charge)
+    lengths = same_lengths(_same_size(*of_modes))
     pairs = zip(modes.currents, modes.amplitudes, strict=True)
     states = [_contributions(modes.model, values, amplitude, lengths) for values, amplitude in pairs]
 
@@ -347,7 +354,7 @@ def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
     tell(0)
     chosen, factors = empirical_cubature(states, plan.points, share * plan.accuracy, tell=tell)
     sampled = modes.model.sampled(chosen, factors * modes.model.weights[chosen])
-    return Reduction(solver, modes, sampled, charge, fields)
+    return Reduction(solver, modes, sampled, charge, *of_modes)
 
 
 def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fields: Array) -> Contributions:
@@ -493,18 +500,29 @@ def _off_of_modes(solving: Solving, training: Snapshots, tried: Snapshots, numbe
     return float(_shares(share)[0])
 
 
+@dataclass(frozen=True)
+class Condensation(Record):
+    """Modes and sample points that were trained, and what fewer of them change of the field of any state, at most,
+    over the accuracy: the largest found."""
+
+    modes: int
+    points: int
+    changed: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trained(Record):
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
-    trained on, what was done about the corners of the domain, and how the other states were chosen; its errors on
-    states that it was not trained on, by their kind; and the largest weights (c + k,) of the map's fields over the
-    domain."""
+    trained on, what was done about the corners of the domain, and how the other states were chosen; what it was
+    condensed from; its errors on states that it was not trained on, by their kind; and the largest weights (c + k,) of
+    the map's fields over the domain."""
 
     model: ReducedModel
     charge: Array
     snapshots: Snapshots
     corners: CornersTried
     rounds: tuple[Round, ...]
+    condensation: Condensation
     errors: Mapping[str, Errors]
     largest_weights: Array
 
@@ -551,15 +569,18 @@ def train(
         if sequence.at_its_end or off.max(initial=0.0) <= HELD_OUT * plan.accuracy:
             break
         worst = int(off.argmax())
-    reduced, modes, snapshots = reduction.sampled, reduction.modes, sequence.training
+    modes, snapshots = reduction.modes, sequence.training
     require_states(states)
     require_some(tried, states)
     forecast.at("modes", "fields of the modes")
     combination, output = output_fields(
         modes.amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy
     )
-    model = _model(reduced, output, modes.currents, modes.amplitudes, domain, reference)
+    forecast.at("modes", "modes and points that the workspace sees", 0.3)
+    few = _condensed(trial, reduction, domain, combination, output, plan.accuracy)
+    reduced, output = few.model, output @ few.basis
     forecast.at("modes", "error on states not trained on", 0.6)
+    model = _model(reduced, output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
     charge = combination @ reduction.charge
     errors = {
         name: trial.errors(_weights(reduced, output, found.currents), charge, found)
@@ -568,7 +589,30 @@ def train(
     }
     all_corners = domain.parametrisation.currents(corner_signals(domain))
     largest = _largest_weights(domain, reduced, output, np.concatenate([modes.currents, all_corners]))
-    return Trained(model, charge, snapshots, of_corners, tuple(sequence.rounds), errors, largest)
+    rounds = tuple(sequence.rounds)
+    condensation = Condensation(reduction.sampled.modes, len(reduction.sampled.weights), few.changed)
+    return Trained(model, charge, snapshots, of_corners, rounds, condensation, errors, largest)
+
+
+def _condensed(
+    trial: Trial,
+    reduction: Reduction,
+    domain: CurrentDomain,
+    combination: Array,
+    output: Array,
+    accuracy: float,
+) -> Condensed:
+    """The model at the sample points on fewer modes and points, as the fields of the map (k, r) see it, which are
+    combinations (k, r) of those of the modes."""
+    flux, gradient = (np.tensordot(combination, of, 1) for of in (reduction.flux, reduction.gradient))
+
+    def off(currents: Array, amplitudes: Array, changes: Array) -> Array:
+        whole, changed = amplitudes @ output.T, changes @ output.T
+        return _shares(trial.shares_of_sums(currents, (flux, gradient), whole, changed))
+
+    lengths = output.T @ same_lengths(_same_size(flux, gradient))
+    known = reduction.modes.currents, reduction.modes.amplitudes
+    return condensed(reduction.sampled, known, domain, lengths, off, accuracy)
 
 
 def _same_size(flux: Array, gradient: Array) -> Array:

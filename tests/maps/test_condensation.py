@@ -1,0 +1,131 @@
+"""Fewer modes and points against the model that they were made from, and against linear algebra."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
+from fieldmap.device.materials.froehlich import Froehlich
+from fieldmap.iron.elements.bh_law import law_tables, straight_laws
+from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.maps.training import condensation
+from fieldmap.maps.training.condensation import condensed
+
+ACCURACY = 1e-3
+STEEL = Froehlich("steel", 2000.0, 2.1)
+
+
+@dataclass
+class Case:
+    """A model, the fields of its modes, and what of these a change is off."""
+
+    model: GalerkinModel
+    domain: CurrentDomain
+    fields: np.ndarray
+
+    def off(self, currents, amplitudes, changes):
+        sizes = np.linalg.norm(amplitudes @ self.fields, axis=1)
+        return np.linalg.norm(changes @ self.fields, axis=1) / np.maximum(sizes, 1e-3 * sizes.max())
+
+    def condensed(self):
+        known = np.array([self.domain.middle])
+        amplitudes = np.array([self.model.solve(values, np.zeros(self.model.modes))[0] for values in known])
+        return condensed(self.model, (known, amplitudes), self.domain, self.fields, self.off, ACCURACY)
+
+    def changes(self, found, currents):
+        """Of the field, as shares of the accuracy, at currents (s, c)."""
+        whole = [self.model.solve(values, np.zeros(self.model.modes))[0] for values in currents]
+        few = [found.basis @ found.model.solve(values, np.zeros(found.model.modes))[0] for values in currents]
+        return self.off(currents, np.array(whole), np.array(few) - np.array(whole)) / ACCURACY
+
+
+def case(tables, domain, modes=40, points=300, seen=12):
+    """Smooth modes in a bar, each weaker in the field than the last, of which `seen` numbers are looked at."""
+    random, coils = np.random.default_rng(4), domain.parametrisation.coil_count
+    places = np.linspace(0.0, 1.0, points)
+    waves = np.cos(np.pi * places[:, None] * np.arange(modes) + random.uniform(0.0, 3.0, (3, 1, modes)))
+    gradients = np.moveaxis(waves, 0, 1).reshape(3 * points, modes) * np.geomspace(1.0, 0.05, modes)
+    near = np.exp(-(((places[:, None] - np.linspace(0.1, 0.9, coils)) / 0.2) ** 2))
+    source = (near[:, None] * random.standard_normal((3, coils))).reshape(3 * points, coils) * 5e-3
+    model = GalerkinModel(
+        gradients,
+        source,
+        np.full(points, 1.0 / points),
+        np.zeros(points, np.int64),
+        tables,
+        gradients.T @ gradients / points + 0.05 * np.eye(modes),
+        np.zeros(modes),
+    )
+    return Case(model, domain, random.standard_normal((modes, seen)) / (1.0 + np.arange(modes))[:, None] ** 2)
+
+
+@pytest.fixture(scope="module")
+def free():
+    box = CurrentDomain(IndependentCurrents(3), np.full(3, -1.5), np.full(3, 2.0))
+    return case(law_tables([STEEL]), box)
+
+
+def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
+    found = free.condensed()
+    assert found.model.modes < free.model.modes
+    assert len(found.model.weights) < 0.7 * len(free.model.weights)
+    assert 0.0 < found.changed <= condensation._IN_ALL
+    np.testing.assert_allclose(found.basis.T @ found.basis, np.eye(found.model.modes), atol=1e-9)
+    assert found.model.weights.sum() == pytest.approx(free.model.weights.sum(), rel=0.01)
+    others = free.domain.at(np.random.default_rng(77).random((100, 3)))
+    changes = free.changes(found, others)
+    # The largest of a hundred others, where the largest of two hundred was within nine tenths.
+    assert changes.max() < 2.0
+    assert np.median(changes) < 0.5
+
+
+def test_adjoint_states_make_the_field_better_than_proper_modes_alone(free, monkeypatch):
+    """By Becker and Rannacher the error is a product: of what is left of states and of adjoint states."""
+    others = free.domain.at(np.random.default_rng(78).random((60, 3)))
+    monkeypatch.setattr(condensation, "_ROUNDS", 0)
+    errors = []
+    for share in (condensation._ADJOINT, 1e-9):
+        monkeypatch.setattr(condensation, "_ADJOINT", share)
+        by, _ = condensation._currents(free.domain)
+        amplitudes = np.array([free.model.solve(values, np.zeros(free.model.modes))[0] for values in by])
+        states = condensation._States(free.model, by, amplitudes, free.fields)
+        model, basis = states.combined(16, free.off)
+        errors.append(free.changes(condensation.Condensed(model, basis, 0.0), others).max())
+    assert errors[0] < 0.7 * errors[1]
+
+
+def test_linear_iron_needs_a_mode_for_each_coil():
+    """Its states are sums of those of the coils, whatever else the modes hold: one step of modes is enough for all."""
+    box = CurrentDomain(IndependentCurrents(2), np.full(2, -1.0), np.full(2, 1.0))
+    linear = case(straight_laws(np.array([50.0])), box)
+    found = linear.condensed()
+    assert found.model.modes == condensation._STEP
+    model = linear.model.combined(found.basis)
+    exact = condensation.Condensed(model, found.basis, 0.0)
+    assert linear.changes(exact, box.at(np.random.default_rng(2).random((20, 2)))).max() < 0.1
+
+
+def test_where_all_modes_are_needed_all_stay(free):
+    seen = Case(free.model, free.domain, np.eye(free.model.modes))
+    known = np.zeros((1, 3)), np.zeros((1, seen.model.modes))
+    found = condensed(seen.model, known, seen.domain, seen.fields, seen.off, 1e-9 * ACCURACY)
+    assert found.model is seen.model
+    assert found.changed == 0.0
+    np.testing.assert_array_equal(found.basis, np.eye(seen.model.modes))
+
+
+def test_states_beside_a_domain_of_few_signals_count():
+    """Coils lag behind their signals: currents off a division by some hundredths are within the accuracy too."""
+    box = CurrentDomain(LiftAndDirections(1.25), np.array([0.3, -0.4, -0.4]), np.array([2.0, 0.4, 0.4]))
+    divided = case(law_tables([STEEL]), box)
+    by, tried = condensation._currents(box)
+    assert len(by) == 2 * condensation._STATES
+    assert all(box.holds(values) for values in tried)
+    found = divided.condensed()
+    others = box.at(np.random.default_rng(5).random((60, 3)))
+    beside = others + 0.02 * np.abs(others).max(axis=1, keepdims=True) * np.random.default_rng(6).uniform(
+        -1.0, 1.0, others.shape
+    )
+    assert divided.changes(found, others).max() < 2.0
+    assert divided.changes(found, beside).max() < 3.0
