@@ -41,8 +41,8 @@ typedef struct fieldmap_iron_state {
     int count, steps;
     double left_over, tolerance;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
-    double *change, *rest, *left, *changes, *responses, *isotropic, *along, *right, *products;
-    float *single, *single_change, *total, *rows;
+    double *change, *rest, *left, *changes, *responses, *isotropic, *along, *products;
+    float *single, *single_change, *total, *sides, *rows;
     int *piece;
 } fieldmap_iron_state;
 
@@ -238,11 +238,11 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->responses = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
     s->isotropic = (double *)fieldmap_iron_place(memory, &used, p, d);
     s->along = (double *)fieldmap_iron_place(memory, &used, p, d);
-    s->right = (double *)fieldmap_iron_place(memory, &used, c * w, d);
     s->products = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_terms, d);
     s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->single_change = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->total = (float *)fieldmap_iron_place(memory, &used, r * w, f);
+    s->sides = (float *)fieldmap_iron_place(memory, &used, c * w, f);
     s->rows = (float *)fieldmap_iron_place(memory, &used, (1 + 3 * FIELDMAP_IRON_POINTS) * w, f);
     s->piece = (int *)fieldmap_iron_place(memory, &used, p, sizeof(int));
     return used;
@@ -274,22 +274,24 @@ static inline int fieldmap_iron_start(
 /* Sums of `wide` products, in lanes that a compiler makes vectors of. */
 static inline float fieldmap_iron_dot(const float *a, const float *b, int wide)
 {
-    float lanes[FIELDMAP_IRON_LANES] = {0}, total = 0.0f;
+    float lanes[FIELDMAP_IRON_LANES] = {0};
     int i, j;
     for (i = 0; i < wide; i += FIELDMAP_IRON_LANES)
         for (j = 0; j < FIELDMAP_IRON_LANES; j++) lanes[j] += a[i + j] * b[i + j];
-    for (j = 0; j < FIELDMAP_IRON_LANES; j++) total += lanes[j];
-    return total;
+    /* By halves, which are vectors too. */
+    for (j = 0; j < 8; j++) lanes[j] += lanes[j + 8];
+    for (j = 0; j < 4; j++) lanes[j] += lanes[j + 4];
+    return (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
 }
 
 static inline double fieldmap_iron_mixed_dot(const float *a, const double *b, int wide)
 {
-    double lanes[8] = {0}, total = 0.0;
+    double lanes[8] = {0};
     int i, j;
     for (i = 0; i < wide; i += 8)
         for (j = 0; j < 8; j++) lanes[j] += (double)a[i + j] * b[i + j];
-    for (j = 0; j < 8; j++) total += lanes[j];
-    return total;
+    for (j = 0; j < 4; j++) lanes[j] += lanes[j + 4];
+    return (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
 }
 
 static inline double fieldmap_iron_product(const double *a, const double *b, int count)
@@ -299,8 +301,8 @@ static inline double fieldmap_iron_product(const double *a, const double *b, int
     for (i = 0; i + 8 <= count; i += 8)
         for (j = 0; j < 8; j++) lanes[j] += a[i + j] * b[i + j];
     for (; i < count; i++) total += a[i] * b[i];
-    for (j = 0; j < 8; j++) total += lanes[j];
-    return total;
+    for (j = 0; j < 4; j++) lanes[j] += lanes[j + 4];
+    return total + ((lanes[0] + lanes[2]) + (lanes[1] + lanes[3]));
 }
 
 /* The six currents of a lift u and directions x, y, as fieldmap.currents.LiftAndDirections. */
@@ -404,20 +406,28 @@ static inline double fieldmap_iron_magnetised(const fieldmap_iron *map, int *pie
     return map->weights[p] * (fieldmap_iron_law(map, piece, p, size, &slope) / size - 1.0);
 }
 
+/* h at amplitudes a (wide numbers, zero behind the last): sums in double precision. */
+static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
+{
+    int i;
+    for (i = 0; i < 3 * map->p; i++)
+        s->h[i] = s->applied[i] - fieldmap_iron_mixed_dot(map->gradients + (size_t)i * (size_t)map->wide, a, map->wide);
+}
+
 /* h, vector = w m h and the residual at amplitudes a (wide numbers, zero behind the last): sums in double precision. */
 static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     const int w = map->wide, r = map->r;
+    double *residual = s->residual;
     int i, j, p;
-    for (j = 0; j < w; j++) s->residual[j] = 0.0;
+    for (j = 0; j < w; j++) residual[j] = 0.0;
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-        double *h = s->h + 3 * (size_t)p, *v = s->vector + 3 * (size_t)p, m;
+        double *h = s->h + 3 * (size_t)p, *v = s->vector + 3 * (size_t)p, m, x, y, z;
         for (i = 0; i < 3; i++) h[i] = s->applied[3 * p + i] - fieldmap_iron_mixed_dot(g + i * w, a, w);
         m = fieldmap_iron_magnetised(map, s->piece, p, h);
-        for (i = 0; i < 3; i++) v[i] = m * h[i];
-        for (j = 0; j < w; j++)
-            s->residual[j] += v[0] * (double)g[j] + v[1] * (double)g[w + j] + v[2] * (double)g[2 * w + j];
+        x = v[0] = m * h[0], y = v[1] = m * h[1], z = v[2] = m * h[2];
+        for (j = 0; j < w; j++) residual[j] += x * (double)g[j] + y * (double)g[w + j] + z * (double)g[2 * w + j];
     }
     for (i = 0; i < r; i++)
         s->residual[i] += map->constant[i] - fieldmap_iron_product(map->air + (size_t)i * (size_t)r, a, r);
@@ -505,26 +515,24 @@ static inline void fieldmap_iron_rows(const fieldmap_iron *map, fieldmap_iron_st
     for (j = 0; j < w; j++) out[2 * w + j] = m * g[2 * w + j] + z * radial[j];
 }
 
-/* Row i of the tangent, to its diagonal, += what the points of gradients g and rows `out` add: nine products for one
- * sum that is fetched and stored, and no more rows than a compiler compares the places of. */
+/* The first `end` numbers of a row += rows of points times a factor for each: nine products for one sum that is fetched
+ * and stored, and no more rows than a compiler compares the places of. */
 static inline void fieldmap_iron_add(
-    const float *const g[FIELDMAP_IRON_POINTS], const float *out, int w, int i, float *row)
+    const float f[3 * FIELDMAP_IRON_POINTS], const float *points, int w, int end, float *row)
 {
-    const float a = g[0][i], b = g[0][w + i], c = g[0][2 * w + i], d = g[1][i], e = g[1][w + i], f = g[1][2 * w + i];
-    const float k = g[2][i], l = g[2][w + i], m = g[2][2 * w + i];
-    const int end = (i / FIELDMAP_IRON_LANES + 1) * FIELDMAP_IRON_LANES;
+    const float a = f[0], b = f[1], c = f[2], d = f[3], e = f[4], g = f[5], k = f[6], l = f[7], m = f[8];
     int j;
     for (j = 0; j < end; j++)
-        row[j] += (a * out[j] + b * out[w + j] + c * out[2 * w + j])
-            + (d * out[3 * w + j] + e * out[4 * w + j] + f * out[5 * w + j])
-            + (k * out[6 * w + j] + l * out[7 * w + j] + m * out[8 * w + j]);
+        row[j] += (a * points[j] + b * points[w + j] + c * points[2 * w + j])
+            + (d * points[3 * w + j] + e * points[4 * w + j] + g * points[5 * w + j])
+            + (k * points[6 * w + j] + l * points[7 * w + j] + m * points[8 * w + j]);
 }
 
-/* The factor of Cholesky of the tangent at h. */
-static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s)
+/* The factor of Cholesky of the tangent at h, and the right-hand sides of the first `coils` coils' fields per ampere. */
+static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s, int coils)
 {
     const int w = map->wide, r = map->r;
-    int i, j, p;
+    int i, j, k, p;
     for (p = 0; p < map->p; p++) {
         const double *h = s->h + 3 * (size_t)p;
         double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope, b;
@@ -533,19 +541,32 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
         s->along[p] = map->weights[p] * (slope - b / size) / (size * size);
     }
     for (j = 0; j < r * w; j++) s->total[j] = 0.0f;
+    for (j = 0; j < coils * w; j++) s->sides[j] = 0.0f;
     for (p = 0; p < map->p; p += FIELDMAP_IRON_POINTS) {
-        const float *g[FIELDMAP_IRON_POINTS], *out = s->rows + w;
+        const float *g[FIELDMAP_IRON_POINTS], *points = s->rows + w;
+        const double *unit[FIELDMAP_IRON_POINTS];
+        float f[3 * FIELDMAP_IRON_POINTS];
         for (i = 0; i < FIELDMAP_IRON_POINTS; i++) {
             /* Behind the last point rows of zeros. */
             const int there = p + i < map->p;
             float *rows = s->rows + (1 + 3 * i) * w;
             g[i] = map->gradients + 3 * (size_t)(there ? p + i : p) * (size_t)w;
+            unit[i] = map->source + 3 * (size_t)(there ? p + i : p) * (size_t)map->n_coils;
             if (there)
                 fieldmap_iron_rows(map, s, p + i, rows);
             else
                 for (j = 0; j < 3 * w; j++) rows[j] = 0.0f;
         }
-        for (i = 0; i < r; i++) fieldmap_iron_add(g, out, w, i, s->total + (size_t)i * (size_t)w);
+        for (i = 0; i < r; i++) {
+            for (k = 0; k < 3 * FIELDMAP_IRON_POINTS; k++) f[k] = g[k / 3][k % 3 * w + i];
+            /* To the diagonal, in whole vectors. */
+            j = (i / FIELDMAP_IRON_LANES + 1) * FIELDMAP_IRON_LANES;
+            fieldmap_iron_add(f, points, w, j, s->total + (size_t)i * (size_t)w);
+        }
+        for (i = 0; i < coils; i++) {
+            for (k = 0; k < 3 * FIELDMAP_IRON_POINTS; k++) f[k] = (float)unit[k / 3][k % 3 * map->n_coils + i];
+            fieldmap_iron_add(f, points, w, w, s->sides + (size_t)i * (size_t)w);
+        }
     }
     for (i = 0; i < r; i++) {
         double *row = s->factor + (size_t)i * (size_t)r;
@@ -681,10 +702,12 @@ static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iro
 static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
 {
     const int c = map->n_coils;
-    int i;
+    int i, k;
     for (i = 0; i < 3 * map->p; i++) {
-        s->applied[i] = fieldmap_iron_product(map->source + (size_t)i * (size_t)c, currents, c);
-        if (map->has_fixed) s->applied[i] += map->fixed[i];
+        const double *unit = map->source + (size_t)i * (size_t)c;
+        double total = map->has_fixed ? map->fixed[i] : 0.0;
+        for (k = 0; k < c; k++) total += unit[k] * currents[k];
+        s->applied[i] = total;
     }
 }
 
@@ -739,7 +762,7 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
         for (attempt = 0; attempt < 2; attempt++) {
             fresh = !known;
             if (fresh) {
-                fieldmap_iron_tangent(map, s);
+                fieldmap_iron_tangent(map, s, 0);
                 pairs = 0;
             }
             fieldmap_iron_direction(s, pairs);
@@ -811,7 +834,7 @@ static inline int fieldmap_iron_slopes(
     fieldmap_iron_state *state, const double *currents, double *weights, double *slopes)
 {
     const fieldmap_iron *map;
-    int c, f, i, j, p, r, w, coils, status;
+    int c, f, i, r, w, coils, status;
     if (state == NULL || state->map == NULL || currents == NULL || weights == NULL || slopes == NULL)
         return FIELDMAP_ARGUMENT;
     map = state->map;
@@ -821,24 +844,12 @@ static inline int fieldmap_iron_slopes(
     for (f = 0; f < map->n_fields * coils; f++) slopes[f] = status == FIELDMAP_OK ? 0.0 : (double)NAN;
     if (status != FIELDMAP_OK) return status;
     for (i = 0; i < w; i++) state->rest[i] = i < r ? state->amplitudes[(FIELDMAP_IRON_PASSED - 1) * r + i] : 0.0;
-    fieldmap_iron_apply(map, state, currents);
-    fieldmap_iron_evaluate(map, state, state->rest);
-    fieldmap_iron_tangent(map, state);
-    for (i = 0; i < coils * w; i++) state->right[i] = 0.0;
-    for (p = 0; p < map->p; p++) {
-        float *out = state->rows + w;
-        const double *unit = map->source + 3 * (size_t)p * (size_t)coils;
-        fieldmap_iron_rows(map, state, p, out);
-        for (c = 0; c < coils; c++) {
-            double *right = state->right + (size_t)c * (size_t)w;
-            const double x = unit[c], y = unit[coils + c], z = unit[2 * coils + c];
-            for (j = 0; j < w; j++)
-                right[j] += x * (double)out[j] + y * (double)out[w + j] + z * (double)out[2 * w + j];
-        }
-    }
+    fieldmap_iron_field_at(map, state, state->rest);
+    fieldmap_iron_tangent(map, state, coils);
     for (c = 0; c < coils; c++) {
         slopes[c * coils + c] = 1.0;
-        fieldmap_iron_solve(state, state->right + (size_t)c * (size_t)w, state->change);
+        for (i = 0; i < r; i++) state->left[i] = (double)state->sides[(size_t)c * (size_t)w + (size_t)i];
+        fieldmap_iron_solve(state, state->left, state->change);
         for (f = 0; f < map->k; f++)
             slopes[(coils + f) * coils + c] = fieldmap_iron_product(map->output + (size_t)f * (size_t)r, state->change, r);
     }

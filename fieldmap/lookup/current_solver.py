@@ -18,14 +18,17 @@ from fieldmap.typing import Array
 COMPILED_TOLERANCE = 1e-4
 """What a solve of compiled callers may leave, of the state, in the norm of the energy. The field is then off by a tenth
 of what such models are, or less: docs/theory/current_dependence.md."""
-# Terms of the expansion, states for each of them, and how exactly these are solved.
-_MOST_TERMS, _STATES_PER_TERM, _TOLERANCE = 170, 2, 1e-4
+# Terms of the expansion: as many of any degree, and more up to the twelfth; states for each of them, and how exactly
+# these are solved.
+_MOST_TERMS, _MOST_OF_LOW_DEGREE, _LOW_DEGREE = 170, 460, 12
+_STATES_PER_TERM, _TOLERANCE = 2, 1e-4
 # The solve from nothing, in the middle of the domain.
 _TOLERANCE_OF_MIDDLE = 1e-6
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
-    """The arrays of a model, with an expansion fitted to its solutions: some 300 solves, half a second at most.
+    """The arrays of a model, with an expansion fitted to its solutions: some hundreds of solves, a
+    second at most.
 
     checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
     domain.
@@ -144,7 +147,7 @@ def expansion_terms(signals: int) -> NDArray[np.int64]:
     chosen: list[tuple[int, ...]] = [(0,) * signals]
     for degree in range(1, 31):
         more = chosen + _of_degree(signals, degree)
-        if len(more) > _MOST_TERMS:
+        if len(more) > (_MOST_OF_LOW_DEGREE if degree <= _LOW_DEGREE else _MOST_TERMS):
             break
         chosen = more
     place = {powers: k for k, powers in enumerate(chosen)}

@@ -160,9 +160,11 @@ class CurrentKeys(Table):
         default=1e-3,
         description="relative error of B at new states at which training stops; twice that of the gradient",
     )
-    modes: Annotated[int, Field(ge=2, le=200)] = Field(default=60, description="most amplitudes of the iron")
+    modes: Annotated[int, Field(ge=2, le=200)] = Field(
+        default=60, description="most amplitudes of the iron that are trained"
+    )
     points: Annotated[int, Field(ge=20, le=5000)] = Field(
-        default=800, description="most points of the iron at which the law is evaluated"
+        default=800, description="most points of the iron at which the law is evaluated in training"
     )
     fields: Annotated[int, Field(ge=1, le=100)] = Field(
         default=20, description="most fields of the iron in the map"

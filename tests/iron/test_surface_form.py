@@ -146,8 +146,12 @@ def test_two_spheres_beside_each_other(mu_r):
     charge = solution.state.density[0] * faces.areas
     lower = faces.centres[:, 2] < apart * RADIUS / 2
     moment = charge[lower] @ faces.centres[lower]
-    assert moment == pytest.approx(4 * np.pi * RADIUS**3 * exact[0] * UP, abs=1e-3 * abs(4 * np.pi * RADIUS**3))
-    points = np.array([[1.2, 0, 0], [0, 0, 1.25], [0.4, 0, 1.25], [0, 1.4, 2.5], [0, 0, 3.7], [0.8, 0.6, 1.25]])
+    assert moment == pytest.approx(
+        4 * np.pi * RADIUS**3 * exact[0] * UP, abs=1e-3 * abs(4 * np.pi * RADIUS**3)
+    )
+    points = np.array(
+        [[1.2, 0, 0], [0, 0, 1.25], [0.4, 0, 1.25], [0, 1.4, 2.5], [0, 0, 3.7], [0.8, 0.6, 1.25]]
+    )
     wanted = field_of_two_spheres(points, exact, apart)
     error = np.abs(solution.field(RADIUS * points, []) - wanted).max()
     assert error < 1e-3 * np.linalg.norm(wanted, axis=1).max()

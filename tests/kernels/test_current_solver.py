@@ -165,7 +165,10 @@ def test_terms_are_products_of_terms_before_them():
         powers[k] = powers[parent]
         powers[k, signal] += degree
     assert len(np.unique(powers, axis=0)) == len(terms)
-    assert np.bincount(powers.sum(axis=1)).tolist() == [1, 4, 10, 20, 35, 56]
+    assert np.bincount(powers.sum(axis=1)).tolist() == [1, 4, 10, 20, 35, 56, 84, 120]
+    # As many as a solve may evaluate in a microsecond or two, and no degree so high that few signals overfit.
+    counts = {signals: len(expansion_terms(signals)) for signals in (1, 2, 3, 6, 8)}
+    assert counts == {1: 31, 2: 153, 3: 455, 6: 210, 8: 165}
 
 
 def test_compiled_callers_need_no_python():

@@ -120,7 +120,7 @@ def test_states_beside_a_domain_of_few_signals_count():
     box = CurrentDomain(LiftAndDirections(1.25), np.array([0.3, -0.4, -0.4]), np.array([2.0, 0.4, 0.4]))
     divided = case(law_tables([STEEL]), box)
     by, tried = condensation._currents(box)
-    assert len(by) == 2 * condensation._STATES
+    assert len(by) == 2 * (condensation._STATES + 8)
     assert all(box.holds(values) for values in tried)
     found = divided.condensed()
     others = box.at(np.random.default_rng(5).random((60, 3)))

@@ -24,7 +24,6 @@ from fieldmap.kernels.map.reduced_iron import (
     energy_of,
     fill_tangent_factor,
     keep_pair,
-    right_sides,
     solve_factored,
 )
 
@@ -243,6 +242,16 @@ def _evaluate(applied, g, a, tables, h, piece, vector, material):
 
 
 @njit(**_FAST)
+def _field_at(applied, g, a, h):
+    """h (3 p,) = applied - G a, in double precision."""
+    for k in range(h.size):
+        row, total = g[k], 0.0
+        for j in range(a.size):
+            total += row[j] * a[j]
+        h[k] = applied[k] - total
+
+
+@njit(**_FAST)
 def _step(g, change, tables, h, piece, vector, step_h, moved, response):
     """At h - G change: step_h (3 p,) = G change, moved (3 p,) = w m h, response (r,) = G^T (moved - vector).
 
@@ -348,10 +357,11 @@ def _tables(model):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _tangent(model, h, piece, factor, isotropic, along):
-    """Fill factor (r, r), lower, with that of Cholesky of the tangent at h (3 p,), and what `_magnetise` fills."""
+def _tangent(model, h, piece, factor, isotropic, along, unit):
+    """Fill factor (r, r), lower, with that of Cholesky of the tangent at h (3 p,), and what `_magnetise` fills; the
+    right-hand sides of the fields `unit` (3 p, c)."""
     _magnetise(h, _tables(model), piece, isotropic, along)
-    fill_tangent_factor(h, model.gradients, isotropic, along, model.air, factor)
+    return fill_tangent_factor(h, model.gradients, isotropic, along, model.air, factor, unit)
 
 
 @njit(cache=True, inline="always")
@@ -410,6 +420,7 @@ def solve(model, state, currents, tolerance):
     isotropic, along = np.empty(model.weights.size), np.empty(model.weights.size)
     residual, response, air_change = np.empty(r), np.empty(r), np.empty(r)
     single, change_single = np.empty(r, np.float32), np.empty(r, np.float32)
+    alone = np.empty((0, 0))
     # Not a bare 0: what takes it would be compiled for that number, and again for others.
     none = np.int64(0)
     changes, responses, count = np.empty((PAIRS, r)), np.empty((PAIRS, r)), none
@@ -424,7 +435,7 @@ def solve(model, state, currents, tolerance):
         for _ in range(2):
             fresh = not known
             if fresh:
-                _tangent(model, h, piece, factor, isotropic, along)
+                _tangent(model, h, piece, factor, isotropic, along, alone)
                 count = none
             direction(factor, residual, changes, responses, count, change)
             slope = _product(residual, change)
@@ -530,22 +541,11 @@ def current_slopes(model, state, currents, out, slopes):
             slopes[f, c] = 0.0 if status == FOUND else np.nan
     if status != FOUND:
         return status
-    coils, n, newest = currents.size, state.h.size, state.amplitudes[PASSED - 1]
-    vector, residual = np.empty(n), np.empty(newest.size)
+    coils, newest = currents.size, state.amplitudes[PASSED - 1]
     # h of the last step, not of the one before it.
-    _evaluate(
-        _applied(model, currents),
-        model.gradients,
-        newest,
-        _tables(model),
-        state.h,
-        state.piece,
-        vector,
-        residual,
-    )
+    _field_at(_applied(model, currents), model.gradients, newest, state.h)
     isotropic, along = np.empty(model.weights.size), np.empty(model.weights.size)
-    _tangent(model, state.h, state.piece, state.factor, isotropic, along)
-    right = right_sides(state.h, model.gradients, isotropic, along, model.source)
+    right = _tangent(model, state.h, state.piece, state.factor, isotropic, along, model.source)
     column = np.empty(model.constant.size)
     for c in range(coils):
         slopes[c, c] = 1.0

@@ -149,14 +149,14 @@ def _spread(row, at, place):
 
 
 @njit(**_FAST)
-def _add_points(factors, at, total):
-    """Lower triangle of total += factors^T (rows in `at`), factors (12, r): twelve products for one sum that is fetched
-    and stored, a register at a time."""
+def _add_points(factors, at, total, whole):
+    """total (n, wide) += factors^T (rows in `at`), factors (12, n), the lower triangle unless `whole`: twelve products
+    for one sum that is fetched and stored, a register at a time."""
     for i in range(total.shape[0]):
         row, f = total[i], factors[:, i]
         a, b, c, d, e, g = f[0], f[1], f[2], f[3], f[4], f[5]
         m, n, o, p, q, r = f[6], f[7], f[8], f[9], f[10], f[11]
-        for block in range(i // _WIDTH + 1):
+        for block in range(row.size // _WIDTH if whole else i // _WIDTH + 1):
             k = 3 * _POINTS * block * _WIDTH
             for j in range(block * _WIDTH, (block + 1) * _WIDTH):
                 row[j] += (
@@ -169,15 +169,16 @@ def _add_points(factors, at, total):
 
 
 @njit(cache=True, fastmath=True)
-def material_tangent(h, single, isotropic, along):
-    """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete."""
-    count, points = single.shape[1], isotropic.size
+def material_tangent(h, single, isotropic, along, unit):
+    """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete.
+    And G^T w (db/dh - 1) s (c, r or more) for the coils' fields per ampere `unit` (3 p, c)."""
+    count, points, coils = single.shape[1], isotropic.size, unit.shape[1]
     # Rows of whole vector registers; the numbers behind the last one are zero.
     wide = _WIDTH * ((count + _WIDTH - 1) // _WIDTH)
-    total = np.zeros((count, wide), np.float32)
+    total, sides = np.zeros((count, wide), np.float32), np.zeros((coils, wide), np.float32)
     radial, at = np.zeros(wide, np.float32), np.zeros(3 * _POINTS * wide, np.float32)
     at_x, at_y, at_z = np.zeros(wide, np.float32), np.zeros(wide, np.float32), np.zeros(wide, np.float32)
-    rest = np.zeros((3 * _POINTS, count), np.float32)
+    rest, applied = np.zeros((3 * _POINTS, count), np.float32), np.zeros((3 * _POINTS, coils), np.float32)
     for first in range(0, points, _POINTS):
         for k in range(min(_POINTS, points - first)):
             _material_row(first + k, h, single, isotropic, along, radial, at_x, at_y, at_z)
@@ -185,19 +186,25 @@ def material_tangent(h, single, isotropic, along):
             _spread(at_y, at, 3 * k + 1)
             _spread(at_z, at, 3 * k + 2)
         if first + _POINTS <= points:
-            _add_points(single[3 * first : 3 * (first + _POINTS)], at, total)
+            _add_points(single[3 * first : 3 * (first + _POINTS)], at, total, False)
         else:
             for k in range(3 * (points - first)):
                 for i in range(count):
                     rest[k, i] = single[3 * first + k, i]
-            _add_points(rest, at, total)
-    return total
+            _add_points(rest, at, total, False)
+        for k in range(3 * _POINTS):
+            for c in range(coils):
+                there = 3 * first + k < unit.shape[0]
+                applied[k, c] = unit[3 * first + k, c] if there else 0.0
+        _add_points(applied, at, sides, True)
+    return total, sides[:, :count]
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def fill_tangent_factor(h, single, isotropic, along, air, factor):
-    """factor (r, r), lower: that of Cholesky of K."""
-    tangent = material_tangent(h, single, isotropic, along)
+def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
+    """factor (r, r), lower: that of Cholesky of K. Returns what `material_tangent` does of the coils' fields per
+    ampere `unit` (3 p, c)."""
+    tangent, sides = material_tangent(h, single, isotropic, along, unit)
     for i in range(air.shape[0]):
         whole = np.float64(tangent[i, i]) + air[i, i]
         for j in range(i + 1):
@@ -206,6 +213,7 @@ def fill_tangent_factor(h, single, isotropic, along, air, factor):
                 value -= factor[i, k] * factor[j, k]
             # Rounding must not make a pivot negative.
             factor[i, j] = math.sqrt(max(value, _ROUNDING * whole)) if i == j else value / factor[j, j]
+    return sides
 
 
 @njit(cache=True, fastmath=True)
@@ -262,12 +270,12 @@ def newton(
     _evaluate(source, gradients, a, tables, h, vector, isotropic, along, residual)
     add_rest(constant, times(air, a), residual)
     decrement, before, farthest, largest = np.inf, np.inf, 0.0, 1e-300
-    known = factor[0, 0] > 0.0
+    known, alone = factor[0, 0] > 0.0, np.empty((0, 0))
     for step in range(limit):
         for _ in range(2):
             fresh = not known
             if fresh:
-                fill_tangent_factor(h, single, isotropic, along, air, factor)
+                fill_tangent_factor(h, single, isotropic, along, air, factor, alone)
                 count = none
             direction(factor, residual, changes, responses, count, change)
             slope = np.dot(residual, change)
@@ -343,25 +351,8 @@ def tangent_factor(source, gradients, single, weights, law, offset, knots, coeff
     vector, isotropic, along = np.empty_like(h), np.empty(weights.size), np.empty(weights.size)
     _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
     factor = np.zeros_like(air)
-    fill_tangent_factor(h, single, isotropic, along, air, factor)
+    fill_tangent_factor(h, single, isotropic, along, air, factor, np.empty((0, 0)))
     return factor
-
-
-@njit(cache=True, fastmath=True)
-def right_sides(h, single, isotropic, along, unit):
-    """G^T w (db/dh - 1) s (c, r) for the coils' fields per ampere `unit` (3 p, c)."""
-    count = single.shape[1]
-    out = np.zeros((unit.shape[1], count))
-    radial, at_x = np.empty(count, np.float32), np.empty(count, np.float32)
-    at_y, at_z = np.empty(count, np.float32), np.empty(count, np.float32)
-    for p in range(isotropic.size):
-        _material_row(p, h, single, isotropic, along, radial, at_x, at_y, at_z)
-        for c in range(unit.shape[1]):
-            x, y, z = unit[3 * p, c], unit[3 * p + 1, c], unit[3 * p + 2, c]
-            row = out[c]
-            for j in range(count):
-                row[j] += x * at_x[j] + y * at_y[j] + z * at_z[j]
-    return out
 
 
 @njit(cache=True)
@@ -381,8 +372,7 @@ def sensitivities(
     for s in range(states):
         h = sources[:, s] - times(gradients, amplitudes[s])
         _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
-        fill_tangent_factor(h, single, isotropic, along, air, factors[s])
-        right = right_sides(h, single, isotropic, along, unit_source)
+        right = fill_tangent_factor(h, single, isotropic, along, air, factors[s], unit_source)
         for c in range(coils):
             solve_factored(factors[s], right[c], column)
             for i in range(modes):
