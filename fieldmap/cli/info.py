@@ -180,10 +180,13 @@ def _current_model(summary: "MapSummary") -> str:
             f"({tried})"
         )
     solved, count = solver["states_trained_on_solved"], solver["states_trained_on"]
-    trained = [f"{solver['modes']} modes and {solver['sample_points']} points from {solved} solved states"]
-    before = solver.get("condensed_from")
-    if before and before["modes"] > solver["modes"]:
-        trained = [f"{trained[0]}, condensed from {before['modes']} and {before['points']}"]
+    held, before = (
+        f"{solver['modes']} modes and {solver['sample_points']} points",
+        solver.get("condensed_from"),
+    )
+    if before and before["points"] > solver["sample_points"]:
+        held += f", condensed from {before['modes']} and {before['points']},"
+    trained = [f"{held} from {solved} solved states"]
     if solver["corners_trained_on"]:
         trained.append(f"{solver['corners_trained_on']} of them corners of the domain")
     if count > solved:

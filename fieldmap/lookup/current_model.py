@@ -95,7 +95,7 @@ class CurrentModel:
 
     @cached_property
     def compiled(self) -> CompiledModel:
-        """What `fieldmap.kernels.map.current_solver` takes; made when it is first asked for, in half a second or less.
+        """What `fieldmap.kernels.map.current_solver` takes; made when it is first asked for, in a second or less.
 
         Currents outside the domain get no weights there, unless the model evaluates them. Raises NotConverged.
         """

@@ -91,11 +91,9 @@ def condensed(
     def combined(count: int) -> tuple[GalerkinModel, Array]:
         return states.combined(count, off)
 
-    same = Condensed(trained, np.eye(trained.modes), 0.0)
+    all_modes = trained, np.eye(trained.modes)
     found = _fewest(trained.modes, combined, lambda few: changed(*few) <= _OF_MODES)
-    if found is None:
-        return same
-    model, basis = found
+    model, basis = all_modes if found is None else found
     products, wanted, size = states.conditions(model, basis, accuracy)
     tolerance = _COARSE
     while tolerance > _FINEST:
@@ -107,7 +105,7 @@ def condensed(
         if change <= _IN_ALL:
             return Condensed(few, basis, change)
         tolerance *= _FINER
-    return Condensed(model, basis, changed(model, basis))
+    return Condensed(model, basis, 0.0 if found is None else changed(model, basis))
 
 
 Few = tuple[GalerkinModel, Array]
