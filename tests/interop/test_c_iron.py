@@ -120,8 +120,7 @@ def test_c_gives_the_numbers_of_python_and_takes_no_memory(program, ring, tmp_pa
         ours, ours_slopes = np.empty(weights.shape[1]), np.empty((weights.shape[1], len(row)))
         assert current_slopes(exact, state, row, ours, ours_slopes) == 0
         assert np.abs(weights[k] - ours).max() < 1e-12 * np.abs(ours).max()
-        # The tangent is summed in single precision.
-        assert np.abs(slopes[k] - ours_slopes.ravel()).max() < 1e-4 * np.abs(ours_slopes).max()
+        assert np.abs(slopes[k] - ours_slopes.ravel()).max() < 1e-12 * np.abs(ours_slopes).max()
     expected = [m.field(p, i) for p, i in zip(points, currents, strict=True)]
     assert np.abs(flux - expected).max() < 1e-5 * np.abs(expected).max()
     loads = [m.wrench(p, n, i) for p, n, i in zip(points, moments, currents, strict=True)]
