@@ -1,14 +1,27 @@
 """Linear iron beyond its law: found at the current at which the field in a sphere passes its saturation."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.constants import mu_0
 
 from fieldmap import read_device, solve_linear
-from fieldmap.device.model import Arctangent, BHTable, LinearMaterial, Marrocco
+from fieldmap.device.model import (
+    Arctangent,
+    Background,
+    BHTable,
+    Body,
+    Device,
+    LinearMaterial,
+    Marrocco,
+    Part,
+    Sphere,
+    placed,
+)
 from fieldmap.iron.beyond_saturation import MOST_OF_ANY_IRON, bodies_beyond_saturation, largest_polarisation
+from fieldmap.iron.solution import FluxDensitySamples
 
 DEVICES = Path(__file__).parents[1] / "devices"
 SPHERE = (DEVICES / "sphere_in_wide_loop.toml").read_text()
@@ -34,6 +47,46 @@ def test_a_sphere_is_beyond_saturation_where_three_times_the_applied_field_reach
     (ten_times,) = bodies_beyond_saturation(solution, device, [-10 * critical])
     assert ten_times.share == 1.0
     assert ten_times.largest == pytest.approx(15.0, rel=0.05)
+
+
+def test_the_share_is_that_of_the_volume_of_this_body(sphere):
+    """Of the sphere's four parts the second and the third are above 1.5 T; what lies in the other body does not count,
+    and no more than a hundredth of a body is not worth saying."""
+    device, _ = sphere
+    size, weight, body = [1.4, 1.6, 1.9, 1.5, 3.0], [5.0, 1.0, 3.0, 1.0, 7.0], [1, 1, 1, 1, 0]
+
+    def found(weight):
+        arrays = (np.array(values) for values in (size, weight, body))
+        samples = FluxDensitySamples(*arrays, ("other", "sphere"))
+        return bodies_beyond_saturation(
+            SimpleNamespace(flux_density_samples=lambda currents: samples), device, [1.0]
+        )
+
+    (one,) = found(weight)
+    assert (one.body, one.share, one.largest) == ("sphere", 0.4, 1.9)
+    assert found([98.0, 0.5, 0.5, 1.0, 7.0]) == ()
+    assert found([97.0, 0.5, 1.5, 1.0, 7.0])[0].share == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("form", ["potential", "flux", "surface"])
+def test_samples_weigh_what_they_stand_for(form):
+    """Two balls far apart in a uniform field: 3 mu_r / (mu_r + 2) times it in each, over its volume or its surface."""
+    about = {"near": (0.05, 10.0, 0.0), "far": (0.03, 4.0, 1.0)}
+    bodies = [
+        Body(name, name, (Part(Sphere(radius), placed((0.0, 0.0, z))),), 0.4 * radius)
+        for name, (radius, _, z) in about.items()
+    ]
+    laws = {name: LinearMaterial(name, mu_r) for name, (_, mu_r, _) in about.items()}
+    device = Device("d", "", (), bodies, laws, background=Background(0.1 * np.array([0.6, 0.0, 0.8])))
+    samples = solve_linear(device, form=form).flux_density_samples(np.zeros(0))
+    assert samples.body_names == tuple(about)
+    for number, (radius, mu_r, _) in enumerate(about.values()):
+        mine = samples.body == number
+        whole = 4 * np.pi * radius**2 if form == "surface" else 4 / 3 * np.pi * radius**3
+        # Of flat faces it is a little less.
+        assert samples.weight[mine].sum() == pytest.approx(whole, rel=0.1)
+        mean = samples.weight[mine] @ samples.size[mine] / samples.weight[mine].sum()
+        assert mean == pytest.approx(0.3 * mu_r / (mu_r + 2), rel=0.02)
 
 
 def test_the_largest_polarisation_of_a_law():

@@ -9,13 +9,13 @@ from scipy.constants import mu_0
 from scipy.optimize import brentq
 
 from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere, placed
-from fieldmap.errors import InputError
+from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.solvers.hysteresis import HysteresisSolver, Pinning
+from fieldmap.iron.solvers.hysteresis import HysteresisSolver, IronMemory, Pinning
 
 RADIUS = 0.05
 STEEL = Froehlich("steel", 1000.0, 2.0)
@@ -215,3 +215,57 @@ def test_first_guess_of_a_step(solver, currents):
     found = solver.step(currents, memory).memory.potential
     guess = memory.continued(np.array(currents))
     assert np.linalg.norm(guess - found) < 0.4 * np.linalg.norm(memory.potential - found)
+
+
+def test_the_first_guess_goes_on_along_a_ray_and_turns_in_proportion():
+    """A potential that is linear in two currents, p = 3 a + 4 b in one node and -a in the other: on by the share that
+    the new change has of the last, up to twice; else by the share that the currents have of the last currents."""
+
+    def potential(currents):
+        return np.array([3.0 * currents[0] + 4.0 * currents[1], -currents[0]])
+
+    def after(before, now):
+        return IronMemory(None, potential(now), now, potential(now - before), now - before)
+
+    memory = after(np.array([10.0, 5.0]), np.array([20.0, 15.0]))
+    # Straight on, along (1, 1).
+    for step in (1.0, 7.0, 20.0):
+        currents = memory.currents + step
+        np.testing.assert_allclose(memory.continued(currents), potential(currents), rtol=1e-14)
+    # No farther than twice the last step.
+    np.testing.assert_allclose(memory.continued(memory.currents + 70.0), potential(memory.currents + 20.0))
+    # Within 36.9 degrees of it on by what lies along it, beyond in proportion.
+    on = memory.continued(memory.currents + [4.0, 0.8])
+    np.testing.assert_allclose(on, potential(memory.currents + 2.4), rtol=1e-14)
+    turned = memory.continued(memory.currents + [4.0, 0.4])
+    share = (20.0 * 24.0 + 15.0 * 15.4) / (20.0**2 + 15.0**2)
+    np.testing.assert_allclose(turned, potential(share * memory.currents), rtol=1e-14)
+    np.testing.assert_allclose(memory.continued(0.3 * memory.currents), potential(0.3 * memory.currents))
+    rest = after(np.array([10.0, 5.0]), np.zeros(2))
+    np.testing.assert_array_equal(rest.continued(np.array([-1.0, 5.0])), rest.potential)
+
+
+def test_a_step_that_fails_is_divided(solver, monkeypatch):
+    """Newton's method is made to fail for more than 30 A at once: from 60 to 160 A the same as four steps of 25 A."""
+    memory = solver.step([60.0], solver.demagnetised).memory
+    at = HysteresisSolver._at
+
+    def hard(self, currents, memory, residual, start):
+        if np.abs(currents - memory.currents).max() > 30.0:
+            raise NotConverged(Problem("made", "must be near", "too far", "none"))
+        return at(self, currents, memory, residual, start)
+
+    monkeypatch.setattr(HysteresisSolver, "_at", hard)
+    whole = solver.step([160.0], memory)
+    loss, steps = 0.0, 0
+    one = memory
+    for current in (85.0, 110.0, 135.0, 160.0):
+        # Begun where a divided step begins: at the state before.
+        state = solver._at(np.array([current]), one, 1e-3 * 1e-3, one.potential)
+        one, loss, steps = state.memory, loss + state.loss, steps + state.steps
+    assert whole.parts == 4
+    assert whole.loss == pytest.approx(loss, rel=1e-4)
+    assert loss > 2 * state.loss
+    np.testing.assert_allclose(whole.iron_linkage, state.iron_linkage, rtol=1e-6)
+    with pytest.raises(NotConverged):
+        solver.step([60.0 + 30.0 * 17], memory)

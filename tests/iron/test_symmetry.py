@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -24,9 +25,10 @@ from fieldmap.device.model import (
     RoundedRectangleCoil,
     Sphere,
     StepFile,
+    TriangleSurface,
 )
 from fieldmap.iron.symmetry import find_symmetry
-from fieldmap.iron.symmetry.group import multiplication_table
+from fieldmap.iron.symmetry.group import Operation, multiplication_table
 from fieldmap.sources import unit_flux_density
 
 MATERIALS = {"iron": LinearMaterial("iron", 100.0), "steel": LinearMaterial("steel", 200.0)}
@@ -59,6 +61,86 @@ def ring_of(count, radius, shape=None, start=0.0):
 
 HEXAGON = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 3 * np.arange(6)]) * 0.02
 L_SHAPE = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]) * 0.01
+
+
+def around(points, *faces):
+    """The surface with these plane convex faces, each cut into triangles from its first corner."""
+    triangles = [(face[0], b, c) for face in faces for b, c in pairwise(face[1:])]
+    return TriangleSurface(np.array(points, dtype=float) * 0.01, np.array(triangles))
+
+
+def hexahedron(a, b, c):
+    """Between the parallel faces of three edges."""
+    points = [
+        i * np.array(a) + j * np.array(b) + k * np.array(c) for i in (0, 1) for j in (0, 1) for k in (0, 1)
+    ]
+    faces = ([0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3])
+    return around(points, *faces)
+
+
+def pyramid(*tip):
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), tip]
+    return around(corners, [3, 2, 1, 0], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4])
+
+
+X, Y, Z = np.eye(3)
+TETRAHEDRON = around(
+    [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], [0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]
+)
+
+
+@pytest.mark.parametrize("place", [Placement(), SKEW])
+@pytest.mark.parametrize(
+    ("shape", "order"),
+    [
+        (hexahedron(X, Y, Z), 48),  # Oh
+        (hexahedron(X, Y, 2 * Z), 16),  # D4h
+        (hexahedron(X, 2 * Y, 3 * Z), 8),  # D2h
+        (hexahedron(X, Y + 0.3 * X, 2 * Z), 4),  # C2h
+        (hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y), 2),  # Ci
+        (TETRAHEDRON, 24),  # Td
+        (pyramid(0, 0, 1), 8),  # C4v
+        (pyramid(0.5, 0, 1), 2),  # Cs
+        (pyramid(0.5, 0.2, 1), 1),
+        # So flat that its faces are bent by 0.6 degrees.
+        (pyramid(0.5, 0, 0.01), 2),
+    ],
+)
+def test_order_of_a_surface(shape, order, place):
+    """Edges count; how its plane faces are cut into triangles does not."""
+    assert find_symmetry(device(body((shape, place)))).order == order
+
+
+def test_names_of_operations():
+    def named(matrix, offset=(0.0, 0.0, 0.0)):
+        return str(Operation(matrix, np.array(offset), (), (), (), True))
+
+    assert named(turn([0, 0, 1], 90.0)) == "rotation by 90 deg about axis z"
+    assert named(turn([0, 0, -1], 90.0)) == "rotation by 270 deg about axis z"
+    assert named(turn([0, 1, 0], -60.0)) == "rotation by 300 deg about axis y"
+    assert named(turn([1, 1, 1], 120.0)).startswith("rotation by 120 deg about axis (0.577")
+    assert named(-turn([1, 0, 0], 90.0)) == "rotation by 90 deg about axis x with inversion"
+    assert named(-np.eye(3)) == "inversion"
+    normal = np.array([0.6, 0.8, 0.0])
+    mirror = np.eye(3) - 2.0 * np.outer(normal, normal)
+    assert named(mirror) == "mirror 0.6 x +0.8 y = 0 mm"
+    # A point at 7 mm along the normal stays where it is.
+    assert named(mirror, 2 * 0.007 * normal) == "mirror 0.6 x +0.8 y = 7 mm"
+    assert named(np.diag([1.0, -1.0, 1.0]), (0.0, 0.01, 0.0)) == "mirror y = 5 mm"
+
+
+def test_names_of_groups():
+    assert str(
+        find_symmetry(device(body((hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y), Placement()))))
+    ) == ("inversion")
+    assert (
+        str(find_symmetry(device(body((pyramid(0, 0, 1), Placement())))))
+        == "4-fold axis z with 4 mirror planes"
+    )
+    assert str(find_symmetry(device(body((pyramid(0.5, 0, 1), Placement()))))) == "mirror y = 0"
+    skew = find_symmetry(device(body((pyramid(0, 0, 1), SKEW))))
+    axis = ", ".join(f"{value:.4g}" for value in SKEW.rotation[:, 2])
+    assert str(skew) == f"4-fold axis ({axis}) with 4 mirror planes"
 
 
 @pytest.mark.parametrize("place", [Placement(), SKEW])
