@@ -28,6 +28,7 @@ from fieldmap.device.model import (
     TriangleSurface,
 )
 from fieldmap.iron.symmetry import find_symmetry
+from fieldmap.iron.symmetry.chamber import mirror_chamber
 from fieldmap.iron.symmetry.group import Operation, multiplication_table
 from fieldmap.sources import unit_flux_density
 
@@ -109,6 +110,36 @@ TETRAHEDRON = around(
 def test_order_of_a_surface(shape, order, place):
     """Edges count; how its plane faces are cut into triangles does not."""
     assert find_symmetry(device(body((shape, place)))).order == order
+
+
+@pytest.mark.parametrize(
+    ("bodies", "walls", "order"),
+    [
+        ([body((Box((0.01, 0.02, 0.03)), SKEW))], 3, 8),
+        ([body((Box((0.01, 0.02, 0.03)), SKEW))], 2, 4),
+        ([body((Box((0.01, 0.02, 0.03)), SKEW))], 1, 2),
+        ([body((hexahedron(X, Y, Z), SKEW))], 3, 48),
+        ([body((pyramid(0, 0, 1), SKEW))], 3, 8),
+        (ring_of(8, 0.03), 3, 32),
+        # Wedges of 18 degrees are too sharp: those of a fifth of it all and of half the height are the largest.
+        (ring_of(10, 0.03), 3, 20),
+        (ring_of(11, 0.03), 3, 4),
+    ],
+)
+def test_the_chamber_and_its_copies_fill_space(bodies, walls, order):
+    group = find_symmetry(device(*bodies))
+    chamber = mirror_chamber(group, walls)
+    assert chamber.group.order == order
+    points = np.random.default_rng(2).standard_normal((500, 3))
+    # In which copies a direction lies: its image under the inverse is in front of all walls.
+    back = np.einsum("gji,nj->gni", chamber.group.matrices, points)
+    inside = (back @ chamber.walls.T > 0).all(axis=2)
+    assert (inside.sum(axis=0) == 1).all()
+    assert (inside.sum(axis=1) > 0).all()
+
+
+def test_no_chamber_without_a_mirror():
+    assert mirror_chamber(find_symmetry(device(body((pyramid(0.5, 0.2, 1), Placement()))))) is None
 
 
 def test_names_of_operations():
