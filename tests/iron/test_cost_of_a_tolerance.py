@@ -1,10 +1,26 @@
-"""What a mesh within a tolerance would cost, by the course of the meshes so far: against powers that are known."""
+"""What a run to a tolerance says: what a mesh within it would cost, by powers that are known, which body has the error,
+by devices whose bodies are alike, and its numbers in words."""
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from fieldmap.iron.error.tolerance import expected_cost, faces_within
+from fieldmap.device.model import Background, Body, Box, Device, LinearMaterial, Part, WorkspaceBox, placed
+from fieldmap.iron import Tolerance, generate_mesh
+from fieldmap.iron.error.estimate import Bracket, ErrorEstimate, LargestError, workspace_surface
+from fieldmap.iron.error.tolerance import (
+    ErrorShare,
+    ExpectedCost,
+    MeshStep,
+    ToleranceReport,
+    expected_cost,
+    faces_within,
+)
+from fieldmap.iron.materials import body_properties
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.report import Stages
+from fieldmap.iron.solvers.to_tolerance import Level
 
 
 def steps(power, *faces):
@@ -33,3 +49,86 @@ def test_time_goes_with_the_power_that_was_measured():
     assert known.seconds == pytest.approx(2.0 * 8.0**1.5, rel=1e-9)
     # Of one mesh alone the square.
     assert expected_cost(steps(1.0, 1000.0), 3000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
+
+
+def test_bodies_that_are_alike_share_the_error_alike():
+    """Cubes left and right of the workspace, in a field along z, and one that is far away."""
+    places = {"left": -0.03, "right": 0.03, "far": 0.3}
+    bodies = [
+        Body(name, "iron", (Part(Box((0.02, 0.02, 0.02)), placed((x, 0.0, -0.01))),), 6e-3)
+        for name, x in places.items()
+    ]
+    space = WorkspaceBox([-0.012, -0.004, -0.004], [0.012, 0.004, 0.004])
+    laws = {"iron": LinearMaterial("iron", 1000.0)}
+    device = Device(
+        "d", "", (), bodies, laws, background=Background(np.array([0.0, 0.0, 0.01])), workspace=space
+    )
+    iron = assemble(generate_mesh(device, 1.0, symmetry="none"))
+    asked = Tolerance(0.01)
+    about = body_properties(device, None), workspace_surface(device), 1e-4, Stages(None), asked
+    level = Level.solved(device, iron, *about)
+    shares = {one.body: one for one in level.shares_of_bodies(level.next_sizes(4.0))}
+    assert sum(one.share for one in shares.values()) == pytest.approx(1.0)
+    # The mesher makes no mirror images.
+    assert 0.35 < shares["left"].share < 0.65
+    assert shares["far"].share < 0.02
+    assert list(shares)[-1] == "far"
+    for name, x in places.items():
+        assert np.abs(np.array(shares[name].at) - [x, 0.0, 0.0]).max() < 0.01
+        assert 2e-3 < shares[name].size < 2e-2
+    # Most of it at the side of the workspace, where the next mesh is finer.
+    assert shares["left"].at[0] > -0.03
+    assert shares["right"].at[0] < 0.03
+    assert all(shares[name].wanted < shares[name].size for name in ("left", "right"))
+    assert all(one.wanted == one.size and one.layer is None for one in level.shares_of_bodies())
+
+
+def test_numbers_in_words():
+    """Lengths in mm, fields in mT, gradients in T/m, shares in %."""
+    share = ErrorShare("pole", 0.625, (0.0125, -0.002, 0.03), 2.5e-3, 1.2e-3)
+    pole = "body 'pole' has 62 % of the error, most at (12.5, -2, 30) mm in elements of 2.5 mm"
+    assert str(share) == f"{pole}, which would have to be 1.2 mm"
+    assert str(ErrorShare("pole", 0.625, share.at, 2.5e-3, 2.5e-3)) == pole
+    layered = ErrorShare("pole", 0.625, share.at, 2.5e-3, 1.2e-3, 7e-5)
+    assert str(layered) == f"{share} with layers of 0.07 mm at the edges"
+    cost = ExpectedCost(12345, 67890, 2.34e9, 56.4)
+    assert str(cost) == "12,345 surface faces, 67,890 tetrahedra, 2.3 GB, 56 s"
+    worst = LargestError("B", "coil 'a'", (0.001, 0.002, -0.0035), 2.5e-5, 2e-3)
+    assert str(worst) == "B of coil 'a' at (1, 2, -3.5) mm: 0.025 mT, 1.2 % of 2 mT"
+    slope = LargestError("gradient", "the magnets", (0.0, 0.0, 0.01), 0.012, 0.4)
+    assert str(slope) == "gradient of the magnets at (0, 0, 10) mm: 0.012 T/m, 3 % of 0.4 T/m"
+    asked = Tolerance(0.015, absolute_flux_density=2e-6, absolute_gradient=1e-3)
+    assert str(asked) == "1.5 % or 2e-06 T of B, 0.001 T/m of its gradient"
+    step = MeshStep(100, 300, 80000, 1.5)
+    report = ToleranceReport(
+        asked, "meshes", (step, step), worst, (share,), cost, ExpectedCost(40000, 1, 1e9, 7.0)
+    )
+    assert str(report) == (
+        f"as many meshes as were allowed ({asked}) after 2 meshes; largest error: {worst}; {share}; "
+        f"the next mesh would have {cost}; "
+        "the tolerance would take about 40,000 surface faces, 1 tetrahedra, 1 GB, 7 s"
+    )
+    reached = ToleranceReport(asked, "reached", (step,), worst, (share,), cost)
+    assert reached.reached
+    assert not report.reached
+    assert str(reached) == f"within the tolerance ({asked}) after 1 mesh; largest error: {worst}"
+    bracket = Bracket("Bz", (0.0, 0.001, 0.02), "coil 'a'", -0.0125, -0.012)
+    middle = "Bz of coil 'a' at (0, 1, 20) mm between -12.5 and -12 mT (4 %)"
+    assert str(bracket) == middle
+    error = ErrorEstimate(0.013, 0.025, (0.011, 0.02), (0.006, 0.01), bracket, 0.0042)
+    assert str(error) == (
+        "estimated error in the workspace 1.3 % of B, 2.5 % of its gradient (B changes by 1.1 % between two meshes, "
+        f"constant charges leave out 0.42 %, 0.6 % between the two forms on one mesh); {middle}"
+    )
+
+
+def test_what_a_single_number_asks_for():
+    """Of the gradient three times as much as of B; each mesh is solved to the smallest relative part, to 1e-3 where an
+    absolute part may be the one that counts."""
+    plain = Tolerance.of(0.01)
+    assert (plain.flux_density, plain.gradient, plain.solving) == (0.01, pytest.approx(0.03), 0.01)
+    assert Tolerance.of(0.01, 0.002).solving == 0.002
+    assert Tolerance.of(0.01, np.inf).gradient is None
+    assert Tolerance(0.01, absolute_gradient=1e-3).solving == 1e-3
+    assert Tolerance(1e-4, absolute_gradient=1e-3).solving == 1e-4
+    assert Tolerance.of(plain) is plain
