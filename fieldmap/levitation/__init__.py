@@ -31,6 +31,7 @@ from fieldmap.levitation.former_names import DifferencedField, FixedCurrents, li
 from fieldmap.levitation.least_power import force_per_ampere, lift_shares, push_shares
 from fieldmap.levitation.lift import LiftCurrent, lift_current
 from fieldmap.levitation.reachable_set import ReachableSet, reachable, zonotope
+from fieldmap.levitation.searched_set import SearchedSet
 from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
 from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface
 from fieldmap.levitation.stationary import StationaryPoint, StationarySet, stationary_points
@@ -55,6 +56,7 @@ __all__ = [
     "ReachableSet",
     "Reading",
     "SearchReport",
+    "SearchedSet",
     "Sensitivity",
     "ShiftBesideMeasured",
     "StationaryPoint",

@@ -3,13 +3,15 @@
 Both are linear in the currents where the iron is, so that the box of currents becomes a zonotope: the sum of one line
 segment for each coil (G. M. Ziegler, Lectures on Polytopes, section 7.3). Every face of it is spanned by two segments,
 and all others stand at the ends that lie furthest along the face's normal; so its vertices are found exactly, in the
-order of n^2 corners and not 2^n.
+order of n^2 corners and not 2^n. What is not linear is searched: `fieldmap.levitation.searched_set`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,37 +19,42 @@ from scipy.spatial import ConvexHull
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import AnyField, as_field, require_affine
-from fieldmap.levitation.balance import dipole_force
+from fieldmap.field import AnyField, as_field, refuse_orientations
+from fieldmap.levitation.hull import hull_of
+from fieldmap.levitation.searched_set import SearchedSet, quantity_of, searched_set
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
-# Two segments within this angle, rad, span no face; a set thinner than this share of its length has no volume.
-_PARALLEL, _THIN = 1e-9, 1e-9
+# Two segments within this angle, rad, span no face.
+_PARALLEL = 1e-9
 # Points that lie outside by less than this share of the set's size are on its surface.
 _ON = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReachableSet(Record):
-    """Forces or flux densities that the coils can make at one point.
+    """Forces or flux densities that the coils can make at one point, where these are linear in the currents: all of
+    them.
 
-    quantity: "force", N, or "field", T. position (3,), m; moment (3,), A m^2, of the dipole, None for the field. lower,
-    upper (n,): limits of the currents, A. constant (3,): without currents. per_ampere (n, 3): of each coil, per A.
-    vertices (v, 3): corners of the set, and triangles (t, 3): their indices, outward side first; empty where the set is
-    flat. volume: in N^3 or T^3.
+    quantity: "force", N, or "field", T. position (3,), m; moment (3,), A m^2, or the body of magnets that the force
+    acts on, None for the field. lower, upper (n,): limits of the currents, A. constant (3,): without currents.
+    per_ampere (n, 3): of each coil, per A. vertices (v, 3): corners of the set, and triangles (t, 3): their indices,
+    outward side first; empty where the set is flat. volume: in N^3 or T^3.
     """
+
+    exact: ClassVar[bool] = True
 
     quantity: str
     position: Array
-    moment: Array | None
+    moment: Array | MagneticBody | None
     coil_names: tuple[str, ...]
     lower: Array
     upper: Array
     constant: Array
     per_ampere: Array
     vertices: Array
-    triangles: Array
+    triangles: Index
     volume: float
 
     @property
@@ -86,37 +93,45 @@ def reachable(
     field: AnyField,
     position: ArrayLike,
     limits: ArrayLike,
-    moment: ArrayLike | None = None,
-) -> ReachableSet:
+    moment: ArrayLike | MagneticBody | None = None,
+    orientation: ArrayLike | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> ReachableSet | SearchedSet:
     """The forces on a dipole of moment (3,), A m^2, at a position (3,), m, that currents within the limits make; or the
-    flux densities there, without a moment.
+    flux densities there, without a moment. In place of the moment a `MagneticBody`, with an orientation (3, 3), columns
+    its axes, upright without.
 
-    limits: the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n). The field must
-    be linear in the currents, with a constant part or not. Raises InputError for one that is not, and for limits
-    that are none.
+    limits: the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n). What is linear
+    in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft iron and for a
+    map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is False), within the
+    currents that the map is made for: lower bounds, each with the currents that make it. Such a search tells `progress`
+    how far it is. Raises InputError for a field that neither superposes nor has derivatives by its currents, and for
+    limits that are none or leave no currents; OutsideMapError.
 
     >>> reachable(field_map, (0, 0, -0.1), 3.0, moment=(0, 0, 0.8)).largest_along((0, 0, 1))    # doctest: +SKIP
     0.113
     """
     source = as_field(field)
-    require_affine(source, "reachable")
     count = len(source.coil_names)
     lower, upper = _limits(limits, count)
     place = np.asarray(position, dtype=float).reshape(3)
-    dipole = None if moment is None else checked_vectors("reachable, moment", moment)[0].reshape(3)
-
-    def quantity(currents: Array) -> Array:
-        if dipole is None:
-            return np.asarray(source.field(place[None, :], currents)[0])
-        return np.asarray(dipole_force(dipole, source.gradient(place[None, :], currents)[0]))
-
-    constant = quantity(np.zeros(count))
-    per_ampere = np.array([quantity(row) - constant for row in np.eye(count)])
+    if not isinstance(moment, MagneticBody):
+        refuse_orientations(orientation)
+    turn = checked_turns(orientation, 1)[0]
+    acted_on: Array | MagneticBody | None
+    if moment is None or isinstance(moment, MagneticBody):
+        acted_on = moment
+    else:
+        acted_on = checked_vectors("reachable, moment", moment)[0].reshape(3)
+    if not source.affine or (isinstance(acted_on, MagneticBody) and acted_on.soft):
+        return searched_set(field, place, lower, upper, acted_on, turn, progress)
+    constant, slope = quantity_of(source, place, acted_on, turn)(np.zeros(count))
+    per_ampere = np.ascontiguousarray(slope.T)
     vertices, triangles, volume = zonotope(per_ampere, lower, upper)
     return ReachableSet(
-        "field" if dipole is None else "force",
+        "field" if acted_on is None else "force",
         place,
-        dipole,
+        acted_on,
         source.coil_names,
         lower,
         upper,
@@ -128,7 +143,7 @@ def reachable(
     )
 
 
-def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array, float]:
+def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Index, float]:
     """Corners (v, 3), triangles (t, 3) and volume of all sums of directions (n, 3) times numbers between lower (n,) and
     upper (n,). Of a flat one the ends of its faces or of its length, no triangles, and 0.
 
@@ -139,20 +154,8 @@ def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple
     segments = np.asarray(directions, dtype=float) * (np.asarray(upper) - np.asarray(lower))[:, None]
     base = np.asarray(lower, dtype=float) @ np.asarray(directions, dtype=float)
     points = base + _corner_candidates(segments)
-    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(size) < 3 or size[2] <= _THIN * size[0]:
-        return np.unique(points, axis=0), np.empty((0, 3), dtype=np.int64), 0.0
-    hull = ConvexHull(points)
-    kept = hull.vertices
-    number = np.full(len(points), -1)
-    number[kept] = np.arange(len(kept))
-    triangles = number[hull.simplices]
-    corners = points[kept]
-    # Qhull leaves the sense of its triangles open.
-    edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
-    inward = np.einsum("ti,ti->t", np.cross(edges[:, 0], edges[:, 1]), hull.equations[:, :3]) < 0
-    triangles[inward] = triangles[inward][:, ::-1]
-    return corners, triangles, float(hull.volume)
+    kept, triangles, volume = hull_of(points)
+    return points[kept], triangles, volume
 
 
 def _corner_candidates(segments: Array) -> Array:

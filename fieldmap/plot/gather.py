@@ -3,6 +3,7 @@
 import sys
 import tomllib
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -12,16 +13,17 @@ from numpy.typing import ArrayLike
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
+from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents, as_field
 from fieldmap.inputs.tables import is_number
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
 from fieldmap.iron import SolvedState, generate_mesh
 from fieldmap.kernels.constants import GRAVITY
-from fieldmap.levitation import ReachableSet, equilibrium_surface, find_equilibrium, reachable
-from fieldmap.lookup import magnetic_body
+from fieldmap.levitation import ReachableSet, SearchedSet, equilibrium_surface, find_equilibrium, reachable
+from fieldmap.lookup import MagneticBody, magnetic_body
 from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.progress import Progress
 from fieldmap.shipped import shipped_file
 from fieldmap.store import read_runs
 from fieldmap.typing import Array, PathLike
@@ -112,31 +114,37 @@ def _reachable(
     lower, upper = require_box(source)
     at = 0.5 * (lower + upper) if place is None else place
     most = limit or (DEFAULT_LIMIT if source.driver is None else source.driver.current_limit)
-    moment = None
+    acted_on: Array | MagneticBody | None = None
     if kind != "B":
         about.need("payload")
         assert source.payload is not None
-        _refuse_soft_iron(source.payload)
-        moment = np.array([0.0, 0.0, source.payload.moment])
-    found = reachable(source.field, at, most, moment)
+        acted_on = _acted_on(source.payload)
+    exact = as_field(source.field).affine and not isinstance(acted_on, MagneticBody)
+    with nullcontext() if exact else Progress("reachable set") as say:
+        found = reachable(source.field, at, most, acted_on, progress=say)
     title = f"{source.name}, at {_millimetres(at)} mm, each current within {most:g} A\n{_reach_in_words(found, source)}"
-    return replace(about, title=title, reachable=found, assumptions=_told(source, currents))
+    assumptions = _told(source, currents)
+    if isinstance(found, SearchedSet):
+        assumptions += (
+            f"what is reachable was searched along {len(found.directions)} directions: the currents may reach further, "
+            "and need not reach all within the solid",
+        )
+    return replace(about, title=title, reachable=found, assumptions=assumptions)
 
 
-def _refuse_soft_iron(payload: Payload) -> None:
-    """The force on soft iron is not linear in the currents."""
-    if payload.pieces and len(magnetic_body(payload).soft):
-        must_hold = "must have a payload of magnets, whose force is linear in the currents"
-        remedy = "take --quantity B, or currents_for(..., moment=magnetic_body(payload)) of the map in Python"
-        raise InputError(Problem("reachable forces", must_hold, "soft iron", remedy))
+def _acted_on(payload: Payload) -> Array | MagneticBody:
+    """The upright dipole of magnets; a body with soft iron, the force on which is not linear in the currents."""
+    if payload.pieces and len((body := magnetic_body(payload)).soft):
+        return body
+    return np.array([0.0, 0.0, payload.moment])
 
 
-def _reach_in_words(found: ReachableSet, source: FieldSource) -> str:
+def _reach_in_words(found: ReachableSet | SearchedSet, source: FieldSource) -> str:
     """How far the set reaches upwards and sideways."""
     ways = {name: found.largest_along(axis) for name, axis in zip(("x", "y", "z"), np.eye(3), strict=True)}
     prefix, factor = fitting_prefix(max(ways.values()))
     reach = ", ".join(f"{factor * value:.3g} along {name}" for name, value in ways.items())
-    words = f"reaches, in {prefix}{found.unit}, {reach}"
+    words = f"reaches{'' if found.exact else ' at least'}, in {prefix}{found.unit}, {reach}"
     if found.quantity == "force" and source.payload is not None:
         words += f"; lift up to {ways['z'] / (source.payload.mass * GRAVITY):.2f} times the weight"
     return words

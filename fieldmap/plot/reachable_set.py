@@ -5,7 +5,7 @@ import pyvista as pv
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import GRAVITY
-from fieldmap.levitation import ReachableSet
+from fieldmap.levitation import ReachableSet, SearchedSet
 from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.device_drawing import MAGNET
 from fieldmap.plot.shown import Shown
@@ -16,7 +16,7 @@ KINDS = ("force", "B")
 _STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
-def reachable_titles(found: ReachableSet) -> tuple[str, str, str]:
+def reachable_titles(found: ReachableSet | SearchedSet) -> tuple[str, str, str]:
     """Of the three axes of the scene."""
     prefix, factor = _unit(found)
     times = ["" if one < 1.5 else f"{one:.0f} " for one in factor / factor.min()]
@@ -25,7 +25,8 @@ def reachable_titles(found: ReachableSet) -> tuple[str, str, str]:
 
 
 def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
-    """The set as a translucent solid, an arrow for each coil at its limit, and the force that carries the payload."""
+    """The set as a translucent solid, an arrow for each coil at its limit where these add up, and the force that
+    carries the payload."""
     shown.need("reachable")
     found = shown.reachable
     assert found is not None
@@ -35,11 +36,12 @@ def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
     solid = reachable_solid(found)
     scene.add_mesh(solid, color=COLOURS[4], opacity=0.35, lighting=False)
     edges = solid.extract_feature_edges(
-        feature_angle=0.5, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+        feature_angle=0.5 if found.exact else 8.0, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
     )
     scene.add_mesh(edges, color=INK, line_width=1.5, lighting=False)
     size = float(np.ptp(solid.points, axis=0).max())
-    _add_coils(scene, found, size)
+    if isinstance(found, ReachableSet):
+        _add_coils(scene, found, size)
     if found.quantity == "force" and shown.payload is not None:
         _, factor = _unit(found)
         weight = factor * [0.0, 0.0, shown.payload.mass * GRAVITY]
@@ -47,14 +49,14 @@ def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
         _name(scene, weight + [0.0, 0.0, 0.05 * size], "carries it")
 
 
-def reachable_solid(found: ReachableSet) -> pv.PolyData:
+def reachable_solid(found: ReachableSet | SearchedSet) -> pv.PolyData:
     """The surface, in the unit of the scene."""
     _, factor = _unit(found)
     faces = np.column_stack([np.full(len(found.triangles), 3), found.triangles])
     return pv.PolyData(factor * found.vertices, faces=faces.ravel())
 
 
-def _unit(found: ReachableSet) -> tuple[str, Array]:
+def _unit(found: ReachableSet | SearchedSet) -> tuple[str, Array]:
     """Prefix, and the factors (3,) from the plain unit: thin sets are drawn wider, by round numbers, which the titles
     of the axes tell."""
     prefix, factor = fitting_prefix(float(np.abs(found.vertices).max()))

@@ -9,7 +9,7 @@ from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, FieldAtCurrents, as_field
 from fieldmap.iron import IronMesh
-from fieldmap.levitation import EquilibriumSurface, ReachableSet
+from fieldmap.levitation import EquilibriumSurface, ReachableSet, SearchedSet
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -63,7 +63,7 @@ class Shown(Record):
     payload: Payload | None = None
     equilibrium: Array | None = None
     surface: EquilibriumSurface | None = None
-    reachable: ReachableSet | None = None
+    reachable: ReachableSet | SearchedSet | None = None
     run: ShownRun | None = None
     assumptions: tuple[str, ...] = ()
 

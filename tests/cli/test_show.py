@@ -12,6 +12,7 @@ from scipy.constants import mu_0
 
 from fieldmap.cli import main
 from fieldmap.device.model import Payload
+from fieldmap.device.payload import PayloadPiece, SoftSphere
 from fieldmap.errors import InputError, Problem
 from fieldmap.io import FieldSource, find_source
 from fieldmap.levitation import reachable
@@ -191,9 +192,16 @@ def test_what_a_map_reaches_is_within_the_limit_of_its_driver(dipole_map, circle
     assert found.largest_along([0, 0, 1]) == pytest.approx(expected.largest_along([0, 0, 1]), rel=1e-12)
 
 
-def test_reachable_forces_on_soft_iron_are_refused():
-    """They are not linear in the currents; it is said before anything is solved."""
-    source = replace(find_source("eight_coils_bead"), make=None)
-    with pytest.raises(InputError) as caught:
-        shown_field(source, np.zeros(8), "reachable", kind="force")
-    assert [problem.where for problem in caught.value.problems] == ["reachable forces"]
+def test_reachable_forces_on_soft_iron_are_searched(dipole_map, circle_of_six, tmp_path):
+    """They are not linear in the currents: four times as large at twice the limit, and said to be a search's."""
+    device = (DEVICES / "everything.toml").read_text(encoding="utf-8")
+    bead = Payload(1e-4, pieces=(PayloadPiece(SoftSphere(1e-3, mu_r=100.0)),))
+    source = replace(find_source(dipole_map(circle_of_six, tmp_path / "six.h5", device)), payload=bead)
+    one, two = (shown_field(source, np.zeros(6), "reachable", kind="force", limit=a) for a in (0.01, 0.02))
+    assert not one.reachable.exact
+    assert one.reachable.moment.soft
+    assert any("134 directions" in text for text in one.assumptions)
+    up = [found.reachable.largest_along([0, 0, 1]) for found in (one, two)]
+    assert up[1] == pytest.approx(4 * up[0], rel=1e-3)
+    told = one.to_dict()["reachable"]
+    assert np.shape(told["values"]) == (134, 3)

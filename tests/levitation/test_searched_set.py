@@ -1,0 +1,150 @@
+"""Searched reachable sets: against the exact set where all is linear, brute force, a bound from duality, scaling."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+import scipy.constants
+from scipy.optimize import minimize
+
+import fieldmap as fm
+from fieldmap.currents import divide_currents
+from fieldmap.device.payload import SoftSphere
+from fieldmap.errors import InputError
+from fieldmap.levitation import SearchedSet, reachable
+from fieldmap.levitation.searched_set import searched_set
+from fieldmap.lookup import magnetic_body
+from tests.dynamics.conftest import saturating_map
+
+PLACE, MOMENT = np.array([0.002, -0.003, 0.004]), np.array([0.1, 0.2, 0.8])
+UPRIGHT = np.eye(3)
+
+
+@pytest.fixture(scope="module")
+def linear():
+    return fm.open_map("sample")
+
+
+@pytest.fixture(scope="module")
+def division():
+    return saturating_map()
+
+
+@pytest.mark.parametrize("moment", [None, MOMENT])
+def test_the_exact_set_where_all_is_linear(linear, moment):
+    at = np.array([0.002, -0.003, -0.1])
+    exact = reachable(linear, at, np.linspace(1.0, 2.0, 6), moment)
+    assert exact.exact
+    found = searched_set(linear, at, exact.lower, exact.upper, moment, UPRIGHT)
+    assert found.quantity == exact.quantity
+    for direction, value in zip(found.directions, found.values, strict=True):
+        assert value @ direction == pytest.approx(exact.largest_along(direction), rel=1e-6)
+    # The hull of 134 of its corners.
+    assert 0.8 * exact.volume < found.volume <= exact.volume * (1 + 1e-9)
+
+
+SPHERE, BEAD_AT = SoftSphere(4e-4, mu_r=50.0), np.array([0.004, -0.003, -0.1])
+
+
+def forces_by_pairs(field):
+    """Q (3, n, n) of F = I Q I, V (mu_r - 1) / (mu_r + 2) 3 / mu0 grad(B^2) / 2 (Jackson, section 5.11)."""
+    flux, slope = field.unit_field(BEAD_AT[None])[0], field.unit_gradient(BEAD_AT[None])[0]
+    part = np.pi * 4e-4**3 / 6 * 3 * 49.0 / 52.0 / scipy.constants.mu_0
+    by_pairs = part * np.einsum("ai,bij->jab", flux, slope)
+    return 0.5 * (by_pairs + by_pairs.swapaxes(1, 2))
+
+
+def upper_bound(square, limit):
+    """Largest I Q I of currents within a limit is sum(d) limit^2 at most, for d >= 0 with diag(d) - Q positive (N. Z.
+    Shor, Quadratic optimization problems, 1987); the least of these is searched, each is one."""
+    size = np.abs(square).max()
+
+    def bound(d):
+        return np.maximum(d + np.linalg.eigvalsh(square / size - np.diag(d))[-1], 0.0).sum()
+
+    found = minimize(bound, np.zeros(len(square)), method="Powell", options={"xtol": 1e-6, "ftol": 1e-9})
+    return bound(found.x) * size * limit**2
+
+
+def test_soft_iron_in_linear_fields(linear):
+    found = reachable(linear, BEAD_AT, 2.0, magnetic_body(SPHERE))
+    assert isinstance(found, SearchedSet)
+    squares = forces_by_pairs(linear)
+    assert np.abs(found.currents).max() <= 2.0
+    made = np.einsum("jab,da,db->dj", squares, found.currents, found.currents)
+    np.testing.assert_allclose(found.values, made, atol=1e-4 * np.abs(made).max())
+    for k in range(0, len(found.directions), 7):
+        direction = found.directions[k]
+        along = made[k] @ direction
+        every = np.array(list(product((-2.0, 0.0, 2.0), repeat=6)))
+        square = np.einsum("jab,j->ab", squares, direction)
+        assert along > (1 - 1e-4) * np.einsum("da,ab,db->d", every, square, every).max()
+        bound = upper_bound(square, 2.0)
+        assert along < (1 + 1e-6) * bound
+    doubled = reachable(linear, BEAD_AT, 4.0, magnetic_body(SPHERE))
+    np.testing.assert_allclose(
+        np.einsum("di,di->d", doubled.values, doubled.directions),
+        4.0 * np.einsum("di,di->d", found.values, found.directions),
+        rtol=1e-4,
+    )
+
+
+@pytest.mark.parametrize("limit", [1.6, 4.0])
+def test_a_division_of_saturating_iron(division, limit):
+    """Against a grid of its signals: none of it reaches further, and no limit is passed."""
+    found = reachable(division, PLACE, limit, MOMENT)
+    domain = division.info.reduced_model.domain
+    lift, x, y = (np.linspace(*ends, 9) for ends in zip(domain.lower, domain.upper, strict=True))
+    per_lift = divide_currents(1.0, *(axis.ravel() for axis in np.meshgrid(x, y)), 1.25)
+    most = np.minimum(lift[-1], limit / np.abs(per_lift).max(axis=1))
+    # Currents are proportional to the lift, which may rise to what the limits allow.
+    grid = np.concatenate(
+        [
+            row * np.linspace(lift[0], end, 7)[:, None]
+            for row, end in zip(per_lift, most, strict=True)
+            if end > lift[0]
+        ]
+    )
+    forces = np.array([division.wrench(PLACE, MOMENT, row)[:3] for row in grid])
+    along = forces @ found.directions.T
+    reached = np.einsum("di,di->d", found.values, found.directions)
+    size = np.ptp(forces, axis=0).max()
+    assert len(grid) > 50
+    assert (reached > along.max(axis=0) - 1e-9 * size).all()
+    # Nor much further: the grid is near everywhere.
+    assert (reached < along.max(axis=0) + 0.02 * size).all()
+    assert np.abs(found.currents).max() <= limit * (1 + 1e-8)
+    made = [division.wrench(PLACE, MOMENT, row)[:3] for row in found.currents]
+    np.testing.assert_allclose(made, found.values, rtol=1e-9, atol=1e-9 * size)
+    up = division.wrench(PLACE, MOMENT, found.currents_along((0.0, 0.0, 2.0)))[2]
+    assert found.largest_along((0.0, 0.0, 2.0)) == pytest.approx(up, rel=1e-9)
+    assert up == pytest.approx(found.values[2, 2], rel=1e-6)
+
+
+def test_free_currents_of_saturating_iron():
+    """Against the corners of the box and random places in it."""
+    field = saturating_map(free=True)
+    found = reachable(field, PLACE, 2.0)
+    some = np.random.default_rng(3).uniform(-2.0, 2.0, (200, 6))
+    every = np.concatenate([2.0 * np.array(list(product((-1.0, 1.0), repeat=6))), some])
+    flux = np.array([field.field(PLACE[None], row)[0] for row in every])
+    reached = np.einsum("di,di->d", found.values, found.directions)
+    size = np.ptp(flux, axis=0).max()
+    assert (reached > (flux @ found.directions.T).max(axis=0) - 1e-6 * size).all()
+    # Beyond the currents of the map nothing is asked of it.
+    assert np.abs(reachable(field, PLACE, 9.0).currents).max() == 3.0
+
+
+def test_limits_that_leave_nothing(division):
+    with pytest.raises(InputError, match="limits"):
+        reachable(division, PLACE, 0.1, MOMENT)
+    with pytest.raises(InputError, match="limits"):
+        reachable(saturating_map(free=True), PLACE, [np.full(6, 3.5), np.full(6, 4.0)], MOMENT)
+
+
+def test_a_set_is_data(division):
+    found = reachable(division, PLACE, 4.0, MOMENT)
+    with pytest.raises(AttributeError):
+        found.volume = 0.0
+    assert replace(found, volume=0.0).volume == 0.0
