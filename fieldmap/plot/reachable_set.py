@@ -36,7 +36,10 @@ def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
     solid = reachable_solid(found)
     scene.add_mesh(solid, color=COLOURS[4], opacity=0.35, lighting=False)
     edges = solid.extract_feature_edges(
-        feature_angle=0.5 if found.exact else 8.0, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+        feature_angle=0.5 if found.exact else 8.0,
+        boundary_edges=False,
+        non_manifold_edges=False,
+        manifold_edges=False,
     )
     scene.add_mesh(edges, color=INK, line_width=1.5, lighting=False)
     size = float(np.ptp(solid.points, axis=0).max())
