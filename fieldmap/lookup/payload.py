@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,8 @@ def magnetic_body(
     """The magnetic body of a payload, a magnet or a soft body, about its centre.
 
     level: of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle. field, tolerance: choose
-    the rules instead, as `finite_magnet` does. A payload of a moment alone is a dipole along z. Raises InputError for
+    the rules instead, as `finite_magnet` does. A payload of a moment alone is a dipole along z; of a shape and a moment
+    of its own, such as a measured one, the rule of the shape has that moment. Raises InputError for
     soft iron whose material is a mere name, or is none of soft iron, and what `finite_magnet` raises.
 
     >>> from fieldmap.device.payload import MagnetCylinder, SoftSphere
@@ -48,7 +50,7 @@ def magnetic_body(
     if payload.pieces:
         return _of_pieces(payload, rule)
     if payload.magnet is not None and (level > 1 or field is not None):
-        return rule(payload.magnet)
+        return _as_measured(rule(payload.magnet), payload.moment)
     return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
 
 
@@ -73,6 +75,13 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
         return sum_wrench, InSum(data, parts)
     block, model, state = data
     return model_wrench, InModel(block, model, state, parts, np.array([a.ctypes.data for a in state]))
+
+
+def _as_measured(magnet: FiniteMagnet, moment: float) -> FiniteMagnet:
+    """The rule of a shape with a payload's own moment, A m^2, in the place of that of its remanence."""
+    share = moment / magnet.moment
+    # A moment that follows from the shape differs by rounding alone.
+    return magnet if abs(share - 1.0) < 1e-12 else replace(magnet, moments=share * magnet.moments)
 
 
 def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> MagneticBody:

@@ -273,3 +273,10 @@ def test_a_moment_that_was_measured_is_that_of_the_dipole():
     assert magnetic_body(Payload(mass=0.01, magnet=shape)).moment == pytest.approx(
         1.3 * volume / mu_0, rel=1e-8
     )
+    # Of finite size it has the same moment, spread as the shape is.
+    for level in (2, 3):
+        finite = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape), level)
+        assert len(finite.points) > 1
+        np.testing.assert_allclose(finite.moments.sum(axis=0), [0.0, 0.0, 0.9], atol=1e-12)
+        of_shape = magnetic_body(shape, level)
+        np.testing.assert_array_equal(finite.points, of_shape.points)
