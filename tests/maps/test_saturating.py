@@ -85,6 +85,29 @@ def test_the_map_agrees_with_direct_solves(data, solver, currents):
         assert np.abs(ours.reshape(truth.shape) - truth).max() < 2e-3 * np.abs(truth).max()
 
 
+@pytest.mark.parametrize("currents", [(1.3, 0.4), (1.7, -0.6)])
+def test_derivatives_by_the_currents_are_those_of_fresh_solves(data, folder, solver, currents):
+    """Field, gradient, force and torque, by central differences of whole solves: within 1 % of each one's largest."""
+    place, moment, step = np.array([1e-3, -5e-4, -11e-3]), np.array([0.1, -0.2, 0.7]), 0.02
+    found = fm.open_map(folder / "map.h5").actuation(place, currents, moment).matrix
+
+    def rows(shift):
+        state = solver.solve(np.add(currents, shift))
+        slope = state.gradient(place[None])[0]
+        return np.concatenate(
+            [
+                state.field(place[None])[0],
+                slope[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]],
+                state.wrench(place, moment),
+            ]
+        )
+
+    steps = step * np.eye(2)
+    wanted = np.array([(rows(one) - rows(-one)) / (2 * step) for one in steps]).T
+    for part in (slice(3), slice(3, 8), slice(8, 11), slice(11, 14)):
+        assert np.abs(found[part] - wanted[part]).max() < 0.01 * np.abs(wanted[part]).max()
+
+
 def test_superposition_would_be_wrong_here(data, solver):
     points = data.grid.points()
     one, two, both = (solver.solve(i).field(points) for i in ((2.0, 0.0), (0.0, 2.0), (2.0, 2.0)))
