@@ -90,6 +90,16 @@ def test_soft_iron_in_linear_fields(linear):
     )
 
 
+def test_what_one_direction_finds_is_known_to_all():
+    """Of eight coils in air and a bead, whose force has many local optima: none of the values found reaches further
+    along a direction than its own."""
+    coils = fm.read_device("eight_coils_bead").replace(bodies=(), materials={}, payload=None)
+    found = reachable(fm.solve_linear(coils), (5e-3, -3e-3, 6e-3), 2.0, magnetic_body(SPHERE))
+    own = np.einsum("di,di->d", found.values, found.directions)
+    others = (found.values @ found.directions.T).max(axis=0)
+    assert (others - own).max() < 1e-6 * own.max()
+
+
 @pytest.mark.parametrize("limit", [1.6, 4.0])
 def test_a_division_of_saturating_iron(division, limit):
     """Against a grid of its signals: none of it reaches further, and no limit is passed."""

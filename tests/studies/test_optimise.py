@@ -133,7 +133,10 @@ def test_the_permeability_that_a_measured_field_tells():
 
 
 RUN = """
-import os, signal, sys
+import os, signal, sys, types
+# Ours: extras of other programs bring a package of this name, too.
+sys.modules["tests"] = types.ModuleType("tests")
+sys.modules["tests"].__path__ = ["tests"]
 from tests.studies.test_optimise import lighter
 
 def tell(text, share):
