@@ -1,8 +1,11 @@
 """The compiled model of saturating iron against equations in numpy, and its derivative by Taylor's theorem."""
 
+from functools import cache
+
 import numba
 import numpy as np
 import pytest
+from numba.core import config
 from scipy.optimize import root
 
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
@@ -11,7 +14,8 @@ from fieldmap.kernels.map.current_solver import current_slopes, current_weights
 from fieldmap.lookup.current_solver import compiled_model, expansion_terms, new_state
 from fieldmap.store import ReducedModel
 
-POINTS, MODES, FIELDS = 30, 5, 3
+# Without compilation a model's expansion takes seconds for each ten points.
+POINTS, MODES, FIELDS = 6 if config.DISABLE_JIT else 30, 5, 3
 # b = 2000 h up to 1 mT, a parabola to slope 1 at 3 mT, then slope 1.
 CURVE = np.array([[0.0, 0.0, 2000.0, 0.0], [0.0, -1999.0 / 4e-3, 2000.0, 2.0], [0.0, 0.0, 1.0, 4.001]])
 KNOTS = np.array([0.0, 1e-3, 3e-3])
@@ -65,11 +69,15 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=CASES)
+@cache
+def compiled_case(name):
+    return compiled_model(CASES[name], checked=True)
+
+
+@pytest.fixture(params=CASES)
 def case(request):
     """A model, and what is compiled of it."""
-    of = CASES[request.param]
-    return of, compiled_model(of, checked=True)
+    return CASES[request.param], compiled_case(request.param)
 
 
 def weights_of(compiled, state, currents, tolerance=None):
@@ -151,7 +159,7 @@ def test_what_has_no_solution_says_so(case):
 
 def test_currents_off_the_parametrisation_are_beyond_it():
     for name in ("groups", "division"):
-        compiled = compiled_model(CASES[name], checked=True)
+        compiled = compiled_case(name)
         off = np.array(CASES[name].domain.middle)
         off[0] += 0.01
         assert weights_of(compiled, new_state(compiled), off)[0] == kernels.BEYOND
@@ -172,7 +180,7 @@ def test_terms_are_products_of_terms_before_them():
 
 
 def test_compiled_callers_need_no_python():
-    compiled = compiled_model(CASES["free"], checked=True)
+    compiled = compiled_case("free")
     state = new_state(compiled)
 
     @numba.njit
