@@ -163,8 +163,13 @@ def _generated(
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]
     until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
+    # Not parallel: the same mesh for half the processor time or less, because the mesher's threads turn while they wait.
     wanted = MeshingParameters(
-        maxh=max(sizes.values()), grading=GRADING, curvaturesafety=_CURVATURE_SAFETY * refinement, **until
+        maxh=max(sizes.values()),
+        grading=GRADING,
+        curvaturesafety=_CURVATURE_SAFETY * refinement,
+        parallel_meshing=False,
+        **until,
     )
     if local is not None:
         for point, size in zip(local.points / _MILLIMETRE, local.sizes / _MILLIMETRE, strict=True):
