@@ -93,7 +93,7 @@ answer = [main(words.split()) for words in sys.argv[1:]]
 def result_with(extras, program, folder, *arguments):
     """What the program leaves in `answer`, in a process that has only these extras; and all that it prints."""
     whole = (
-        "import json, sys\nfrom tests.only_these import only\n"
+        "import json, sys\nfrom only_these import only\n"
         f"only(*{extras!r})\n{program}\nprint(); print(json.dumps(answer))"
     )
     done = subprocess.run(
@@ -101,7 +101,8 @@ def result_with(extras, program, folder, *arguments):
         capture_output=True,
         text=True,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        # Not as `tests.only_these`: packages have been installed that bring a `tests` of their own.
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])},
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1]), done.stdout + done.stderr
