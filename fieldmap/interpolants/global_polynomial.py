@@ -6,6 +6,7 @@ currents and iron; how well it does in the box is measured at every node of the 
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants.form import Form, Interpolant, contract, header, set_size
@@ -55,18 +56,31 @@ def _degree(n_nodes: int) -> int:
 def _fit(
     data: MapData, local: Array, chosen: tuple[NDArray[np.intp], ...], degree: int, length: float
 ) -> Array:
-    """Least squares over fields and gradients at the chosen nodes, every column scaled to length 1."""
-    n_coils, n = len(data.field_names), len(local)
+    """Least squares over fields and gradients at the chosen nodes, every column scaled to length 1.
+
+    Of gradients what is symmetric and without trace, as those of the polynomials are: the rest moves no coefficient.
+    """
+    n = len(local)
     of_field = field_matrix(degree, local).reshape(3 * n, -1)[:, 1:]
-    of_gradient = gradient_matrix(degree, local).reshape(9 * n, -1)[:, 1:]
+    of_gradient = _five_entries(gradient_matrix(degree, local)).reshape(5 * n, -1)[:, 1:]
     design = np.concatenate([of_field, GRADIENT_WEIGHT * of_gradient])
     scale = np.linalg.norm(design, axis=0)
     flux = np.stack([unit[chosen].ravel() for unit in data.flux_density], axis=1)
-    slope = np.stack([unit[chosen].ravel() for unit in data.gradient], axis=1)
+    slope = np.stack([_five_entries(unit[chosen].reshape(n, 3, 3)).ravel() for unit in data.gradient], axis=1)
     values = np.concatenate([flux, GRADIENT_WEIGHT * length * slope])
-    q, r = np.linalg.qr(design / scale)
-    found = np.linalg.solve(r, q.T @ values) / scale[:, None]
-    return np.concatenate([np.zeros((n_coils, 1)), found.T], axis=1)
+    # The triangle alone, of matrix and values together: a third of the work of an orthogonal matrix of all rows.
+    triangle = np.asarray(np.linalg.qr(np.concatenate([design / scale, values], axis=1), mode="r"))
+    unknowns = len(scale)
+    found = solve_triangular(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
+    return np.concatenate([np.zeros((len(data.field_names), 1)), found.T], axis=1)
+
+
+def _five_entries(gradient: Array) -> Array:
+    """Gradients (n, 3, 3, ...) as (n, 5, ...) of the same length: their symmetric parts without trace."""
+    xx, yy, zz = gradient[:, 0, 0], gradient[:, 1, 1], gradient[:, 2, 2]
+    entries = [(xx - yy) / np.sqrt(2.0), (2.0 * zz - xx - yy) / np.sqrt(6.0)]
+    entries += [(gradient[:, i, j] + gradient[:, j, i]) / np.sqrt(2.0) for i, j in ((0, 1), (0, 2), (1, 2))]
+    return np.stack(entries, axis=1)
 
 
 def _checked_misfit(data: MapData, unit: Array) -> FieldError:

@@ -1,5 +1,7 @@
 """What a harmonic polynomial gives at points, as a matrix on its coefficients."""
 
+from functools import cache
+from itertools import combinations_with_replacement
 from math import factorial
 
 import numpy as np
@@ -18,12 +20,19 @@ def field_matrix(degree: int, points: Array) -> Array:
 def gradient_matrix(degree: int, points: Array) -> Array:
     """(n, 3, 3, (degree + 1)^2): second derivatives at local points (n, 3)."""
     table = regular_table(degree - 2, np.ascontiguousarray(points))
-    rows = [
-        table @ derivative_matrix(degree - 1, j) @ derivative_matrix(degree, i)
-        for i in range(3)
-        for j in range(3)
-    ]
-    return np.stack(rows, axis=1).reshape(len(points), 3, 3, (degree + 1) ** 2)
+    rows = np.empty((len(points), 3, 3, (degree + 1) ** 2))
+    for i, j in combinations_with_replacement(range(3), 2):
+        rows[:, i, j] = table @ (derivative_matrix(degree - 1, j) @ derivative_matrix(degree, i))
+        rows[:, j, i] = rows[:, i, j]
+    return rows
+
+
+@cache
+def _same_size_derivative(degree: int, axis: int) -> csr_array:
+    """Of coefficients ((degree + 1)^2,), with as many: those of the last degree are zero."""
+    derivative = csr_array(derivative_matrix(degree, axis))
+    derivative.resize(((degree + 1) ** 2, (degree + 1) ** 2))
+    return derivative
 
 
 def about(coefficients: Array, degree: int, axis: int, shift: float) -> Array:
@@ -31,9 +40,7 @@ def about(coefficients: Array, degree: int, axis: int, shift: float) -> Array:
 
     Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
     """
-    derivative = csr_array(derivative_matrix(degree, axis))
-    # The derivative has one degree less: its coefficients of the last degree are zero.
-    derivative.resize(((degree + 1) ** 2, (degree + 1) ** 2))
+    derivative = _same_size_derivative(degree, axis)
     total, term = coefficients.copy(), coefficients
     for k in range(1, degree + 1):
         term = (shift / k) * (derivative @ term)
