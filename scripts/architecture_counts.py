@@ -30,6 +30,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
 ROOT = Path(__file__).resolve().parent.parent
 SMALL = 60
 PROSE = 3
@@ -98,6 +102,8 @@ def _import_nodes(tree: ast.AST, lazy: bool) -> Iterator[ast.Import | ast.Import
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import | ast.ImportFrom):
             yield node
+        elif isinstance(node, ast.expr):
+            continue
         elif lazy or not (isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or _for_types(node)):
             yield from _import_nodes(node, lazy)
 
@@ -125,25 +131,15 @@ def _targets(node: ast.Import | ast.ImportFrom, module: Module, package: dict[st
 
 def circles(graph: dict[str, set[str]]) -> tuple[tuple[str, ...], ...]:
     """Groups of two modules or more that reach each other (strongly connected components), by name."""
-    reached = {name: _reached(graph, name) for name in graph}
-    groups = {
-        tuple(sorted(other for other in reached[name] if name in reached[other]))
-        for name in graph
-        if name in reached[name]
-    }
-    return tuple(sorted(groups))
-
-
-def _reached(graph: dict[str, set[str]], start: str) -> set[str]:
-    """Modules that a walk of one step or more along imports leads to."""
-    seen: set[str] = set()
-    waiting = [start]
-    while waiting:
-        for target in graph[waiting.pop()]:
-            if target not in seen:
-                seen.add(target)
-                waiting.append(target)
-    return seen
+    number = {name: k for k, name in enumerate(graph)}
+    edges = [(number[name], number[target]) for name, targets in graph.items() for target in targets]
+    start, end = np.array(edges, dtype=int).reshape(-1, 2).T
+    matrix = coo_array((np.ones(len(edges)), (start, end)), shape=(len(graph), len(graph)))
+    _, group = connected_components(matrix, directed=True, connection="strong")
+    members: dict[int, list[str]] = defaultdict(list)
+    for name, k in number.items():
+        members[group[k]].append(name)
+    return tuple(sorted(tuple(sorted(names)) for names in members.values() if len(names) > 1))
 
 
 def lines_of(module: Module) -> Lines:
