@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install map test slow style kernels_without_compilation bench validate mutants docs clean
+.PHONY: install map test slow style kernels_and_examples bench validate mutants docs clean
 
 install: $(STAMP)
 
@@ -14,8 +14,8 @@ map: $(STAMP)
 # Two at a time, for two processors: what needs one each, then the tests in two processes. A file's tests stay in one
 # process, which makes what they share once. Those of tests/slow.txt belong to `make validate`.
 test: $(STAMP)
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target style kernels_without_compilation
-	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules -m "not slow" fieldmap tests
+	$(MAKE) --no-print-directory --jobs=2 --output-sync=target style kernels_and_examples
+	$(BIN)/pytest -q -n 2 --dist loadfile -m "not slow" tests
 
 slow: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile -m slow tests
@@ -25,8 +25,10 @@ style:
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-kernels_without_compilation:
+# Kernels as Python, which finds indices out of range, and the examples of docstrings.
+kernels_and_examples:
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
+	$(BIN)/pytest -q --doctest-modules fieldmap
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
