@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -27,13 +27,15 @@ from fieldmap.field import (
     dipole_wrench,
     has_leading_shape,
     magpylib_source,
+    of_any_shape,
     over_points,
     refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
-from fieldmap.kernels.map import dipole_wrench as wrench_kernels
 from fieldmap.kernels.map import lookup as kernels
 from fieldmap.kernels.map.constant_field import evaluate_one_beside_constant
+from fieldmap.kernels.map.dipole_wrench import sum_wrench_at, wrench_at
+from fieldmap.kernels.map.map_block import WRONG_SHAPE
 from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
 
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
 CHUNK = 16384
 _PIECES_PER_THREAD = 4
+# What takes points of any leading shape by itself, so that nothing stands before it where one point is asked for.
+ONE_POINT = ("field", "gradient", "field_and_gradient", "wrench")
 _ONE = np.ones((1, 1))
 _empty = np.empty
 
@@ -123,6 +127,11 @@ class CompiledEvaluator:
         example = self._unit, np.zeros(coils), np.zeros(3), np.empty(3), np.empty((3, 3))
         return closed_to_new_types(evaluate_one_beside_constant, *example), self._unit
 
+    def one_wrench(self) -> Callable[..., int]:
+        """`fieldmap.kernels.map.dipole_wrench.wrench_at`, for the block of `one_point`."""
+        three = np.zeros(3)
+        return closed_to_new_types(wrench_at, self._unit, np.empty(0), three, three, three, np.empty(6))
+
     def compiled(self) -> tuple[Any, Any]:
         """See `Evaluator`."""
         return kernels.at_currents, self._unit
@@ -161,6 +170,10 @@ class ContractedEvaluator:
         example = self._block, np.zeros(3), np.empty(3), np.empty((3, 3))
         return closed_to_new_types(kernels.evaluate_one, *example), self._block
 
+    def one_wrench(self) -> Callable[..., int]:
+        """`fieldmap.kernels.map.dipole_wrench.sum_wrench_at`, for the block of `one_point`."""
+        return closed_to_new_types(sum_wrench_at, self._block, np.zeros(3), np.zeros(3), np.empty(6))
+
     def compiled(self) -> tuple[Any, Any]:
         """See `Evaluator`."""
         return kernels.at, self._block
@@ -178,10 +191,11 @@ def closed_to_new_types(kernel: Callable[..., Any], *example: object) -> Callabl
     return kernel
 
 
-def one_wrench() -> Callable[..., bool]:
-    """Wrench (6,) on a moment (3,) from flux (3,) and slope (3, 3): see the kernel; for float64 arrays alone."""
-    example = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.empty(6)
-    return closed_to_new_types(wrench_kernels.dipole_wrench, *example)
+def wrench_kernel(evaluator: Evaluator) -> Callable[..., int]:
+    """The kernel for the wrench at one point; for an evaluator that has none, one that leaves every point to others."""
+    if isinstance(evaluator, CompiledEvaluator | ContractedEvaluator):
+        return evaluator.one_wrench()
+    return lambda *_: WRONG_SHAPE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,7 +283,7 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
     )
 
 
-class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gradient")):
+class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
     """The field of a map at fixed currents (`FieldMap.at`): summed once, evaluated as often as you like.
 
     Points, shapes and what happens outside are as for `FieldMap`; there is no argument `currents`.
@@ -285,8 +299,16 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
     ) -> None:
         self._evaluator, self._box = evaluator, box
         self.coil_names, self.currents, self.assumptions = coil_names, currents, assumptions
-        self._one, self._data = evaluator.one_point()
-        self._load = one_wrench()
+        self._start()
+
+    def _start(self) -> None:
+        self._one, self._data = self._evaluator.one_point()
+        self._one_wrench: Callable[..., int] = self._first_wrench
+
+    def _first_wrench(self, *given: Any) -> int:
+        """Not when the currents are set: the kernel may have to be compiled."""
+        self._one_wrench = wrench_kernel(self._evaluator)
+        return self._one_wrench(*given)
 
     def __repr__(self) -> str:
         return shortened(f"{type(self).__name__}({len(self.coil_names)} coils at {short(self.currents)} A)")
@@ -381,14 +403,16 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         """Force (N) and torque (N m) on point dipoles or a body, (n, 6), about their own positions: see
         `FieldMap.wrench`."""
         try:
-            if positions.ndim == 1 and moments.ndim == 1:  # type: ignore[union-attr]
-                flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
-                if self._one(self._data, positions, flux, slope) == 0 and self._load(
-                    flux, slope, moments, load
-                ):
+            if positions.ndim == moments.ndim == 1 and orientations is None:  # type: ignore[union-attr]
+                load = _empty(6)
+                if self._one_wrench(self._data, positions, moments, load) == 0:
                     return load
         except (TypeError, AttributeError, ValueError):
             pass  # as in `field_and_gradient`
+        return np.asarray(self._wrench(positions, moments, orientations))
+
+    @partial(of_any_shape, first="positions")
+    def _wrench(self, positions: Array, moments: Any, orientations: ArrayLike | None) -> Array:
         if isinstance(moments, MagneticLoad):
             return moments.wrench(self, positions, self.currents, orientations)
         refuse_orientations(orientations)
@@ -405,12 +429,11 @@ class MapAtCurrents(TakesPoints, own_shapes=("field", "gradient", "field_and_gra
         in_chunks(lambda p, *r: evaluate(p, _ONE, *r), points, results, self._box)
 
     def __getstate__(self) -> dict[str, object]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_one", "_data", "_load")}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_one", "_data", "_one_wrench")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._one, self._data = self._evaluator.one_point()
-        self._load = one_wrench()
+        self._start()
 
 
 def single_row(result: Array, out: Array | None) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from fieldmap.field import (
     dipole_wrench,
     has_leading_shape,
     magpylib_source,
+    of_any_shape,
     over_points,
     refuse_orientations,
     require_affine,
@@ -34,15 +35,16 @@ from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
 from fieldmap.lookup.current_solver import new_state
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.evaluation import (
+    ONE_POINT,
     Box,
     CompiledEvaluator,
     Evaluator,
     MapAtCurrents,
     default_threads,
     in_chunks,
-    one_wrench,
     result_array,
     single_row,
+    wrench_kernel,
 )
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
 from fieldmap.lookup.inverse_on_body import currents_on_body, wrench_demand
@@ -78,7 +80,7 @@ def check_choices(kind: str, outside: str, outside_currents: str) -> None:
 _empty = np.empty
 
 
-class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")):
+class FieldMap(BaseField, own_shapes=ONE_POINT):
     """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
 
     kind: "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to
@@ -138,6 +140,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
     def _start(self) -> None:
         # A field of weight 1 behind the coils'; with a model of the iron its weights include that.
         self._constant = self._info.constant_field and self._model is None
+        self._block = self._form.unit
         # Largest number of points for which superposing at each point is cheaper than contracting the block.
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
@@ -147,7 +150,9 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         self._of_weights: Callable[..., int] | None = None
         self._of_block: Any = None
         self._unit: Any = None
-        self._load = one_wrench()
+        self._one_wrench: Callable[..., int] = self._first_wrench
+        # Of a model no currents are known yet.
+        self._known = np.ones(int(self._constant)) if self._model is None else np.full(2, np.nan)
         if self._model is None and not self._constant:
             self._one, self._unit = self._evaluator.one_point()
         elif self._constant and isinstance(self._evaluator, CompiledEvaluator):
@@ -414,20 +419,13 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         """
         # As in `field_and_gradient`.
         try:
-            if positions.ndim == 1 and moments.ndim == 1:  # type: ignore[union-attr]
-                flux, slope, load = _empty(3), _empty((3, 3)), _empty(6)
-                if self._one(self._unit, currents, positions, flux, slope) == 0 and self._load(
-                    flux, slope, moments, load
-                ):
+            if positions.ndim == moments.ndim == 1 and orientations is None:  # type: ignore[union-attr]
+                load = _empty(6)
+                if self._one_wrench(self._block, self._known, currents, positions, moments, load) == 0:
                     return load
         except (TypeError, AttributeError, ValueError):
             pass
-        if isinstance(moments, MagneticLoad):
-            return moments.wrench(self, positions, currents, orientations)
-        refuse_orientations(orientations)
-        where, single = checked_vectors("positions", positions)
-        result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
-        return result[0] if single else result
+        return np.asarray(self._wrench(positions, moments, currents, orientations))
 
     def actuation(
         self,
@@ -537,6 +535,15 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         found = all_flux[:, 0], all_slope[:, 0], all_flux[:, 1:], all_slope[:, 1:]
         return (found[0][0], found[1][0], found[2][0], found[3][0]) if single else found
 
+    @partial(of_any_shape, first="positions")
+    def _wrench(self, positions: Array, moments: Any, currents: Any, orientations: ArrayLike | None) -> Array:
+        if isinstance(moments, MagneticLoad):
+            return moments.wrench(self, positions, currents, orientations)
+        refuse_orientations(orientations)
+        where, single = checked_vectors("positions", positions)
+        result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
+        return result[0] if single else result
+
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
         require_affine(self, "unit_field")
         where, single = checked_vectors("points", points)
@@ -581,6 +588,7 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
         if known != key:
             weights = model.weights(currents)
             self._last_weights = (key, weights)
+            self._known = np.concatenate([currents, weights])
         return weights
 
     def _one_of_model(self, _: None, currents: Array, point: Array, flux: Array, slope: Array) -> int:
@@ -592,6 +600,11 @@ class FieldMap(BaseField, own_shapes=("field", "gradient", "field_and_gradient")
             # Not when the map is opened: it may have to be compiled.
             self._of_weights, self._of_block = self._evaluator.one_point()
         return self._of_weights(self._of_block, weights, point, flux, slope)
+
+    def _first_wrench(self, *given: Any) -> int:
+        """Not when the map is opened: the kernel may have to be compiled."""
+        self._one_wrench = wrench_kernel(self._evaluator)
+        return self._one_wrench(*given)
 
     def __getstate__(self) -> dict[str, object]:
         return {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fieldmap.interpolants.form import contract, header
-from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite, lookup, map_block
+from fieldmap.kernels.map import cell_harmonics, dipole_wrench, global_harmonics, hermite, lookup, map_block
 from fieldmap.store import Grid
 
 GRID = Grid([-0.3, 0.2, 1.0], [0.11, 0.07, 0.13], (3, 2, 4))
@@ -132,6 +132,38 @@ def test_a_single_point_of_the_wrong_length_is_refused():
     assert lookup.evaluate_one(fixed, np.zeros(2), flux, slope) == map_block.WRONG_SHAPE
     assert lookup.evaluate_one_with(block, np.zeros(3), ODD[6], flux, slope) == map_block.WRONG_SHAPE
     assert lookup.evaluate_one_with(block, CURRENTS, ODD[6], flux, slope) == map_block.INSIDE
+
+
+def test_wrench_at_a_point_whose_weights_are_known_or_follow_the_currents():
+    block, size = block_of("harmonic")
+    moment, load, place = np.array([0.3, -0.7, 1.1]), np.empty(6), ODD[6]
+    flux, slope, _ = evaluated(block, place[None], CURRENTS)
+    wanted = np.concatenate([moment @ slope[0], np.cross(moment, flux[0])])
+    nothing, last = np.empty(0), np.array([CURRENTS[1]])
+    known = np.array([0.1, 0.2, 0.3, *CURRENTS])
+    fixed = contract(block, CURRENTS, size)
+    for call, *given in (
+        (dipole_wrench.sum_wrench_at, fixed),
+        (dipole_wrench.wrench_at, block, nothing, CURRENTS),
+        (dipole_wrench.wrench_at, block, last, CURRENTS[:1]),
+        (dipole_wrench.wrench_at, block, known, known[:3]),
+    ):
+        load[:] = np.nan
+        assert call(*given, place, moment, load) == map_block.INSIDE
+        np.testing.assert_allclose(load, wanted, rtol=1e-11, atol=1e-13)
+        for wrong in ((place[:2], moment, load), (place, moment[:2], load), (place, moment, load[:5])):
+            assert call(*given, *wrong) == map_block.WRONG_SHAPE
+    for memory, currents in (
+        (nothing, known[:3]),
+        (last, CURRENTS),
+        (known, np.array([0.1, 0.2, 0.4])),
+        (known, known[:2].copy()),
+        (known, np.array([0.1, 0.2, 0.3, *CURRENTS])),
+        (np.full(2, np.nan), CURRENTS),
+        (np.full(2, np.nan), CURRENTS[:1]),
+    ):
+        status = dipole_wrench.wrench_at(block, memory, currents, place, moment, load)
+        assert status == map_block.WRONG_SHAPE
 
 
 @pytest.mark.parametrize("kind", list(KINDS))

@@ -10,6 +10,7 @@ from fieldmap.currents import IndependentCurrents
 from fieldmap.device.payload import MagnetSphere, Payload, PayloadPiece, SoftSphere
 from fieldmap.device.placement import placed
 from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.kernels.map.map_block import INSIDE, WRONG_SHAPE
 from fieldmap.lookup import (
     compiled_wrench,
     field_actuation,
@@ -233,10 +234,15 @@ def test_one_point_at_the_currents_of_before_is_that_of_many(data, outside):
         np.testing.assert_array_equal(
             m.wrench(away, MOMENT, currents), fresh.wrench(away[None], MOMENT, currents)[0]
         )
-    m.field(PLACE, CURRENTS)
+    for _ in range(2):
+        m.field(PLACE, CURRENTS)
     calls = []
-    kernel = m._of_weights
-    m._of_weights = lambda *given: calls.append(1) or kernel(*given)
+    kernel, wrench_kernel = m._of_weights, m._one_wrench
+    m._of_weights = lambda *given: calls.append(kernel(*given)) or calls[-1]
+    m._one_wrench = lambda *given: calls.append(wrench_kernel(*given)) or calls[-1]
     m.wrench(PLACE, MOMENT, CURRENTS)
     m.field_and_gradient(PLACE, CURRENTS)
-    assert len(calls) == 2
+    assert calls == [INSIDE, INSIDE]
+    m.wrench(PLACE, MOMENT, 0.9 * CURRENTS)
+    m.wrench(PLACE, MOMENT, 0.9 * CURRENTS)
+    assert calls[2:] == [WRONG_SHAPE, INSIDE]

@@ -12,6 +12,7 @@ import pytest
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Field, FieldAtCurrents, as_field
 from fieldmap.lookup import interpolate, open_map
+from fieldmap.store import MapData
 
 CURRENTS = np.array([1.0, 1.0, 1.0])
 
@@ -211,6 +212,46 @@ def test_wrench_of_one_dipole_in_every_dress(coarse, dipoles):
             coarse.wrench(point, wrong, CURRENTS)
     with pytest.raises(OutsideMapError):
         coarse.wrench(np.array([1.0, 0.0, 0.0]), moment, CURRENTS)
+
+
+@pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])
+@pytest.mark.parametrize("fixed", [(), ("magnet",)])
+def test_wrench_of_one_dipole_beside_a_field_that_no_current_drives(dipoles, kind, fixed):
+    """The last of the fields is one of 0.7 A in the third coil, or driven by the currents like the others."""
+    given = dipoles.map((6, 5, 6))
+    names, one = (given.coil_names[:2], np.ones(2)) if fixed else (given.coil_names, np.ones(3))
+    weights = np.array([1.2, -0.4, 0.7 if fixed else 0.3])
+    flux, slope = given.flux_density.copy(), given.gradient.copy()
+    if fixed:
+        flux[2], slope[2] = 0.7 * flux[2], 0.7 * slope[2]
+    data = MapData(
+        given.grid,
+        names,
+        one,
+        flux_density=flux,
+        gradient=slope,
+        fixed_sources=fixed,
+        constant_field=bool(fixed),
+    )
+    m, plain = interpolate(data, kind), interpolate(given, kind)
+    currents, moment = weights[: len(names)].copy(), np.array([0.3, -0.7, 1.1])
+    for point in dipoles.points(5):
+        expected = plain.wrench(point[None], moment, weights)[0]
+        np.testing.assert_allclose(m.wrench(point, moment, currents), expected, rtol=1e-12, atol=1e-16)
+        many = m.wrench(point[None], moment, currents)[0]
+        np.testing.assert_array_equal(m.wrench(point, moment, currents), many)
+    for wrong in (currents[:-1], np.append(currents, 1.0)):
+        with pytest.raises(InputError, match="currents"):
+            m.wrench(point, moment, wrong)
+
+
+def test_orientations_of_a_point_dipole_are_refused_whatever_its_dress(coarse, dipoles):
+    point, moment = dipoles.points(1)[0], np.array([0.3, -0.7, 1.1])
+    for given in (moment, list(moment)):
+        with pytest.raises(InputError, match="wrench, orientations"):
+            coarse.wrench(point, given, CURRENTS, np.eye(3))
+        with pytest.raises(InputError, match="wrench, orientations"):
+            coarse.at(CURRENTS).wrench(point, given, np.eye(3))
 
 
 @pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])
