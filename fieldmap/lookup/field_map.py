@@ -464,7 +464,9 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         upper), each a number or one per coil, or None. resistance: of each coil if they differ; sum(resistance
         currents^2) is least. start: currents from which the search begins in a map of saturating iron. In place of the
         moment a `MagneticBody`, with an orientation (3, 3), columns its axes: the force on soft iron is no linear
-        function of the currents, and several searches, or the one from `start`, look for a local optimum.
+        function of the currents, and several searches, or the one from `start`, look for a local optimum. In a map over
+        a current parametrisation currents that its signals make, within its domain; of least power where each coil
+        follows one signal.
 
         Raises Infeasible, which names the limits that bind and what can be had; OutsideMapError; InputError;
         NotConverged.

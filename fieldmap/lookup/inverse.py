@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import checked_vectors, remedy_of_moment
-from fieldmap.currents import IndependentCurrents
+from fieldmap.currents import TOLERANCE, CurrentParametrisation, IndependentCurrents
 from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.kernels.map import least_power as kernels
@@ -269,15 +269,54 @@ def currents_of_model(
     where the step has converged, they are those of the demand itself (to first order: a local optimum). Raises
     Infeasible where no step brings the demand nearer: no proof that no currents exist, but of where the search ended.
     """
-    low, high = domain_of(model, limits)
     at = rows_at(evaluator, position, demand, model.model.coil_count + model.fields_beside_coils)
-    typical = typical_currents(model)
-    unsaturated = at @ model.slopes_at(np.clip(0.0, low, high))
+    typical, first = typical_currents(model), first_currents(model, coil_names, start)
+    low, high = limits_of(model, limits)
+    near = np.clip(0.0, low, high) if is_free(model) else first_currents(model, coil_names, None)
+    unsaturated = at @ model.slopes_at(near)
     size = np.maximum(np.abs(unsaturated) @ typical, 1e-300)
     goal = _OnDipole(demand, size, at, model.search())
-    first = first_currents(model, coil_names, start, low, high)
-    run = Search(goal, coil_names, low, high, weight, typical, remedy=remedy_of_start(start is not None))
-    return run.run(first)
+    remedy = remedy_of_start(start is not None)
+    if not is_free(model):
+        return currents_of_signals(goal, model, coil_names, limits, weight, first, remedy)
+    run = Search(goal, coil_names, low, high, weight, typical, remedy=remedy)
+    return run.run(np.clip(first, low, high))
+
+
+def currents_of_signals(
+    goal: Goal,
+    model: CurrentModel,
+    names: tuple[str, ...],
+    limits: Limits,
+    weight: Array,
+    first: Array,
+    remedy: str,
+    saving: float = _NO_SAVING,
+) -> Array:
+    """Currents (n_coils,), A, that meet a goal by the signals of a map's parametrisation, within their ranges.
+
+    What is least is the power of the signals, each at what it costs at `first` (n_coils,), A, where the search begins:
+    the power of the currents where each follows one signal. Raises Infeasible, also where the currents that are found
+    are beyond the limits or the domain.
+    """
+    made, lower, upper = model.model.parametrisation, model.model.lower, model.model.upper
+    begin = np.clip(made.nearest(first).values, lower, upper)
+    typical = np.maximum(np.abs(made.nearest(model.model.known_currents).values).max(axis=0), 1e-12)
+    cost = weight @ made.derivative(begin) ** 2
+    cost = np.maximum(cost, 1e-6 * cost.max())
+    about = (made.signal_names, lower, upper, cost, typical, saving, remedy, "signal", "")
+    signals = Search(_BySignals(goal, made), *about).run(begin)
+    currents = np.ascontiguousarray(made.currents(signals))
+    low, high = limits_of(model, limits)
+    over = np.maximum(low - currents, currents - high)
+    if made.excess(signals) <= TOLERANCE and over.max() <= TOLERANCE * np.abs(currents).max():
+        return currents
+    most = int(np.argmax(over if over.max() > 0.0 else np.abs(currents)))
+    must_hold = "a demand within the limits of the currents"
+    received = (
+        f"{goal.demand.text(goal.demand.values)}, which takes {currents[most]:.6g} A in coil {names[most]}"
+    )
+    raise Infeasible(Problem("currents_for", must_hold, received, remedy))
 
 
 def remedy_of_start(given: bool) -> str:
@@ -328,10 +367,33 @@ class _OnDipole:
         return np.ascontiguousarray(self.at @ self.model.slopes(currents))
 
 
+@dataclass(frozen=True, eq=False)
+class _BySignals:
+    """A goal of the signals of a parametrisation, in the place of the currents."""
+
+    goal: Goal
+    made: CurrentParametrisation
+
+    @property
+    def demand(self) -> Demand:
+        return self.goal.demand
+
+    @property
+    def size(self) -> Array:
+        return self.goal.size
+
+    def given(self, signals: Array) -> Array:
+        return self.goal.given(np.ascontiguousarray(self.made.currents(signals)))
+
+    def slope(self, signals: Array) -> Array:
+        by_currents = self.goal.slope(np.ascontiguousarray(self.made.currents(signals)))
+        return np.ascontiguousarray(by_currents @ self.made.derivative(signals))
+
+
 class Search:
     """Least-power currents that meet a goal, from currents to currents. typical (n_coils,), A: currents whose power is
     worth a tenth of the goal. saving: share of the power below which more of it is not looked for. remedy: what to try
-    where it fails."""
+    where it fails. noun, unit: of what is searched for, in messages."""
 
     def __init__(
         self,
@@ -343,10 +405,12 @@ class Search:
         typical: Array,
         saving: float = _NO_SAVING,
         remedy: str = "",
+        noun: str = "coil",
+        unit: str = " A",
     ) -> None:
         self.goal, self.names, self.demand, self.size = goal, names, goal.demand, goal.size
         self.low, self.high, self.weight, self.saving = low, high, weight, saving
-        self.remedy = remedy
+        self.remedy, self.noun, self.unit = remedy, noun, unit
         # The merit of currents: their power, and this price for what they miss of the demand.
         self.price = 10.0 * self._power(typical)
 
@@ -355,6 +419,10 @@ class Search:
         off = self._off(currents)
         for _ in range(_MOST_STEPS):
             aim, left = self._aim(currents, off)
+            dearer = self._power(aim) - self._power(currents)
+            if off > _TOLERANCE and self.price * (off - left) < 2.0 * dearer:
+                # Otherwise what a step costs would stand against what it brings of the demand.
+                self.price = 2.0 * dearer / (off - left)
             promised = self._power(currents) - self._power(aim) + self.price * (off - left)
             if off <= _TOLERANCE and promised <= self.saving * self._power(currents):
                 return currents
@@ -424,11 +492,15 @@ class Search:
 
     def _stuck(self, currents: Array) -> Infeasible:
         reached = self.goal.given(currents)
-        margin = 1e-6 * np.abs(currents).max(initial=1e-12)
+        # The search ends before steps that are that short.
+        between, most = self.high - self.low, np.abs(currents).max(initial=1e-12)
+        margin = _NO_PROGRESS * np.where(np.isfinite(between), between, most)
         at_limit = np.flatnonzero((currents <= self.low + margin) | (currents >= self.high - margin))
         binding = {self.names[k]: float(currents[k]) for k in at_limit}
-        limits = ", ".join(f"coil {name} at {value:g} A" for name, value in binding.items()) or "none"
-        must_hold = f"a demand that the search can reach; where it ended these limits bind: {limits}"
+        limits = ", ".join(f"{self.noun} {name} at {value:g}{self.unit}" for name, value in binding.items())
+        must_hold = (
+            f"a demand that the search can reach; where it ended these limits bind: {limits or 'none'}"
+        )
         received, remedy = (
             self.demand.text(self.demand.values),
             f"reached: {self.demand.text(reached)}; {self.remedy}",
@@ -442,20 +514,21 @@ def typical_currents(model: CurrentModel) -> Array:
     return np.maximum(np.abs(model.model.known_currents).max(axis=0), 1e-12)
 
 
-def domain_of(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
-    """The limits, within the currents that the model was made for."""
-    if not isinstance(model.model.parametrisation, IndependentCurrents):
-        must_hold = "a map made for free currents of its coils"
-        received = f"one made for signals ({', '.join(model.model.parametrisation.signal_names)})"
-        raise InputError(Problem("currents_for", must_hold, received, "make a map with a box of currents"))
+def is_free(model: CurrentModel) -> bool:
+    """Whether each coil of a map has a current of its own."""
+    return isinstance(model.model.parametrisation, IndependentCurrents)
+
+
+def limits_of(model: CurrentModel, limits: Limits) -> tuple[Array, Array]:
+    """The limits (n_coils,), A, within the currents that the model was made for if these are free."""
     low, high = checked_limits(limits, model.model.coil_count)
+    if not is_free(model):
+        return low, high
     return np.maximum(low, model.model.lower), np.minimum(high, model.model.upper)
 
 
-def first_currents(
-    model: CurrentModel, names: tuple[str, ...], start: ArrayLike | None, low: Array, high: Array
-) -> Array:
+def first_currents(model: CurrentModel, names: tuple[str, ...], start: ArrayLike | None) -> Array:
     """Where a search begins: at `start`, or in the middle of the states that a model was trained on."""
     if start is None:
-        return np.clip(model.model.known_currents.mean(axis=0), low, high)
-    return np.clip(coil_currents(start, names), low, high)
+        return np.asarray(model.model.known_currents.mean(axis=0))
+    return coil_currents(start, names)

@@ -28,9 +28,11 @@ from fieldmap.lookup.inverse import (
     Demand,
     FieldsOfMap,
     Search,
+    currents_of_signals,
     demand_of,
-    domain_of,
     first_currents,
+    is_free,
+    limits_of,
     remedy_of_start,
     typical_currents,
 )
@@ -153,16 +155,21 @@ def currents_on_body(
         search: CurrentSearch | _Superposed = _Superposed(coils, constant)
         fields = coils + int(constant)
     else:
-        low, high = domain_of(model, limits)
+        low, high = limits_of(model, limits)
         search, fields = model.search(), coils + model.fields_beside_coils
     load, at = _fields_at(evaluator, fields, position, body, orientation)
     goal = _OnBody(demand, np.ones(len(demand.names)), load, at, search)
     given = None if start is None else np.clip(coil_currents(start, coil_names), low, high)
+    remedy = remedy_of_start(given is not None)
     scale = _scale(goal, low, high, given, model)
+    if model is not None and not is_free(model):
+        first = first_currents(model, coil_names, start)
+        goal.size = _size(goal, first, scale)
+        about = (coil_names, limits, weight, first, remedy, _LEAST_SAVING)
+        return currents_of_signals(goal, model, *about)
     starts = [given] if given is not None else list(_starts(goal, scale, low, high, body, constant))
     if given is None and model is not None:
-        starts.append(first_currents(model, coil_names, None, low, high))
-    remedy = remedy_of_start(given is not None)
+        starts.append(np.clip(first_currents(model, coil_names, None), low, high))
     found, refused = [], []
     for first in starts:
         # What a row is worth: what is asked of it, or what currents of this size give of it.

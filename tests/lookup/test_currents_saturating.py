@@ -4,13 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from scipy.optimize import linprog, minimize
 
-from fieldmap.currents import IndependentCurrents, LiftAndDirections
+from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
-from fieldmap.lookup import interpolate
-from fieldmap.lookup.inverse import currents_of_model, demand_of
+from fieldmap.lookup import MagneticBody, interpolate
+from fieldmap.lookup.inverse import Search, currents_of_model, demand_of
 from fieldmap.store import Grid, MapData
+from tests.dynamics.conftest import saturating_map
 
 NAMES = tuple("abcde")
 MIX = np.array([[0.5, 0.2, 0.0, 0.1, 0.3], [0.0, 0.4, 0.5, 0.2, -0.1]])
@@ -47,6 +48,12 @@ def model():
         output=np.eye(2),
     )
     return fake(data, lambda currents: 1.5 * np.tanh(MIX @ currents), bent)
+
+
+@pytest.fixture(scope="module")
+def divided():
+    """A map of six coils over a division."""
+    return saturating_map()
 
 
 def bent(currents):
@@ -123,13 +130,102 @@ def test_what_cannot_be_reached_says_where_the_search_ended(block, model):
     assert 0 < caught.value.reachable[0] < 5
 
 
+def test_power_that_a_demand_costs_does_not_stand_in_its_way():
+    """One coil that saturates, and a first price of the demand far below what it costs."""
+    demand = SimpleNamespace(names=("B",), values=np.array([0.9]))
+    goal = SimpleNamespace(
+        demand=demand, size=np.ones(1), given=np.tanh, slope=lambda i: 1.0 / np.cosh(i)[:, None] ** 2
+    )
+    search = Search(goal, ("a",), np.full(1, -10.0), np.full(1, 10.0), np.ones(1), np.full(1, 0.1))
+    np.testing.assert_allclose(search.run(np.zeros(1)), np.arctanh(0.9), rtol=1e-7)
+
+
+def over(model, parametrisation, lower, upper, known):
+    """The same model over signals; known: signals whose currents it was trained on."""
+    made = {"parametrisation": parametrisation, "lower": np.array(lower), "upper": np.array(upper)}
+    made["known_currents"] = parametrisation.currents(known)
+    return SimpleNamespace(**{**vars(model), "model": SimpleNamespace(**{**vars(model.model), **made})})
+
+
+def test_groups_of_coils_meet_a_demand_with_least_power_of_the_currents(block, model):
+    """Beside SLSQP on the currents of the groups, whose power is that of the coils."""
+    groups = CoilGroups([[0, 3], [1], [2, 4]])
+    grouped = over(model, groups, [-4.0] * 3, [4.0] * 3, [[0, 0, 0], [2, 2, 2], [-2, -2, -2]])
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        known = groups.currents(rng.uniform(-2.0, 2.0, 3))
+        demand = demand_of(None, None, None, [0.0, 0.0, np.nan], None)
+        rows = unit_rows(block, demand)
+        wanted = given(rows, known)
+        demand = demand_of(None, None, None, [*wanted, np.nan], None)
+        found = currents_of_model(block, NAMES, grouped, POSITION, demand, None, np.ones(5), None)
+        assert np.ptp(found[[0, 3]]) == np.ptp(found[[2, 4]]) == 0.0
+        np.testing.assert_allclose(given(rows, found), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+        held = {
+            "type": "eq",
+            "fun": lambda s, rows=rows, wanted=wanted: (
+                (given(rows, groups.currents(s)) - wanted) / np.abs(wanted).max()
+            ),
+        }
+        judge = minimize(lambda s: (groups.currents(s) ** 2).sum(), groups.signals(known), constraints=[held])
+        assert found @ found == pytest.approx(judge.fun, rel=1e-5)
+        # Three components leave no choice.
+        wanted = given(unit_rows(block, demand_of(None, None, None, np.zeros(3), None)), known)
+        demand = demand_of(None, None, None, wanted, None)
+        found = currents_of_model(block, NAMES, grouped, POSITION, demand, None, np.ones(5), None)
+        np.testing.assert_allclose(found, known, atol=1e-6)
+
+
+def test_a_force_by_the_signals_of_a_division(divided):
+    """Currents of the division that make it; of this field along an axis there are many."""
+    domain, moment = divided.info.reduced_model.domain, np.array([0.1, -0.2, 0.8])
+    body = MagneticBody(np.zeros((1, 3)), moment[None])
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        known = domain.at(rng.uniform(0.1, 0.9, 3))
+        force = divided.wrench(POSITION, moment, known)[:3]
+        for load in (moment, body):
+            for start in (None, known):
+                found = divided.currents_for(POSITION, force, load, start=start)
+                made = divided.wrench(POSITION, moment, found)[:3]
+                np.testing.assert_allclose(made, force, rtol=0, atol=1e-6 * np.abs(force).max())
+                assert domain.holds(found)
+    most = np.abs(found).max()
+    np.testing.assert_array_equal(
+        divided.currents_for(POSITION, force, body, 1.01 * most, start=known), found
+    )
+    with pytest.raises(Infeasible) as caught:
+        divided.currents_for(POSITION, force, body, 0.99 * most, start=known)
+    assert f"in coil {np.argmax(np.abs(found)) + 1}" in caught.value.problems[0].received
+    # Ten times what the largest lift of the map gives: the search ends at the end of a signal.
+    much = 10.0 * divided.wrench(POSITION, moment, domain.at(np.array([1.0, 0.5, 0.5])))[:3]
+    with pytest.raises(Infeasible, match="signal") as caught:
+        divided.currents_for(POSITION, much, moment)
+    assert set(caught.value.binding) <= {"u", "x", "y"}
+
+
+def test_a_limit_of_the_division_itself_binds(divided):
+    reduced = divided.info.reduced_model
+    domain, moment = reduced.domain, np.array([0.1, -0.2, 0.8])
+    known = domain.at([0.9, 0.8, 0.7])
+    force = divided.wrench(POSITION, moment, known)[:3]
+    limited = over(
+        divided._model,
+        LiftAndDirections(1.25, limit=0.95 * np.abs(known).max()),
+        domain.lower,
+        domain.upper,
+        [[1.6, 0, 0]],
+    )
+    limited.search, limited.slopes_at = divided._model.search, divided._model.slopes_at
+    limited.fields_beside_coils = divided._model.fields_beside_coils
+    limited.model.coil_count = 6
+    demand = demand_of(force, moment, None, None, None)
+    with pytest.raises(Infeasible, match="limits"):
+        currents_of_model(divided._evaluator, "123456", limited, POSITION, demand, None, np.ones(6), None)
+
+
 def test_refusals(block, model):
     demand = demand_of(None, None, None, [1e-3, 0.0, 0.0], None)
-    divided = SimpleNamespace(
-        model=SimpleNamespace(**{**vars(model.model), "parametrisation": LiftAndDirections(1.0)})
-    )
-    with pytest.raises(InputError, match="currents_for"):
-        currents_of_model(block, NAMES, divided, POSITION, demand, None, np.ones(5), None)
     with pytest.raises(OutsideMapError):
         currents_of_model(block, NAMES, model, [0, 0, 1.0], demand, None, np.ones(5), None)
     with pytest.raises(InputError, match="currents"):
