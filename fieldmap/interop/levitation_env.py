@@ -9,7 +9,7 @@ iron in a ring above a magnet of 11 g.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from os import PathLike
 from typing import Any
@@ -18,14 +18,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
+from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.dynamics import (
     CoilDrive,
     Drag,
+    FieldOfCurrents,
+    ParametrisedAllocation,
     RigidBody,
     linearised,
     modelled,
     sampled_field,
     state_of,
+    tabled,
 )
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.extras import require
@@ -33,10 +37,11 @@ from fieldmap.field import as_field
 from fieldmap.instruments import Amplifier
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.kernels.map.cached_field import keep_field
+from fieldmap.kernels.map.iron_block import OUTSIDE, UNSOLVED
 from fieldmap.kernels.map.lookup import evaluate_with
 from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.control_period import advance_period
-from fieldmap.kernels.motion.currents import find_weights
+from fieldmap.kernels.motion.currents import MODELLED, allocate, find_weights
 from fieldmap.kernels.motion.step import find_load
 from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map
 from fieldmap.store import Grid, MapData
@@ -53,7 +58,11 @@ else:
 
 ENVIRONMENT = "fieldmap/Levitation-v0"
 ACTIONS = ("currents", "signals")
-IRON = ("model", "linearised")
+IRON: Mapping[str, Callable[..., FieldOfCurrents]] = {
+    "model": modelled,
+    "table": tabled,
+    "linearised": linearised,
+}
 EFFORT = 0.01
 """Weight of the mean square of the actions in the reward."""
 SECONDS = 10.0
@@ -74,19 +83,24 @@ class LevitationEnv(Env):
 
     Action in -1..1, n currents or 3 signals: "currents": currents at rest + span * action, span in A. "signals": a
     force along x, y and z more than the weight needs, span * weight * action, by currents of least power at the
-    target. Currents at rest: those of least power that carry the body at the target.
+    target. Currents at rest: those of least power that carry the body at the target. Of a map over a current
+    parametrisation, such as a division, the variables of that stand in the place of the currents: those at rest + span
+    * half of their ranges * action, no further than these ranges; a force by least changes of them.
+
+    info of a step: `unsolved`, how many solves of the iron's model did not converge in it, at which the iron stayed as
+    it was, and `outside`, how many were at currents beyond the map's domain, where the model has no known error.
 
     Reward of a step: 1 - (distance from the target / limit)^2 - 0.01 mean(action^2). An episode ends at a distance of
     `limit`, or outside the map, with a reward of 0 for that step. It starts at rest, each coordinate off the target by
     up to `start`, m, and turned about x and y by up to `tilt`, rad.
 
     field: a map, its path, or any field with a box; body: with its magnet; target (3,): of its centre of mass, m. Left
-    out all three: a made-up rig. iron, of a map of saturating iron: its "model", solved whenever currents change, or
-    "linearised" about the currents at rest, right near them only. span: unless given, the largest current at rest, or
-    0.5 of the weight. period, step: s, as of `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive:
-    of the coils; currents follow at once unless given. drag: a little air unless given. Raises FieldmapError without
-    Gymnasium, InputError for arguments that do not fit and for a map over a current division, Infeasible where no
-    currents carry the body.
+    out all three: a made-up rig. iron, of a map of saturating iron: its "model", solved whenever currents change, a
+    "table" of it over a division, or "linearised" about the currents at rest, right near them only. span: unless given,
+    the largest current at rest, 1 of the ranges, or 0.5 of the weight. period, step: s, as of
+    `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; currents follow at once
+    unless given. drag: a little air unless given. Raises FieldmapError without Gymnasium, InputError for arguments that
+    do not fit, Infeasible where no currents carry the body.
 
     >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
     """
@@ -130,24 +144,23 @@ class LevitationEnv(Env):
         place = self.target + body.magnet_at
         self.rest = np.asarray(field.currents_for(place, force=weight, moment=moment))
         n = len(self.rest)
-        known = modelled(field) if iron == "model" else linearised(field, self.rest)
+        self._known = linearised(field, self.rest) if iron == "linearised" else IRON[iron](field)
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
-        if action == "currents":
-            wide = float(np.abs(self.rest).max()) if span is None else float(span)
-            self._to_currents = wide * np.eye(n)
-        else:
+        self._variables = _variables(field, self.rest)
+        self._from_action = self._variables.reach * (self._variables.span if span is None else float(span))
+        if action == "signals":
             share = 0.5 if span is None else float(span)
-            about_rest = linearised(field, self.rest).block
-            self._to_currents = (
-                share * weight[2] * np.linalg.pinv(_force_per_ampere(about_rest, place, moment, n))
-            )
-        self._coils, self._superposition = drive.numbers(self._step), known.begin()
+            by_currents = _force_per_ampere(linearised(field, self.rest).block, place, moment, n)
+            self._from_action = share * weight[2] * self._variables.for_force(by_currents)
+        self._coils = drive.numbers(self._step)
         self._at_once = bool((self._coils[:, :2] == 0.0).all())
         self._limits = drive.steady
         self._numbers = body.numbers(Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag)
-        self._kept = keep_field(known.block, np.empty(int(known.block[SETS])), body.magnet.count)
+        block = self._known.block
+        self._kept = keep_field(block, np.empty(int(block[SETS])), body.magnet.count)
+        self._begin()
         self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
-        self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._to_currents.shape[1],), np.float64)
+        self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._from_action.shape[1],), np.float64)
         self.observation_space = _gymnasium.spaces.Box(-np.inf, np.inf, (12 + n,), np.float64)
 
     def reset(
@@ -162,6 +175,7 @@ class LevitationEnv(Env):
             begin = state_of(self.target + off, quaternion=(1.0, *np.tan(half), 0.0))
         self._state[:] = check_signal("LevitationEnv.reset(state)", begin, columns=13)
         self._currents[:] = self.rest
+        self._begin()
         find_weights(*self._superposition, self._currents, self._kept[1])
         self._kept[2][:] = -1
         status, _ = find_load(self._kept, self._numbers, self._state, self._load)
@@ -170,14 +184,13 @@ class LevitationEnv(Env):
                 "LevitationEnv.reset", "the magnet must begin in the map", f"{self._state[:3]}", "move it"
             )
             raise OutsideMapError(problem)
-        return self._observed(), {}
+        return self._observed(), self._solves()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One control period: (observation, reward, terminated, truncated, info)."""
         given = np.minimum(np.maximum(action, -1.0), 1.0)
-        commands = np.minimum(
-            np.maximum(self.rest + self._to_currents @ given, self._limits[0]), self._limits[1]
-        )
+        wanted = self._variables.currents(self._from_action @ given)
+        commands = np.minimum(np.maximum(wanted, self._limits[0]), self._limits[1])
         status = advance_period(
             self._step,
             self._steps,
@@ -194,8 +207,9 @@ class LevitationEnv(Env):
         off = self._state[:3] - self.target
         share = float(off @ off) / self._limit**2
         if status != INSIDE or not share < 1.0:
-            return self._observed(), 0.0, True, False, {}
-        return self._observed(), 1.0 - share - EFFORT * float(given @ given) / len(given), False, False, {}
+            return self._observed(), 0.0, True, False, self._solves()
+        reward = 1.0 - share - EFFORT * float(given @ given) / len(given)
+        return self._observed(), reward, False, False, self._solves()
 
     @property
     def state(self) -> Array:
@@ -206,6 +220,19 @@ class LevitationEnv(Env):
     def currents(self) -> Array:
         """Of the coils (n,), A: a copy."""
         return self._currents.copy()
+
+    def _begin(self) -> None:
+        """A model of the iron that remembers nothing: equal seeds give equal episodes."""
+        self._superposition = self._known.begin()
+        modelled_iron = self._superposition.kind == MODELLED
+        self._counts = self._superposition.iron[UNSOLVED : OUTSIDE + 1] if modelled_iron else np.zeros(2)
+        self._counted = (0.0, 0.0)
+
+    def _solves(self) -> dict[str, int]:
+        """See the class: of the time since the last call."""
+        before, self._counted = self._counted, tuple(self._counts.tolist())
+        unsolved, outside = self._counted
+        return {"unsolved": int(unsolved - before[0]), "outside": int(outside - before[1])}
 
     def _observed(self) -> Array:
         out, state, q = np.empty(12 + len(self._currents)), self._state, self._state[6:10]
@@ -218,6 +245,51 @@ class LevitationEnv(Env):
         out[9:12] = state[10:13]
         out[12:] = self._currents
         return out
+
+
+class _Currents:
+    """What actions move: the currents of the coils.
+
+    reach (k, k): what an action of 1 changes at a span of 1; span: that of the actions unless another is given.
+    """
+
+    def __init__(self, rest: Array) -> None:
+        self.rest, self.reach, self.span = rest, np.eye(len(rest)), float(np.abs(rest).max())
+
+    def currents(self, change: Array) -> Array:
+        """Of the coils (n,), A, a change (k,) off those at rest."""
+        return self.rest + change
+
+    def for_force(self, by_currents: Array) -> Array:
+        """The least changes (k, 3) that make 1 N along each axis; by_currents (3, n), N/A."""
+        return np.asarray(np.linalg.pinv(by_currents))
+
+
+class _Signals(_Currents):
+    """The signals of a map's parametrisation in their place, within their ranges, of which changes are shares."""
+
+    def __init__(self, rest: Array, domain: CurrentDomain) -> None:
+        made, self.lower, self.upper = domain.parametrisation, domain.lower, domain.upper
+        self.rest, self.span = made.nearest(rest).values, 1.0
+        self.reach, self.by_signals = np.diag(0.5 * (self.upper - self.lower)), made.derivative(self.rest)
+        self.allocation = ParametrisedAllocation(made).numbers()
+
+    def currents(self, change: Array) -> Array:
+        """See `_Currents`."""
+        signals, currents = self.rest + change, np.empty(len(self.by_signals))
+        allocate(self.allocation, np.minimum(np.maximum(signals, self.lower), self.upper), currents)
+        return currents
+
+    def for_force(self, by_currents: Array) -> Array:
+        """See `_Currents`: least in shares of the ranges."""
+        return np.asarray(self.reach @ np.linalg.pinv(by_currents @ self.by_signals @ self.reach))
+
+
+def _variables(field: FieldMap, rest: Array) -> _Currents:
+    reduced = field.info.reduced_model
+    if reduced is None or isinstance(reduced.domain.parametrisation, IndependentCurrents):
+        return _Currents(rest)
+    return _Signals(rest, reduced.domain)
 
 
 def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:

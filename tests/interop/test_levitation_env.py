@@ -7,17 +7,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmap.dynamics import Drag, RigidBody, move
-from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.lookup import FiniteMagnet
+from fieldmap.dynamics import (
+    CoilDrive,
+    Drag,
+    Machine,
+    MatrixAllocation,
+    RigidBody,
+    RunningMachine,
+    Schedule,
+    Sensors,
+    move,
+)
+from fieldmap.errors import Infeasible, InputError, OutsideMapError
+from fieldmap.instruments import Amplifier
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
+from fieldmap.kernels.map.iron_block import TOLERANCE
+from fieldmap.lookup import FiniteMagnet, interpolate
+from fieldmap.store import Grid, MapData
 
 gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "fieldmap[gymnasium]")')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from fieldmap.interop.levitation_env import ENVIRONMENT, LevitationEnv  # noqa: E402
+from fieldmap.interop.levitation_env import ENVIRONMENT, IRON, LevitationEnv  # noqa: E402
 from tests.dynamics.conftest import saturating_map  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
+MAGNET = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]]))
 
 
 def pid(env, seed, steps, gains=(60.0, 2.7, 60.0)):
@@ -91,7 +106,7 @@ def test_the_motion_is_that_of_our_simulator(ring):
 def test_the_iron_saturates(iron, error):
     """Beside our simulator in the field of the map itself, an ampere and more off the currents at rest."""
     field = saturating_map(free=True)
-    body = RigidBody(0.01119, np.full(3, 2e-7), FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])))
+    body = RigidBody(0.01119, np.full(3, 2e-7), MAGNET)
     env = LevitationEnv(
         field, body, (0.0, 0.0, 0.0), span=1.5, iron=iron, drag=Drag(), step=1e-4, start=0.0, tilt=0.0
     )
@@ -103,6 +118,122 @@ def test_the_iron_saturates(iron, error):
     moved = np.abs(run.states[-1] - begin).max()
     off = np.abs(env.state - run.states[-1]).max() / moved
     assert off < error if error else off > 1e-2
+
+
+@pytest.fixture(scope="module")
+def divided():
+    """A map over a division: six loops in two rows, three more as the fields of the iron, and the model of the iron of
+    `saturating_map`. A body that some of its currents carry, and that place."""
+    grid = Grid([-0.02, -0.02, -0.12], np.full(3, 0.005), (9, 9, 13))
+    angles = np.radians([240, 180, 120, 300, 0, 60, 90, 210, 330])
+    centres = 0.044 * np.column_stack([np.cos(angles), np.sin(angles), np.full(9, 0.6)])
+    found = [loop_flux_density_and_gradient(grid.points() - centre, 0.016) for centre in centres]
+    size = 600.0 * np.array([1.0] * 6 + [0.3] * 3)[:, None]
+    flux = (size * [b.ravel() for b, _ in found]).reshape(9, *grid.shape, 3)
+    slope = (size * [g.ravel() for _, g in found]).reshape(9, *grid.shape, 3, 3)
+    reduced = saturating_map().info.reduced_model
+    data = MapData(
+        grid, tuple("123456"), np.ones(6), flux_density=flux, gradient=slope, reduced_model=reduced
+    )
+    field, target = interpolate(data, outside_currents="evaluate"), np.array([0.001, -0.002, -0.09])
+    weight = field.wrench(target, MAGNET.moments[0], reduced.domain.at(np.array([0.5, 0.5, 0.5])))[2]
+    return field, RigidBody(weight / 9.80665, np.full(3, 2e-7), MAGNET), target
+
+
+@pytest.mark.filterwarnings("ignore:.*Box observation space.*:UserWarning")
+@pytest.mark.parametrize("action", ["currents", "signals"])
+@pytest.mark.parametrize("iron", ["model", "table", "linearised"])
+def test_the_checker_passes_over_a_division(divided, action, iron):
+    env = LevitationEnv(*divided, action=action, iron=iron, noise=[1e-5] * 3)
+    assert env.action_space.shape == (3,)
+    check_env(env, skip_render_check=True)
+    # Equal seeds are equal episodes, whatever the model of the iron has solved in between.
+    episodes = []
+    for far in (0.1, 0.9, 0.1):
+        seen = [env.reset(seed=4)[0]] + [env.step(far * np.ones(3))[0] for _ in range(3)]
+        episodes.append(seen)
+    np.testing.assert_array_equal(episodes[0], episodes[2])
+
+
+def machine_of(env, drive, iron):
+    """The environment's machine for `RunningMachine`: outputs are the currents that are asked of the amplifiers."""
+    allocation = MatrixAllocation(np.eye(6), np.zeros(6))
+    return Machine(IRON[iron](env.field), env.body, drive, Sensors(zero_depth=0.0), allocation, drag=Drag())
+
+
+@pytest.mark.parametrize("iron", ["model", "table"])
+@pytest.mark.parametrize("winding", [None, 0.02])
+def test_signals_of_a_division_move_the_machine(divided, iron, winding):
+    """Beside the machine that is moved sample by sample, at the currents that the signals make; with windings the iron
+    is solved at every step."""
+    coils = (
+        {} if winding is None else {"resistance": [2.0] * 6, "inductance": [winding] * 6, "supply": (-20, 20)}
+    )
+    drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), 6, **coils)
+    env = LevitationEnv(*divided, iron=iron, drive=drive, drag=Drag(), step=2e-4, span=0.3, start=1e-4)
+    env.reset(seed=2)
+    schedule = Schedule(np.zeros((5, 3)), env.period, 2e-4)
+    rig = RunningMachine(machine_of(env, drive, iron), schedule, env.state, env.rest, None)
+    begin = env.state
+    domain = env.field.info.reduced_model.domain
+    rest = domain.parametrisation.signals(env.rest)
+    for action in np.random.default_rng(1).uniform(-1, 1, (5, 3)):
+        env.step(action)
+        signals = rest + 0.3 * 0.5 * (domain.upper - domain.lower) * action
+        rig.step(domain.parametrisation.currents(np.clip(signals, domain.lower, domain.upper)))
+        np.testing.assert_allclose(env.currents, rig.currents, rtol=1e-12)
+        np.testing.assert_allclose(env.state, rig.state, rtol=0, atol=1e-13)
+    assert np.abs(env.state - begin).max() > 1e-6
+    assert np.ptp(env.currents - env.rest) > 1e-2
+
+
+def test_signals_stay_in_the_ranges_of_the_division(divided):
+    env = LevitationEnv(*divided, span=10.0)
+    domain = env.field.info.reduced_model.domain
+    for sense in (1.0, -1.0):
+        env.reset(seed=0)
+        env.step(np.full(3, sense))
+        ends = domain.upper if sense > 0 else domain.lower
+        np.testing.assert_allclose(domain.parametrisation.signals(env.currents), ends, rtol=1e-9)
+
+
+def test_forces_by_the_signals_of_a_division(divided):
+    """Of three signals, a thousandth of the weight along each axis and nothing along the others."""
+    env = LevitationEnv(*divided, action="signals", start=0.0, tilt=0.0, span=1e-3)
+    weight, moment = env.body.mass * env.body.gravity, MAGNET.moments[0]
+    held = env.field.wrench(env.target, moment, env.rest)[:3]
+    np.testing.assert_allclose(held, [0, 0, weight], atol=1e-6 * weight)
+    domain = env.field.info.reduced_model.domain
+    assert domain.holds(env.rest)
+    for action in np.eye(3):
+        env.reset(seed=0)
+        env.step(action)
+        pushed = env.field.wrench(env.target, moment, env.currents)[:3] - held
+        np.testing.assert_allclose(pushed, 1e-3 * weight * action, atol=1e-5 * weight)
+        assert domain.holds(env.currents)
+
+
+def test_solves_that_do_not_converge_and_currents_beyond_the_map_are_told(divided):
+    """With a tolerance of zero no solve converges: one a step while currents jump, none while they stay."""
+    env = LevitationEnv(*divided)
+    _, info = env.reset(seed=0)
+    assert info == {"unsolved": 0, "outside": 0}
+    env._superposition.iron[TOLERANCE] = 0.0
+    assert env.step(np.full(3, 0.1))[4] == {"unsolved": 1, "outside": 0}
+    assert env.step(np.full(3, 0.1))[4] == {"unsolved": 0, "outside": 0}
+    assert env.step(np.full(3, 0.2))[4] == {"unsolved": 1, "outside": 0}
+    assert env.reset(seed=0)[1] == {"unsolved": 0, "outside": 0}
+    assert env.step(np.full(3, 0.1))[4] == {"unsolved": 0, "outside": 0}
+    # Free currents may leave the map's, of 3 A.
+    body = RigidBody(0.01119, np.full(3, 2e-7), MAGNET)
+    env = LevitationEnv(saturating_map(free=True), body, (0.0, 0.0, 0.0), span=3.5, start=0.0, tilt=0.0)
+    env.reset(seed=0)
+    assert env.step(np.full(6, 0.01))[4]["outside"] == 0
+    assert env.step(np.ones(6))[4] == {"unsolved": 0, "outside": 1}
+    # Of linear iron there is nothing to solve.
+    plain = LevitationEnv()
+    plain.reset(seed=0)
+    assert plain.step(np.zeros(6))[4] == {"unsolved": 0, "outside": 0}
 
 
 def test_rest_signals_and_reward(ring):
@@ -158,9 +289,11 @@ def test_what_does_not_fit(ring):
         LevitationEnv(field=ring.map)
     with pytest.raises(InputError):
         LevitationEnv(action="volts")
-    body = RigidBody(0.01119, np.full(3, 2e-7), FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])))
-    with pytest.raises(InputError):
+    body = RigidBody(0.01119, np.full(3, 2e-7), MAGNET)
+    with pytest.raises(Infeasible):
         LevitationEnv(saturating_map(), body, (0.0, 0.0, 0.0))
+    with pytest.raises(InputError):
+        LevitationEnv(saturating_map(free=True), body, (0.0, 0.0, 0.0), iron="table")
     env = LevitationEnv()
     far = env.state
     env.reset(seed=0)
