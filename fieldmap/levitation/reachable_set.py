@@ -21,9 +21,8 @@ from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field, refuse_orientations
 from fieldmap.levitation.hull import hull_of
-from fieldmap.levitation.searched_set import SearchedSet, quantity_of, searched_set
+from fieldmap.levitation.searched_set import SearchedSet, SetAtPoint, quantity_of, searched_set
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
-from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 # Two segments within this angle, rad, span no face.
@@ -32,8 +31,8 @@ _PARALLEL = 1e-9
 _ON = 1e-9
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ReachableSet(Record):
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ReachableSet(SetAtPoint):
     """Forces or flux densities that the coils can make at one point, where these are linear in the currents: all of
     them.
 
@@ -45,22 +44,8 @@ class ReachableSet(Record):
 
     exact: ClassVar[bool] = True
 
-    quantity: str
-    position: Array
-    moment: Array | MagneticBody | None
-    coil_names: tuple[str, ...]
-    lower: Array
-    upper: Array
     constant: Array
     per_ampere: Array
-    vertices: Array
-    triangles: Index
-    volume: float
-
-    @property
-    def unit(self) -> str:
-        """Of the quantity."""
-        return "N" if self.quantity == "force" else "T"
 
     def at(self, currents: ArrayLike) -> Array:
         """The quantity (..., 3) at currents (..., n), A."""
@@ -104,9 +89,11 @@ def reachable(
     limits: the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n). What is linear
     in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft iron and for a
     map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is False), within the
-    currents that the map is made for: lower bounds, each with the currents that make it. Such a search tells `progress`
-    how far it is. Raises InputError for a field that neither superposes nor has derivatives by its currents, and for
-    limits that are none or leave no currents; OutsideMapError.
+    currents that the map is made for: lower bounds, each with the currents that make it. A device whose saturating iron
+    is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) is searched along 26 directions, with some hundred
+    solves; a map of it is quicker and thorough. Such a search tells `progress` how far it is. Raises InputError for a
+    field that neither superposes nor has derivatives by its currents, and for limits that are none or leave no
+    currents; OutsideMapError.
 
     >>> reachable(field_map, (0, 0, -0.1), 3.0, moment=(0, 0, 0.8)).largest_along((0, 0, 1))    # doctest: +SKIP
     0.113
@@ -129,17 +116,17 @@ def reachable(
     per_ampere = np.ascontiguousarray(slope.T)
     vertices, triangles, volume = zonotope(per_ampere, lower, upper)
     return ReachableSet(
-        "field" if acted_on is None else "force",
-        place,
-        acted_on,
-        source.coil_names,
-        lower,
-        upper,
-        constant,
-        per_ampere,
-        vertices + constant,
-        triangles,
-        volume,
+        quantity="field" if acted_on is None else "force",
+        position=place,
+        moment=acted_on,
+        coil_names=source.coil_names,
+        lower=lower,
+        upper=upper,
+        constant=constant,
+        per_ampere=per_ampere,
+        vertices=vertices + constant,
+        triangles=triangles,
+        volume=volume,
     )
 
 

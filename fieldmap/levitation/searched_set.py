@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,44 +24,42 @@ from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field
 from fieldmap.levitation.hull import hull_of
+from fieldmap.lookup import FieldMap
 from fieldmap.lookup.actuation import field_actuation, wrench_actuation
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-_DIRECTIONS = 128  # beside the six of the axes
-_SEEDS = 128  # of currents, from which the first searches begin
-_STARTS = 3  # of every direction
 _APART = 0.3  # of the range of a signal: starts that differ by less are one
-_STEPS = 60  # of a search
-_SWEEPS = 5
 _GAIN = 1e-7  # of the size of the set: what another sweep must promise
 _ROUNDING = 1e-9  # of the limits
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SearchedSet(Record):
-    """Forces or flux densities that the coils can make at one point, found by searches along many directions.
+class _Effort(NamedTuple):
+    """Directions beside the six of the axes; seeds of currents, from which the first searches begin; starts of every
+    direction; steps of a search; sweeps over directions that others help."""
 
-    quantity: "force", N, or "field", T. position (3,), m; moment: (3,), A m^2, or the body that the force acts on, None
-    for the field; orientation (3, 3): columns its axes. lower, upper (n,): limits of the currents, A. directions
-    (d, 3): unit vectors; values (d, 3): the furthest along each that was found, made by currents (d, n), A. vertices
-    (v, 3) of the hull of these, and triangles (t, 3): their indices, outward side first; volume: in N^3 or T^3. What
-    lies between the values need not be reached at once: the true set may be hollow, and may reach further.
-    """
+    directions: int
+    seeds: int
+    starts: int
+    steps: int
+    sweeps: int
 
-    exact: ClassVar[bool] = False
+
+# Some thousands of currents of a map, some hundreds of a device that is solved for each of them, which takes a second.
+_OF_MAPS, _OF_SOLVED = _Effort(128, 128, 3, 60, 5), _Effort(20, 8, 1, 12, 2)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SetAtPoint(Record):
+    """What limited currents make at a point: see `ReachableSet` and `SearchedSet`."""
 
     quantity: str
     position: Array
     moment: Array | MagneticBody | None
-    orientation: Array
     coil_names: tuple[str, ...]
     lower: Array
     upper: Array
-    directions: Array
-    values: Array
-    currents: Array
     vertices: Array
     triangles: Index
     volume: float
@@ -70,6 +68,26 @@ class SearchedSet(Record):
     def unit(self) -> str:
         """Of the quantity."""
         return "N" if self.quantity == "force" else "T"
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SearchedSet(SetAtPoint):
+    """Forces or flux densities that the coils can make at one point, found by searches along many directions.
+
+    quantity: "force", N, or "field", T. position (3,), m; moment: (3,), A m^2, or the body that the force acts on, None
+    for the field; orientation (3, 3): columns its axes. lower, upper (n,): limits of the currents, A. directions
+    (d, 3): unit vectors; values (d, 3): the furthest along each that was found, made by currents (d, n), A. vertices
+    (v, 3) of the hull of these, and triangles (t, 3): their indices, outward side first; volume: in N^3 or T^3. What
+    lies between the values need not be reached at once: the true set may be hollow, and may reach further. It has no
+    `at`, since what other currents make is no function of these numbers: ask the field, `wrench` or `field`.
+    """
+
+    exact: ClassVar[bool] = False
+
+    orientation: Array
+    directions: Array
+    values: Array
+    currents: Array
 
     def currents_along(self, direction: ArrayLike) -> Array:
         """Those of the currents found, (n,), A, that bring it furthest along a direction (3,)."""
@@ -93,16 +111,17 @@ def searched_set(
 ) -> SearchedSet:
     """The forces on a dipole or body, or the flux densities, at a position (3,), m: see `reachable`."""
     source = as_field(field)
-    climb = _Climb(source, position, lower, upper, moment, orientation)
+    effort = _OF_MAPS if source.affine or isinstance(source, FieldMap) else _OF_SOLVED
+    climb = _Climb(source, position, lower, upper, moment, orientation, effort)
     climb.know_seeds()
-    directions = even_directions(_DIRECTIONS)
+    directions = even_directions(effort.directions)
     found = np.zeros(len(directions), dtype=np.int64)
     for k, direction in enumerate(directions):
         found[k] = climb.furthest(direction)
         if progress is not None:
             progress("searching", (k + 1) / len(directions))
     # What other directions have found since may be a better start.
-    for _ in range(_SWEEPS):
+    for _ in range(effort.sweeps):
         values = np.array(climb.values)
         best = np.argmax(values @ directions.T, axis=0)
         gain = np.einsum("di,di->d", values[best] - values[found], directions)
@@ -116,19 +135,19 @@ def searched_set(
     distinct = np.unique(np.round(values / climb.size, 9), axis=0, return_index=True)[1]
     kept, triangles, volume = hull_of(values[distinct])
     return SearchedSet(
-        "field" if moment is None else "force",
-        position,
-        moment,
-        orientation,
-        source.coil_names,
-        lower,
-        upper,
-        directions,
-        values,
-        currents,
-        values[distinct][kept],
-        triangles,
-        volume,
+        quantity="field" if moment is None else "force",
+        position=position,
+        moment=moment,
+        orientation=orientation,
+        coil_names=source.coil_names,
+        lower=lower,
+        upper=upper,
+        directions=directions,
+        values=values,
+        currents=currents,
+        vertices=values[distinct][kept],
+        triangles=triangles,
+        volume=volume,
     )
 
 
@@ -165,7 +184,7 @@ def quantity_of(
         return on_body
     if not source.affine and not hasattr(source, "by_currents"):
         must_hold = "a field that is the sum of its coils' fields, or has derivatives by its currents"
-        received = f"{type(source).__name__}, which has to be solved for all currents anew"
+        received = f"{type(source).__name__}, which has neither"
         raise InputError(Problem("reachable", must_hold, received, "make a map of it: fieldmap map"))
 
     def about(currents: Array) -> tuple[Array, Array]:
@@ -194,7 +213,9 @@ class _Climb:
         upper: Array,
         moment: Array | MagneticBody | None,
         orientation: Array,
+        effort: _Effort,
     ) -> None:
+        self._effort = effort
         self._make = quantity_of(source, position, moment, orientation)
         self._domain = _domain_of(source, lower, upper)
         # Limits of the domain's own, such as a driver's, bind as those that are asked for.
@@ -202,6 +223,8 @@ class _Climb:
         self._low, self._high = np.maximum(lower, -most), np.minimum(upper, most)
         self._free = isinstance(self._domain.parametrisation, IndependentCurrents)
         self._range = self._domain.upper - self._domain.lower
+        # Searches come to one place again and again, most of all to corners.
+        self._seen: dict[bytes, tuple[Array, Array]] = {}
         self.shares: list[Array] = []
         self.currents: list[Array] = []
         self.values: list[Array] = []
@@ -210,12 +233,13 @@ class _Climb:
     def know_seeds(self) -> None:
         """Add corners of the domain, its middle and random places. Raises InputError where none is within the
         limits."""
-        count = len(self._range)
+        count, half = len(self._range), self._effort.seeds // 2
         random = np.random.default_rng(0)
-        corners = np.array(list(product((0.0, 1.0), repeat=count))) if count <= 7 else np.empty((0, count))
-        some = (random.random((_SEEDS // 2, count)) > 0.5).astype(float)
+        few = 2**count <= self._effort.seeds
+        corners = np.array(list(product((0.0, 1.0), repeat=count))) if few else np.empty((0, count))
+        some = (random.random((half, count)) > 0.5).astype(float)
         seeds = np.concatenate(
-            [corners if len(corners) else some, np.full((1, count), 0.5), random.random((_SEEDS // 2, count))]
+            [corners if len(corners) else some, np.full((1, count), 0.5), random.random((half, count))]
         )
         if not self._free:
             # The corner of smallest currents is the last that limits rule out.
@@ -239,7 +263,7 @@ class _Climb:
         for k in np.argsort(-along, kind="stable"):
             if all(np.abs(self.shares[k] - other).max() >= _APART for other in starts):
                 starts.append(self.shares[k])
-            if len(starts) == _STARTS:
+            if len(starts) == self._effort.starts:
                 break
         for shares in starts:
             self._search(self._through_corners(shares, direction), direction)
@@ -255,6 +279,9 @@ class _Climb:
 
     def _look(self, shares: Array) -> tuple[Array, Array]:
         """Value (3,) and its derivatives (3, s) at shares (s,), which are known from now on if within the limits."""
+        key = shares.tobytes()
+        if key in self._seen:
+            return self._seen[key]
         currents = self._currents(shares)
         value, slope = self._make(currents)
         off = max(float((self._low - currents).max()), float((currents - self._high).max()))
@@ -267,12 +294,13 @@ class _Climb:
         by_signals = slope @ self._domain.parametrisation.derivative(
             self._domain.lower + shares * self._range
         )
-        return value, by_signals * self._range
+        self._seen[key] = value, by_signals * self._range
+        return self._seen[key]
 
     def _through_corners(self, shares: Array, direction: Array) -> Array:
         """To the corner that would be best if all were linear, and on from there as long as it is better."""
         value, slope = self._look(shares)
-        for _ in range(_STEPS if self._free else 0):
+        for _ in range(self._effort.steps if self._free else 0):
             along = direction @ slope
             corner = np.where(along > 0.0, 1.0, np.where(along < 0.0, 0.0, shares))
             value_there, slope = self._look(corner)
@@ -298,7 +326,7 @@ class _Climb:
 
         box = [(0.0, 1.0)] * len(shares)
         if self._free:
-            options = {"maxiter": _STEPS, "ftol": 1e-12, "gtol": 1e-9}
+            options = {"maxiter": self._effort.steps, "ftol": 1e-12, "gtol": 1e-9}
             minimize(goal, shares, jac=True, method="L-BFGS-B", bounds=box, options=options)
             return
         scale = float(np.abs(np.concatenate([self._low, self._high])).max())
@@ -314,7 +342,7 @@ class _Climb:
             return np.concatenate([-slope, slope]) / scale
 
         limits = {"type": "ineq", "fun": room, "jac": room_slope}
-        options = {"maxiter": _STEPS, "ftol": 1e-10}
+        options = {"maxiter": self._effort.steps, "ftol": 1e-10}
         minimize(goal, shares, jac=True, method="SLSQP", bounds=box, constraints=[limits], options=options)
 
 

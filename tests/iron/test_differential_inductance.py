@@ -1,4 +1,4 @@
-"""The differential inductance of saturated states, against differences of flux linkage."""
+"""Derivatives of saturated states by their currents: inductance and field, against differences of states."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ import pytest
 import fieldmap as fm
 from fieldmap.device.model import (
     Arctangent,
+    Background,
     Body,
     CircularCoil,
     Cylinder,
@@ -16,7 +17,9 @@ from fieldmap.device.model import (
     Placement,
 )
 from fieldmap.errors import InputError
+from fieldmap.field import dipole_wrench
 from fieldmap.iron import NonlinearSolver
+from fieldmap.lookup import wrench_actuation
 
 
 def at(x, y, z):
@@ -72,3 +75,43 @@ def test_a_state_of_another_solver_is_refused(solver):
     with pytest.raises(InputError) as caught:
         solver.differential_inductance(other)
     assert caught.value.problems[0].where == "differential_inductance, state"
+
+
+PLACES = np.array([[0.003, -0.002, 0.042], [0.02, 0.01, 0.03], [0.0, 0.03, 0.0]])
+
+
+@pytest.mark.parametrize("currents", [[0.0, 0.0], [60.0, 20.0]])
+def test_derivative_of_the_field(currents):
+    """With a magnet and a background; central differences of states, and the state itself."""
+    whole = device(Arctangent("steel", 2000.0, 2.0))
+    whole = whole.replace(background=Background(np.array([1e-3, -2e-3, 5e-3])))
+    solver = NonlinearSolver(whole, tolerance=1e-6)
+    currents, step = np.array(currents), 0.05
+    flux, slope, by_flux, by_slope = solver.by_currents(PLACES, currents)
+    assert solver.states == ()
+    state = solver.at(currents)
+    np.testing.assert_allclose(flux, state.field(PLACES), rtol=0, atol=1e-8 * np.abs(flux).max())
+    np.testing.assert_allclose(slope, state.gradient(PLACES), rtol=0, atol=1e-8 * np.abs(slope).max())
+    assert by_flux.shape == (3, 2, 3)
+    assert by_slope.shape == (3, 2, 3, 3)
+    for k in range(2):
+        ahead, behind = (
+            solver.solve(currents + s * step * np.eye(2)[k], tolerance=1e-6, start=state) for s in (1, -1)
+        )
+        exact = (ahead.field(PLACES) - behind.field(PLACES)) / (2 * step)
+        np.testing.assert_allclose(by_flux[:, k], exact, rtol=0, atol=2e-4 * np.abs(exact).max())
+        exact = (ahead.gradient(PLACES) - behind.gradient(PLACES)) / (2 * step)
+        np.testing.assert_allclose(by_slope[:, k], exact, rtol=0, atol=2e-4 * np.abs(exact).max())
+    one = solver.by_currents(PLACES[1], currents)
+    for single, many in zip(one, (flux, slope, by_flux, by_slope), strict=True):
+        np.testing.assert_allclose(single, many[1], rtol=0, atol=1e-8 * np.abs(many).max())
+    # What asks for derivatives by the currents takes the solver as it is.
+    found = wrench_actuation(solver, PLACES[1], [0.0, 0.0, 0.5], currents)
+    np.testing.assert_allclose(found.matrix[:3], 0.5 * by_slope[1, :, 2].T, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.matrix @ currents + found.constant,
+        dipole_wrench(flux[1:2], slope[1:2], [0.0, 0.0, 0.5])[0],
+        rtol=1e-6,
+    )
+    with pytest.raises(InputError):
+        solver.by_currents([0.0, 0.0, 0.0], currents)

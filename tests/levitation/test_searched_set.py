@@ -10,12 +10,16 @@ from scipy.optimize import minimize
 
 import fieldmap as fm
 from fieldmap.currents import divide_currents
+from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
 from fieldmap.errors import InputError
+from fieldmap.field import BaseField
+from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import SearchedSet, reachable
 from fieldmap.levitation.searched_set import searched_set
 from fieldmap.lookup import magnetic_body
 from tests.dynamics.conftest import saturating_map
+from tests.iron.test_differential_inductance import device as core_beside_magnet
 
 PLACE, MOMENT = np.array([0.002, -0.003, 0.004]), np.array([0.1, 0.2, 0.8])
 UPRIGHT = np.eye(3)
@@ -144,6 +148,59 @@ def test_free_currents_of_saturating_iron():
     assert (reached > (flux @ found.directions.T).max(axis=0) - 1e-6 * size).all()
     # Beyond the currents of the map nothing is asked of it.
     assert np.abs(reachable(field, PLACE, 9.0).currents).max() == 3.0
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A core that saturates and a magnet, with two coils, a place beside them, and states on a grid of their
+    currents."""
+    solver = NonlinearSolver(core_beside_magnet(Arctangent("steel", 2000.0, 2.0)), 0.5)
+    states: list = []
+    for row in product(np.linspace(-60.0, 60.0, 5), np.linspace(-40.0, 40.0, 3)):
+        states.append(solver.solve(row, start=states[-1] if states else None))
+    return solver, np.array([0.003, -0.002, 0.042]), states
+
+
+@pytest.mark.parametrize("moment", [None, MOMENT])
+def test_a_solved_device_of_saturating_iron(solved, moment):
+    """Each currents are solved for: against a grid of solved states; none that the search asked for is kept."""
+    solver, place, states = solved
+    told = []
+    found = reachable(solver, place, [60.0, 40.0], moment, progress=lambda _, share: told.append(share))
+    assert not found.exact
+    assert solver.states == ()
+    assert told[-1] == 1.0
+    assert found.directions.shape == (26, 3)
+
+    def made_by(state):
+        return state.field(place) if moment is None else moment @ state.gradient(place)
+
+    values = np.array([made_by(state) for state in states])
+    size = np.ptp(values, axis=0).max()
+    reached = np.einsum("di,di->d", found.values, found.directions)
+    assert (reached > (values @ found.directions.T).max(axis=0) - 1e-3 * size).all()
+    assert (np.abs(found.currents) <= [60.0, 40.0]).all()
+    # Iron that saturates gives less than its slopes without currents promise.
+    none = solver.by_currents(place, [0.0, 0.0])
+    slopes = none[2][:, 2] if moment is None else none[3][:, :, 2] @ moment
+    start = none[0][2] if moment is None else moment @ none[1][:, 2]
+    assert found.largest_along([0, 0, 1]) < 0.95 * (start + np.abs(slopes) @ [60.0, 40.0])
+    best = solver.solve(found.currents_along([0, 0, 1]))
+    assert found.largest_along([0, 0, 1]) == pytest.approx(made_by(best)[2], abs=1e-4 * size)
+
+
+def test_what_neither_superposes_nor_has_derivatives_is_refused():
+    class Squared(BaseField):
+        coil_names = ("a",)
+
+        def field(self, points, currents):
+            return np.zeros((len(np.atleast_2d(points)), 3))
+
+        def gradient(self, points, currents):
+            return np.zeros((len(np.atleast_2d(points)), 3, 3))
+
+    with pytest.raises(InputError, match="fieldmap map"):
+        reachable(Squared(), PLACE, 1.0)
 
 
 def test_limits_that_leave_nothing(division):

@@ -72,17 +72,17 @@ def three_ways():
     constant = np.array([0.0, 0.0, 1e-3])
     corners, triangles, volume = zonotope(per_ampere, lower, upper)
     return ReachableSet(
-        "force",
-        np.zeros(3),
-        np.array([0.0, 0.0, 1.0]),
-        ("a", "b", "c"),
-        lower,
-        upper,
-        constant,
-        per_ampere,
-        corners + constant,
-        triangles,
-        volume,
+        quantity="force",
+        position=np.zeros(3),
+        moment=np.array([0.0, 0.0, 1.0]),
+        coil_names=("a", "b", "c"),
+        lower=lower,
+        upper=upper,
+        constant=constant,
+        per_ampere=per_ampere,
+        vertices=corners + constant,
+        triangles=triangles,
+        volume=volume,
     )
 
 
