@@ -69,6 +69,8 @@ def _run(words: list[str]) -> int:
     except FieldmapError as error:
         print_problems(error)
         code = error.exit_code
+        if "--json" in words:
+            print_as_json(error)
     except KeyboardInterrupt:
         code = INTERRUPTED
     except OSError as error:
@@ -90,6 +92,16 @@ def print_problems(error: FieldmapError) -> None:
         print(f"{count} problem{'s' if count > 1 else ''} found.", file=sys.stderr)
     else:
         print(f"error: {error}", file=sys.stderr)
+
+
+def print_as_json(error: FieldmapError) -> None:
+    """Print an error on stdout for programs, where they look for the result: its name, exit code and problems, and what
+    can be had in the place of what was asked for, where that is known (`fieldmap.errors.Infeasible`)."""
+    from fieldmap.cli.printing import print_json
+
+    about = {"error": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
+    had = {name: getattr(error, name) for name in ("reachable", "share", "binding") if hasattr(error, name)}
+    print_json(about | {"problems": error.problems} | had)
 
 
 def _problem_text(problem: Problem) -> str:

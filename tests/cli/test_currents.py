@@ -64,6 +64,18 @@ def test_what_can_be_had_where_the_limit_binds(capsys, machine):
     assert "coil loop at" in told
     share = float(told.split("remedy")[1].split(" of it can")[0])
     assert share == pytest.approx(0.25, rel=1e-3)
+    assert main(["currents", machine.device, *AT, "--lift", "--limit", str(limit), "--json"]) == 1
+    printed = capsys.readouterr()
+    found = json.loads(printed.out)
+    assert found["error"] == "Infeasible"
+    assert found["exit_code"] == 1
+    assert found["share"] == pytest.approx(share, rel=1e-4)
+    assert found["reachable"] == [pytest.approx(0.25 * MASS * gravity, rel=1e-3)]
+    assert found["binding"] == {"loop": pytest.approx(limit)}
+    (problem,) = found["problems"]
+    assert set(problem) == {"where", "must_hold", "received", "remedy"}
+    # People read what they read without.
+    assert printed.err.endswith(told[told.index("error") :])
 
 
 def test_a_bead_of_soft_iron(capsys, machine, tmp_path):
@@ -102,6 +114,10 @@ def test_what_does_not_fit_is_bad_input(capsys, machine, words):
     caught = capsys.readouterr()
     assert "remedy" in caught.err
     assert not caught.out
+    assert main(["currents", machine.device, *words, "--json"]) == 2
+    found = json.loads(capsys.readouterr().out)
+    assert found["exit_code"] == 2
+    assert len(found["problems"]) == caught.err.count("remedy")
 
 
 def test_a_solved_device_has_the_currents_of_its_map(tmp_path):
