@@ -45,6 +45,7 @@ def study(
 ) -> None:
     """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot."""
     from fieldmap.cli.printing import print_result
+    from fieldmap.cli.run import print_problems
     from fieldmap.errors import FieldmapError, Problem
     from fieldmap.io import refuse_directory
     from fieldmap.progress import Progress
@@ -66,9 +67,12 @@ def study(
     print_result(run, partial(_page, files), json, files=files)
     if len(run.failed) == len(run.study.variants):
         received = f"the first because of {next(iter(run.failed.values()))[0]}"
-        raise FieldmapError(
-            Problem(str(run.study.path), "some variant must succeed", received, "see the reasons")
-        )
+        problem = Problem(str(run.study.path), "some variant must succeed", received, "see the reasons")
+        if not json:
+            raise FieldmapError(problem)
+        # The result has been printed, and says why each failed.
+        print_problems(FieldmapError(problem))
+        raise typer.Exit(FieldmapError.exit_code)
 
 
 # Head of each column and its significant digits; quantities without a head are in the data set only.

@@ -58,3 +58,9 @@ def test_exit_codes(study, machine, tmp_path, capsys):
     out = capsys.readouterr()
     assert "OutsideMapError" in out.out
     assert "OutsideMapError" in out.err
+    # One document for programs: the rows say why each variant failed.
+    words = ["study", str(study), "-o", str(tmp_path / "again.nc"), "--json", "--no-plot"]
+    assert main(words) == 1
+    out = capsys.readouterr()
+    assert all("OutsideMapError" in row["problem"] for row in json.loads(out.out)["rows"])
+    assert "remedy" in out.err
