@@ -12,6 +12,7 @@ from fieldmap.cli.options import (
     Form,
     Json,
     MuR,
+    Nonlinear,
     PayloadOf,
     Refinement,
     changes_of_device,
@@ -59,6 +60,7 @@ def currents(
     ] = None,
     changes: Changes = None,
     mu_r: MuR = None,
+    nonlinear: Nonlinear = False,
     refinement: Refinement = 1.0,
     form: Form = "auto",
     json: Json = False,
@@ -76,7 +78,7 @@ def currents(
 
     points = parse_points(at or [], at_mm or [])
     _check(len(points), lift, force, torque, field, moment, payload_of, limit)
-    options, settings = checked_iron(mu_r, False, refinement, form), changes_of_device(changes)
+    options, settings = checked_iron(mu_r, nonlinear, refinement, form), changes_of_device(changes)
     units = {"force": (force, "N"), "torque": (torque, "N m"), "field": (field, "T")}
     asked = {
         name: None if text is None else parse_wanted(text, f"--{name}", unit)

@@ -393,7 +393,7 @@ class _BySignals:
 class Search:
     """Least-power currents that meet a goal, from currents to currents. typical (n_coils,), A: currents whose power is
     worth a tenth of the goal. saving: share of the power below which more of it is not looked for. remedy: what to try
-    where it fails. noun, unit: of what is searched for, in messages."""
+    where it fails. noun, unit: of what is searched for, in messages. met: share of the demand that may be left."""
 
     def __init__(
         self,
@@ -407,10 +407,11 @@ class Search:
         remedy: str = "",
         noun: str = "coil",
         unit: str = " A",
+        met: float = _TOLERANCE,
     ) -> None:
         self.goal, self.names, self.demand, self.size = goal, names, goal.demand, goal.size
         self.low, self.high, self.weight, self.saving = low, high, weight, saving
-        self.remedy, self.noun, self.unit = remedy, noun, unit
+        self.remedy, self.noun, self.unit, self.met = remedy, noun, unit, met
         # The merit of currents: their power, and this price for what they miss of the demand.
         self.price = 10.0 * self._power(typical)
 
@@ -420,11 +421,11 @@ class Search:
         for _ in range(_MOST_STEPS):
             aim, left = self._aim(currents, off)
             dearer = self._power(aim) - self._power(currents)
-            if off > _TOLERANCE and self.price * (off - left) < 2.0 * dearer:
+            if off > self.met and self.price * (off - left) < 2.0 * dearer:
                 # Otherwise what a step costs would stand against what it brings of the demand.
                 self.price = 2.0 * dearer / (off - left)
             promised = self._power(currents) - self._power(aim) + self.price * (off - left)
-            if off <= _TOLERANCE and promised <= self.saving * self._power(currents):
+            if off <= self.met and promised <= self.saving * self._power(currents):
                 return currents
             share = 1.0
             while True:
@@ -435,7 +436,7 @@ class Search:
                     break
                 share *= 0.5
                 if share < _NO_PROGRESS:
-                    if off <= _TOLERANCE:
+                    if off <= self.met:
                         return currents
                     raise self._stuck(currents)
             currents, off = trial, off_trial
@@ -470,7 +471,7 @@ class Search:
         power can be saved in ever smaller steps, and each leaves a little of the demand. None if they do not exist."""
         change, active = np.empty(len(currents)), np.empty(len(currents), np.int64)
         for _ in range(_MOST_CHANGES):
-            if self._off(currents) <= _TOLERANCE:
+            if self._off(currents) <= self.met:
                 return currents
             slope, missing = self.goal.slope(currents), self.demand.values - self.goal.given(currents)
             low, high = self.low - currents, self.high - currents

@@ -138,3 +138,36 @@ def test_a_solved_device_has_the_currents_of_its_map(tmp_path):
     with pytest.raises(Infeasible) as caught:
         fm.lookup.currents_for(Plain(), at, **asked, limits=0.5 * np.abs(found).max())
     assert 0.4 < caught.value.share < 1.0
+
+
+def test_iron_that_saturates(capsys):
+    """The answer of --nonlinear gives what was asked for when its state is solved anew; linear iron needs less."""
+    asked = [
+        "currents",
+        "magnet_core",
+        "--at-mm",
+        "0",
+        "0",
+        "-40",
+        "--field",
+        "nan",
+        "nan",
+        "4e-3",
+        "--refinement",
+        "0.5",
+    ]
+    linear = answer(capsys, *asked, "--mu-r", "1000", "--limit", "10")["currents"][0]
+    found = answer(capsys, *asked, "--nonlinear", "--limit", "10")
+    (current,) = found["currents"]
+    assert found["kind"] == "device, nonlinear iron"
+    assert abs(current) > 1.015 * abs(linear)
+    words = ["probe", "magnet_core", "--at-mm", "0", "0", "-40", "--nonlinear", "--refinement", "0.5"]
+    probed = answer(capsys, *words, "--currents", repr(current))
+    assert probed["B"][2] == pytest.approx(4e-3, rel=1e-4)
+    assert main([*asked, "--nonlinear", "--limit", str(0.5 * abs(current)), "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["error"] == "Infeasible"
+    assert 0.0 < told["reachable"][0] < 4e-3
+    assert list(told["binding"]) == ["1"]
+    assert main([*asked, "--nonlinear", "--mu-r", "1000", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["problems"][0]["where"] == "--nonlinear"

@@ -7,11 +7,15 @@ import pytest
 from scipy.optimize import linprog, minimize
 
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
+from fieldmap.device.model import Arctangent
+from fieldmap.device.payload import SoftSphere
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
-from fieldmap.lookup import MagneticBody, interpolate
+from fieldmap.iron import NonlinearSolver
+from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_body
 from fieldmap.lookup.inverse import Search, currents_of_model, demand_of
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
+from tests.iron.test_differential_inductance import device as core_beside_magnet
 
 NAMES = tuple("abcde")
 MIX = np.array([[0.5, 0.2, 0.0, 0.1, 0.3], [0.0, 0.4, 0.5, 0.2, -0.1]])
@@ -222,6 +226,53 @@ def test_a_limit_of_the_division_itself_binds(divided):
     demand = demand_of(force, moment, None, None, None)
     with pytest.raises(Infeasible, match="limits"):
         currents_of_model(divided._evaluator, "123456", limited, POSITION, demand, None, np.ones(6), None)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A core that saturates and a magnet, with two coils: each currents are solved for."""
+    return NonlinearSolver(core_beside_magnet(Arctangent("steel", 2000.0, 2.0)), 0.5)
+
+
+BESIDE = np.array([0.003, -0.002, 0.042])
+
+
+@pytest.mark.parametrize("load", ["field", "dipole", "magnets", "soft iron"])
+def test_a_solved_device_has_the_currents_back(solved, load, monkeypatch):
+    """Two coils and two components: the currents of a state that saturates, from nothing; by the state's own field and
+    a body's own wrench."""
+    known, moment = np.array([50.0, 30.0]), np.array([0.01, 0.02, 0.05])
+    state = solved.solve(known)
+    start, on = None, moment
+    if load == "magnets":
+        on = MagneticBody(np.array([[1e-3, 0.0, 0.0], [0.0, 0.0, 1e-3]]), np.array([moment, -0.5 * moment]))
+    if load == "soft iron":
+        # The square of the field has its force: the currents of both senses would do.
+        on, start = magnetic_body(SoftSphere(1e-3, mu_r=100.0)), 0.8 * known
+    if load == "field":
+        asked = {"flux_density": [np.nan, *state.field(BESIDE)[1:]]}
+    else:
+        force = moment @ state.gradient(BESIDE)
+        if load != "dipole":
+            force = on.wrench(solved, BESIDE, known)[:3]
+        asked = {"force": [np.nan, *force[1:]], "moment": on}
+    calls, by_currents = [], solved.by_currents
+    with monkeypatch.context() as patch:
+        patch.setattr(solved, "by_currents", lambda *given: calls.append(1) or by_currents(*given))
+        found = currents_for(solved, BESIDE, **asked, start=start)
+    np.testing.assert_allclose(found, known, rtol=2e-5)
+    # Newton's method with the exact derivative: with one that is half as large again it takes twelve.
+    assert len(calls) <= 8
+    # Iron without saturation would need less.
+    assert (
+        solved.differential_inductance(state)[0, 0]
+        < 0.6 * solved.differential_inductance(solved.solve(0.0))[0, 0]
+    )
+    with pytest.raises(Infeasible) as caught:
+        currents_for(solved, BESIDE, **asked, start=start, limits=0.5 * np.abs(known).max())
+    assert caught.value.reachable.shape == (2,)
+    with pytest.raises(InputError, match="position"):
+        currents_for(solved, [BESIDE, BESIDE], **asked)
 
 
 def test_refusals(block, model):
