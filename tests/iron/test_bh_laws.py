@@ -5,9 +5,9 @@ import pytest
 from scipy.constants import mu_0
 from scipy.optimize import brentq
 
-from fieldmap.device.model import Arctangent, BHTable, Froehlich, Marrocco
+from fieldmap.device.model import Arctangent, BHTable, Froehlich, LinearMaterial, Marrocco
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import law_tables, law_values, straight_laws
+from fieldmap.iron.elements.bh_law import law_slopes, law_tables, law_values, straight_laws
 
 FROEHLICH = Froehlich("f", 4000.0, 2.1)
 ARCTANGENT = Arctangent("a", 1500.0, 1.95)
@@ -65,6 +65,36 @@ def test_analytic_laws_are_their_formulas(material):
     exact = formula(material, h)
     assert values(material, h) - h == pytest.approx(exact - h, rel=1e-6)
     assert values(material, np.array([1e-9]))[0] / 1e-9 == pytest.approx(material.initial_mu_r, rel=1e-4)
+
+
+def test_chord_slope_and_integral_of_laws_in_turn():
+    """Of neighbouring elements that follow different laws, from H = 0 on; integrals of the formulas by hand."""
+    chi, end = FROEHLICH.mu_r - 1, FROEHLICH.saturation
+    turned, most = ARCTANGENT.mu_r - 1, 2 * ARCTANGENT.saturation / np.pi
+    steep = turned / most
+
+    def exact(law, h):
+        if law == 0:
+            bend = 1 + chi * h / end
+            return 1 + chi / bend**2, h**2 / 2 + end * h - end**2 / chi * np.log(bend)
+        if law == 1:
+            return 50.0, 25.0 * h**2
+        bend = 1 + (steep * h) ** 2
+        return 1 + turned / bend, h**2 / 2 + most * (h * np.arctan(steep * h) - np.log(bend) / 2 / steep)
+
+    materials = [FROEHLICH, LinearMaterial("l", 50.0), ARCTANGENT]
+    tables = law_tables(materials)
+    h = np.concatenate([np.zeros(3), np.repeat(np.geomspace(1e-5, 1.0, 30), 3)])
+    law = np.arange(len(h)) % 3
+    chord, slope = law_slopes(tables, law, h)
+    b, stored = law_values(tables, law, h)
+    assert chord[:3] == pytest.approx([m.initial_mu_r for m in materials], rel=1e-4)
+    assert chord[3:] == pytest.approx(b[3:] / h[3:], rel=1e-12)
+    for k, of in enumerate(law):
+        expected_slope, integral = exact(of, h[k])
+        assert slope[k] == pytest.approx(expected_slope, rel=2e-3)
+        assert stored[k] == pytest.approx(integral, rel=1e-5, abs=1e-12)
+        assert of == 1 or h[k] == 0 or b[k] == pytest.approx(formula(materials[of], h[k]), rel=1e-6)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -13,6 +13,7 @@ from fieldmap.device.model import (
     RevolvedProfile,
     Ring,
     Sphere,
+    TriangleSurface,
 )
 from fieldmap.errors import GeometryError
 from fieldmap.iron.geometry import shapes
@@ -39,7 +40,11 @@ def turned(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
+TETRAHEDRON = 0.01 * np.vstack([np.zeros(3), np.eye(3)])
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
 CASES = [
+    (TriangleSurface(TETRAHEDRON, FACES), 0.01**3 / 6, (0.0025, 0.0025, 0.0025)),
     (Cylinder(0.02, 0.05), np.pi * 0.02**2 * 0.05, (0, 0, 0.025)),
     (Ring(0.01, 0.02, 0.05), np.pi * (0.02**2 - 0.01**2) * 0.05, (0, 0, 0.025)),
     (Box((0.01, 0.02, 0.04)), 0.01 * 0.02 * 0.04, (0, 0, 0.02)),
@@ -152,6 +157,12 @@ def test_added_parts_leave_no_edges_between_them():
         (ExtrudedPolygon(TRIANGLE * np.nan, 0.01), "finite"),
         (RevolvedProfile(CONE - [0.001, 0.0]), "-1 mm"),
         (RevolvedProfile(np.array([[0, 0], [0.01, -0.01], [0.01, 0.01]])), "axis"),
+        (TriangleSurface(TETRAHEDRON, FACES[:3]), "open edge between points 0 and 1"),
+        (TriangleSurface(TETRAHEDRON, FACES[:, ::-1]), "enclosed volume of -1.667e-07"),
+        (
+            TriangleSurface(np.vstack([TETRAHEDRON, TETRAHEDRON + 0.002]), np.vstack([FACES, FACES + 4])),
+            "triangles 0 and ",
+        ),
     ],
 )
 def test_what_cannot_be_built_is_named(shape, fragment):

@@ -21,6 +21,7 @@ from fieldmap.device.model import (
     TriangleSurface,
 )
 from fieldmap.errors import InputError
+from fieldmap.iron.elements.surface_form import _projected
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh import mesh as mesh_module
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
@@ -250,6 +251,33 @@ def test_shadow_of_a_disk_half_a_millimetre_from_a_winding():
     behind = np.array([[0.0, 0.0, -0.01], [0.03, 0.0, -0.01], [0.0, 0.05, -0.01], [0.0, 0.0, -0.03]])
     coil_alone = unit_flux_density(coil, behind)
     assert largest(ours.field(behind, [1.0]) - theirs.field(behind, [1.0]), coil_alone) < 4e-3
+
+
+def test_bubbles_are_projected_in_the_mean_square():
+    """What a linear function leaves of second-order bubbles is orthogonal to every function of the nodes: by a product
+    of Gauss rules on triangles of any shape, some points of the mesh in none of them."""
+    rng = np.random.default_rng(4)
+    points = rng.uniform(-1, 1, (9, 3))
+    triangles = np.array([[0, 2, 3], [2, 5, 3], [3, 5, 7], [7, 8, 3]])
+    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    bubble = rng.standard_normal((len(edges), 2))
+    nodal = _projected(points, triangles, edges, bubble)
+    x, w = np.polynomial.legendre.leggauss(4)
+    s, t = (a.ravel() for a in np.meshgrid((x + 1) / 2, (x + 1) / 2))
+    corners = np.stack([1 - s, s * (1 - t), s * t])
+    weight = np.outer(w, w).ravel() / 4 * s
+    left = np.zeros_like(nodal)
+    for triangle in triangles:
+        a, b, c = points[triangle]
+        value = corners.T @ nodal[triangle]
+        for (one, other), height in zip(edges, bubble, strict=True):
+            if one in triangle and other in triangle:
+                i, j = (triangle.tolist().index(end) for end in (one, other))
+                value -= 4 * np.outer(corners[i] * corners[j], height)
+        left[triangle] += np.linalg.norm(np.cross(b - a, c - a)) * (corners * weight) @ value
+    assert np.abs(left).max() < 1e-13
+    assert np.abs(nodal).max() > 0.1
+    assert (nodal[[1, 4, 6]] == 0).all()
 
 
 def window(mu_r, size=0.012):

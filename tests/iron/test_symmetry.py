@@ -138,6 +138,18 @@ def test_the_chamber_and_its_copies_fill_space(bodies, walls, order):
     assert (inside.sum(axis=1) > 0).all()
 
 
+@pytest.mark.parametrize(("start", "normal"), [(0.0, Y), (30.0, X), (90.0, X), (15.0, None)])
+def test_walls_lie_in_coordinate_planes_where_they_can(start, normal):
+    """Of the six chambers between the mirrors of three columns at 120 degrees."""
+    walls = mirror_chamber(find_symmetry(device(*ring_of(3, 0.03, start=start)))).walls
+    assert np.abs(walls @ Z).max() == pytest.approx(1.0, abs=1e-12)
+    upright = walls[np.abs(walls @ Z) < 0.5]
+    assert len(upright) == 2
+    along = np.abs(upright[:, :2]).max(axis=1).max()
+    assert (along > 1 - 1e-9) == (normal is not None)
+    assert normal is None or np.abs(upright @ normal).max() == pytest.approx(1.0, abs=1e-12)
+
+
 def test_no_chamber_without_a_mirror():
     assert mirror_chamber(find_symmetry(device(body((pyramid(0.5, 0.2, 1), Placement()))))) is None
 

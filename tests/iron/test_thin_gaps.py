@@ -8,7 +8,7 @@ import pytest
 from scipy.constants import mu_0
 
 import fieldmap as fm
-from fieldmap.device.model import Body, Box, Cylinder, Device, Part, placed
+from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Sphere, placed
 from fieldmap.iron import generate_mesh
 from fieldmap.iron.elements.vacuum import vacuum
 from fieldmap.iron.geometry.thin_gaps import closed_gaps
@@ -189,6 +189,21 @@ def test_gaps_that_are_closed():
     yoke = Body("yoke", "iron", slot, 0.004)
     assert pairs(yoke, block("keeper", (0.03, 0.01, 0.01), (0, 0, -0.0101))) == {(0, 1)}
     assert pairs(yoke, block("slug", (0.01, 0.01, 0.008), (0, 0, 0))) is None
+    # What lies round both without touching them is no hindrance; a ball that the moved one would come upon is, wherever
+    # it would end up, and one that it just misses is not.
+    ring = Body("ring", "iron", (Part(fm.Ring(0.012, 0.016, 0.03), placed((0, 0, -0.005))),), 0.004)
+    assert pairs(low, cube("high", 0.0101), ring) == {(0, 1)}
+    base = block("base", (0.03, 0.01, 0.03), (0.015, 0, -0.03))
+    feet = tuple(Part(Box((0.01, 0.01, 0.01)), placed((x, 0, 1e-4))) for x in (0.02, 0.05))
+
+    def with_ball(radius, x, z):
+        ball = Body("ball", "iron", (Part(Sphere(radius), placed((x, 0, z))),), 0.004)
+        return pairs(base, Body("bar", "iron", feet, 0.004), ball)
+
+    assert with_ball(0.005, 0.05, -0.005) is None
+    assert with_ball(0.005, 0.05, -0.005 + 5e-5) is None
+    assert with_ball(0.005, 0.05, -0.005 - 5e-5) == {(0, 1)}
+    assert with_ball(1e-5, 0.02, 5e-5) is None
 
 
 def test_moves_are_those_of_whole_pieces():

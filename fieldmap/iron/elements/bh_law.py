@@ -126,7 +126,7 @@ def law_slopes(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Arr
         t = h[mine] - knots[j]
         slope[mine] = (3 * c[j, 0] * t + 2 * c[j, 1]) * t + c[j, 2]
         b = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
-        chord[mine] = np.divide(b, h[mine], out=slope[mine], where=h[mine] > 1e-30)
+        chord[mine] = np.divide(b, h[mine], out=slope[mine], where=h[mine] > 0.0)
     return chord, slope
 
 

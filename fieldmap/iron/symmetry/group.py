@@ -143,19 +143,19 @@ def _group_name(operations: tuple[Operation, ...]) -> str:
         return ("mirror " if len(planes) == 1 else "mirrors ") + ", ".join(planes)
     if fold == 1:
         return "inversion"
-    name = f"{fold}-fold {_axis_name(axis)}"
+    name = f"{fold}-fold {axis}"
     return f"{name} with {len(mirrors)} mirror planes" if mirrors else name
 
 
-def _main_axis(operations: tuple[Operation, ...]) -> tuple[int, Array]:
-    """The axis with the most proper rotations about it, and their number with the identity."""
+def _main_axis(operations: tuple[Operation, ...]) -> tuple[int, str]:
+    """How many proper rotations, with the identity, there are about the axis with the most, and its name."""
     turns = [op.matrix for op in operations if op.handedness > 0 and not np.allclose(op.matrix, np.eye(3))]
     if not turns:
-        return 1, np.array([0.0, 0.0, 1.0])
+        return 1, ""
     axes = np.array([rotation_axis(turn) for turn in turns])
     count = (np.abs(axes @ axes.T) > 1 - _SAME).sum(axis=1)
     best = int(count.argmax())
-    return int(count[best]) + 1, axes[best]
+    return int(count[best]) + 1, _axis_name(axes[best])
 
 
 _SEED = 1
