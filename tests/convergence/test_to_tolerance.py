@@ -3,6 +3,7 @@
 import pickle
 from dataclasses import dataclass, field
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,11 +22,18 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError, ToleranceNotReached
 from fieldmap.iron import Tolerance, generate_mesh
-from fieldmap.iron.error.estimate import LargestError, estimate_error, gradient_length, workspace_surface
+from fieldmap.iron.error.estimate import (
+    ErrorEstimate,
+    LargestError,
+    estimate_error,
+    gradient_length,
+    workspace_surface,
+)
 from fieldmap.iron.error.refinement import near_kernels, next_sizes
 from fieldmap.iron.error.tolerance import MeshStep, expected_cost, faces_within
 from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers import to_tolerance
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -162,6 +170,49 @@ def test_the_estimate_says_of_what_and_where():
     assert error.by_source == (b, g)
 
 
+@dataclass(frozen=True)
+class Several:
+    """Fields (c, n, 3) of several sources that are the same everywhere; the gradient is 0."""
+
+    flux_density: tuple
+    iron_points: np.ndarray = field(default_factory=lambda: np.array([[0.0, 0.0, 5.0]]))
+
+    @property
+    def sources(self):
+        return tuple(f"source {k}" for k in range(len(self.flux_density)))
+
+    def source_fields(self, points):
+        b = np.repeat(np.array(self.flux_density, float)[:, None], len(points), axis=1)
+        return b, np.zeros((*b.shape, 3))
+
+
+def test_two_forms_and_two_meshes_of_several_sources():
+    """The mean of two forms is off by half of what lies between them: 1 % and 10 % of the two sources. A change between
+    meshes of 2 % counts for the first, one of 1 % not for the second; a source without field has no error."""
+    points = np.array([[-1.0, -2.0, -2.0], [1.0, 2.0, 2.0]])
+    ours = Several(((0, 0, 2.0), (0.5, -1.2, 0), (0, 0, 0)))
+    other = Several(((0, 0, 2.04), (0.5, -0.94, 0), (0, 0, 0)))
+    coarser = Several(((0, 0.04, 2.0), (0.5, -1.213, 0), (0, 0, 0)))
+    error = estimate_error(points, ours, coarser, other)
+    assert [one.source for one in error.by_source] == 2 * list(ours.sources)
+    assert [one.quantity for one in error.by_source] == ["B"] * 3 + ["gradient"] * 3
+    assert [one.error for one in error.by_source] == pytest.approx([0.04, 0.13, 0, 0, 0, 0])
+    assert [one.size for one in error.by_source] == pytest.approx([2.0, 1.3, 0.0, 0.4, 0.26, 0.0])
+    assert (error.flux_density, error.gradient) == (pytest.approx(0.1), 0.0)
+    assert error.gap == (pytest.approx(0.2), 0.0)
+    assert error.change == (pytest.approx(0.02), 0.0)
+    assert error.worst("B").source == "source 1"
+    # Of the source whose forms lie apart most, its largest component in the middle.
+    bracket = error.bracket
+    assert (bracket.what, bracket.source, bracket.at) == ("By", "source 1", (0.0, 0.0, 0.0))
+    assert (bracket.low, bracket.high) == (-1.2, -0.94)
+    assert error.shares is None
+    alone = estimate_error(points, ours, None, other)
+    assert alone.change is None
+    assert [one.error for one in alone.by_source[:2]] == pytest.approx([0.02, 0.13])
+    assert estimate_error(points, ours, coarser, None, np.array([0.3, 0.7, 0.1])).shares == 0.7
+
+
 def test_growth_and_shares_scale_what_two_meshes_differ_by():
     """A change of 3 %: over a quarter more faces it is a quarter of the error, over three times as many all of it; of
     what the faces share, 0.4 %, twice as much is believed."""
@@ -246,6 +297,133 @@ def test_cost_follows_the_powers_that_the_meshes_show():
     # An excess that does not fall foretells nothing.
     flat = [MeshStep(n, n, 1, 1.0, 0.0, 0.0, 2.0) for n in (1000, 2000, 4000)]
     assert faces_within(flat) is None
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a run reads and writes of a report."""
+
+    surface_faces: int
+    tetrahedra: int = 1
+    matrix_bytes: int = 1
+    error: object = None
+    refinement: tuple = ()
+    tolerance: object = None
+
+
+@dataclass(frozen=True)
+class Solved:
+    number: int
+    report: Counts
+
+
+def run_of(monkeypatch, excess, most_meshes=10, fits=99, own_excess=1.0):
+    """A run whose meshes, of twice as many faces each, have estimates of these multiples of what is allowed, from the
+    second on: its solution or its error, and what it asked of the next meshes and told on the way."""
+    told = {"reductions": [], "growth": [], "fractions": [], "meshes": 0}
+
+    def mesh(*_, local):
+        assert (local is None) == (told["meshes"] == 0)
+        told["meshes"] += 1
+        return told["meshes"]
+
+    def level(_, number, *__):
+        return SimpleNamespace(
+            solution=Solved(number, Counts(100 * 2**number)),
+            complement=None,
+            relative_shares=None,
+            own_excess=own_excess,
+            next_sizes=lambda reduction: told["reductions"].append(reduction) or "sizes",
+            shares_of_bodies=lambda _: (),
+            growth=lambda _: (3.0, 5.0),
+        )
+
+    def estimate(points, ours, coarser, complement, shares, growth):
+        assert ours.number == coarser.number + 1
+        told["growth"].append(growth)
+        error = 0.01 * excess[coarser.number - 1]
+        return ErrorEstimate(error, 0.0, None, None, by_source=(error_of("B", error, 1.0),))
+
+    for name, value in (("generate_mesh", lambda *a, **k: mesh(*a, **k)), ("assemble", lambda mesh: mesh),
+                        ("fits_into_memory", lambda mesh: mesh <= fits), ("estimate_error", estimate),
+                        ("Level", SimpleNamespace(solved=level))):  # fmt: skip
+        monkeypatch.setattr(to_tolerance, name, value)
+    stages = Stages(lambda _, fraction: told["fractions"].append(fraction))
+    run = to_tolerance._Run(shell(), Tolerance(0.01), np.zeros((1, 3)), None, most_meshes, stages)
+    try:
+        return run.solution(), told
+    except ToleranceNotReached as error:
+        return error, told
+
+
+def test_a_run_ends_within_the_tolerance(monkeypatch):
+    """Each mesh is to divide the error by 1.6 times what it exceeds, by 2 at least after the first, 1.5 after others."""
+    solution, told = run_of(monkeypatch, [4.0, 1.2, 0.9, 0.1])
+    assert solution.number == 4
+    assert solution.report.refinement == ((400, 0.04), (800, 0.012), (1600, pytest.approx(0.009)))
+    assert solution.report.error.flux_density == pytest.approx(0.009)
+    report = solution.report.tolerance
+    assert (report.ended, report.next_mesh, report.whole) == ("reached", None, None)
+    assert [step.faces for step in report.steps] == [200, 400, 800, 1600]
+    assert [step.excess for step in report.steps] == [
+        None,
+        pytest.approx(4),
+        pytest.approx(1.2),
+        pytest.approx(0.9),
+    ]
+    assert report.worst.error == pytest.approx(0.009)
+    assert told["reductions"] == pytest.approx([2.0, 6.4, 1.92])
+    assert told["growth"] == [1.0, 1.0, 1.0]
+    assert told["fractions"] == sorted(told["fractions"])
+    assert (told["fractions"][0], told["fractions"][-1]) == (0.0, 1.0)
+    assert [told["fractions"][2 * k] for k in range(4)] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert run_of(monkeypatch, [1.0], own_excess=10.0)[1]["reductions"] == [16.0]
+    # Exactly what is allowed is within it.
+    assert run_of(monkeypatch, [0.93, 0.5])[0].number == 2
+    assert run_of(monkeypatch, [1.05, 0.5])[1]["reductions"][1] == pytest.approx(1.68)
+    assert run_of(monkeypatch, [1.005, 0.5])[1]["reductions"][1] == pytest.approx(1.608)
+
+
+@pytest.mark.parametrize(
+    ("excess", "most", "fits", "ended", "meshes", "best"),
+    [
+        # Three times in a row no better than the best by a tenth, a little better or worse.
+        ([3.0, 2.9, 2.8, 2.75, 1.0], 10, 99, "stalled", 5, 5),
+        ([3.0, 4.0, 5.0, 6.0, 1.0], 10, 99, "stalled", 5, 2),
+        ([3.0, 2.9, 2.8, 2.4, 2.3, 2.29, 2.28, 1.0], 10, 99, "stalled", 8, 8),
+        ([3.0, 2.0, 1.5, 0.1], 4, 99, "meshes", 4, 4),
+        ([3.0, 2.0, 2.5, 0.1], 4, 99, "meshes", 4, 3),
+        ([3.0, 2.0, 1.5, 0.1], 10, 3, "memory", 3, 3),
+    ],
+)
+def test_a_run_that_does_not_get_there_says_how_it_ended(
+    monkeypatch, excess, most, fits, ended, meshes, best
+):
+    error, _ = run_of(monkeypatch, excess, most, fits)
+    assert isinstance(error, ToleranceNotReached)
+    assert error.report.ended == ended
+    assert len(error.report.steps) == meshes
+    assert error.residuals == pytest.approx([0.01 * value for value in excess[: meshes - 1]])
+    assert error.solution.number == best
+    assert error.report.worst.error == pytest.approx(0.01 * excess[best - 2])
+    assert error.solution.report.error.flux_density == pytest.approx(0.01 * excess[best - 2])
+    # The last mesh grows by what the sizes give; one within the tolerance by the power that the excess showed.
+    faces = 100 * 2**meshes
+    assert error.report.next_mesh.faces == 3 * faces
+    assert error.report.next_mesh.tetrahedra == 5
+    whole = faces_within(error.report.steps)
+    assert (error.report.whole is None) == (whole is None)
+    if whole is not None:
+        assert error.report.whole.faces == round(whole)
+        assert error.report.whole.tetrahedra == round((whole / faces) ** 1.5)
+
+
+def test_a_run_without_memory_for_a_mesh_has_no_estimate(monkeypatch):
+    first, _ = run_of(monkeypatch, [], fits=0)
+    assert (first.report, first.solution) == (None, None)
+    second, _ = run_of(monkeypatch, [], fits=1)
+    assert (second.report.ended, second.solution, second.residuals) == ("memory", None, ())
+    assert second.problems[0].received == "no estimate"
 
 
 def test_in_thin_walls_smaller_elements_have_an_effect():

@@ -69,6 +69,12 @@ def test_bodies_that_are_alike_share_the_error_alike():
     level = Level.solved(device, iron, *about)
     shares = {one.body: one for one in level.shares_of_bodies(level.next_sizes(4.0))}
     assert sum(one.share for one in shares.values()) == pytest.approx(1.0)
+    body, below = iron.mesh.body, iron.topology.owner[iron.topology.surface, 0]
+    own, inside = level.face_shares.across + level.face_shares.rest, level.element_shares
+    whole = own.sum() + inside.sum()
+    for number, name in enumerate(places):
+        expected = (own[body[below] == number].sum() + inside[body == number].sum()) / whole
+        assert shares[name].share == pytest.approx(expected, rel=1e-9)
     # The mesher makes no mirror images.
     assert 0.35 < shares["left"].share < 0.65
     assert shares["far"].share < 0.02
