@@ -16,6 +16,7 @@ from fieldmap.device.model import (
     Device,
     ExtrudedPolygon,
     LinearMaterial,
+    MeshFile,
     Part,
     PathCoil,
     PermanentMagnet,
@@ -26,9 +27,11 @@ from fieldmap.device.model import (
     Sphere,
     StepFile,
     TriangleSurface,
+    VolumeMesh,
 )
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.symmetry.chamber import mirror_chamber
+from fieldmap.iron.symmetry.finder import Outline
 from fieldmap.iron.symmetry.group import Operation, multiplication_table
 from fieldmap.sources import unit_flux_density
 
@@ -152,6 +155,55 @@ def test_walls_lie_in_coordinate_planes_where_they_can(start, normal):
 
 def test_no_chamber_without_a_mirror():
     assert mirror_chamber(find_symmetry(device(body((pyramid(0.5, 0.2, 1), Placement()))))) is None
+
+
+def test_outlines_are_alike_where_each_row_has_one_like_it():
+    rows = np.arange(24.0).reshape(3, 8)
+
+    def like(one, other, kind=("a",)):
+        return Outline(("a",), np.array(one)).is_like(Outline(kind, np.array(other)), 1e-3)
+
+    assert like(rows, rows[[2, 0, 1]] + 9e-4)
+    assert not like(rows, rows[[2, 0, 1]] + 1.1e-3)
+    assert not like(rows, rows, ("b",))
+    assert not like(rows, rows[:2])
+    # Two rows nearer than the tolerance have only one like them.
+    double = [rows[0], rows[0] + 1e-4, rows[1]]
+    assert not like(double, rows)
+    assert not like(rows, double)
+
+
+def test_items_without_a_symmetry_of_their_own(tmp_path):
+    """Meshes and files are like copies of themselves alone; a device without iron has the identity."""
+    points, tets = 0.01 * np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]])
+
+    def pair(one, other):
+        places = (
+            Placement(np.array([0.05, 0, 0])),
+            Placement(np.array([-0.05, 0, 0]), np.diag([-1.0, -1.0, 1.0])),
+        )
+        bodies = [
+            body((shape, place), name=name)
+            for shape, place, name in zip((one, other), places, "ab", strict=True)
+        ]
+        return find_symmetry(device(*bodies))
+
+    mesh, file = VolumeMesh(points, tets), MeshFile(tmp_path / "a.msh", 1e-3, "core")
+    assert str(pair(mesh, mesh)) == "2-fold axis z"
+    assert str(pair(file, file)) == "2-fold axis z"
+    assert pair(mesh, file).order == 1
+    assert str(pair(mesh, file)) == "none"
+    for other in (VolumeMesh(1.1 * points, tets), VolumeMesh(points, tets[:, [1, 0, 3, 2]])):
+        assert pair(mesh, other).order == 1
+    for change in ({"path": tmp_path / "b.msh"}, {"scale": 1.0}, {"region": None}):
+        assert pair(file, replace(file, **change)).order == 1
+    assert len(pair(mesh, file).limits) == 2
+    assert "is a mesh" in pair(mesh, file).limits[0]
+    alone = find_symmetry(device(coils=COILS))
+    (identity,) = alone.operations
+    assert (identity.coils, identity.coil_signs, identity.bodies) == ((0, 1, 2), (1, 1, 1), ())
+    assert np.array_equal(identity(points), points)
+    assert alone.limits == ("no iron",)
 
 
 def test_names_of_operations():

@@ -50,7 +50,7 @@ def _on_turned(
     distance, slack = np.hypot(local[..., 0], local[..., 1]), _ON_PLANE * max(outer, height)
     within = (local[..., 2] > -slack) & (local[..., 2] < height + slack)
     ends = _in_plane(local, normal, 2, 0.0, slack) | _in_plane(local, normal, 2, height, slack)
-    reached = (distance > inner * (1 - _ON_CURVE)) & (distance < outer * (1 + _ON_CURVE))
+    reached = (distance >= inner * (1 - _ON_CURVE)) & (distance < outer * (1 + _ON_CURVE))
     curved = np.any([_is_near(distance, radius) for radius in radii], axis=0) & (normal[:, 2] < _ACROSS)
     return np.asarray(within & (ends[:, None] & reached | curved[:, None]))
 

@@ -88,9 +88,8 @@ class Outline(Record):
         if self.kind != other.kind or len(self.rows) != len(other.rows):
             return False
         distance = np.abs(self.rows[:, None] - other.rows[None]).max(axis=2)
-        # Rows of one outline lie further apart than the tolerance: nearest neighbours pair them.
-        nearest = distance.argmin(axis=1)
-        return bool(distance.min(axis=1).max() < tolerance and len(np.unique(nearest)) == len(nearest))
+        # Both ways, for features that are as small as the tolerance.
+        return bool(distance.min(axis=0).max() < tolerance and distance.min(axis=1).max() < tolerance)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
