@@ -117,14 +117,6 @@ class SurfaceSolution(LinearSolution):
             (faces, faces.corners.min(axis=(0, 1)), faces.corners.max(axis=(0, 1))) for faces in boundaries
         )
 
-    @cached_property
-    def _region_of_solid(self) -> Index:
-        """Number (s,) of the region of every solid."""
-        number = np.empty(len(self.surface.body), dtype=np.int64)
-        for k, region in enumerate(self.regions):
-            number[region.solids] = k
-        return number
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceState(LinearState):

@@ -357,7 +357,7 @@ def run_of(monkeypatch, excess, most_meshes=10, fits=99, own_excess=1.0):
 
 
 def test_a_run_ends_within_the_tolerance(monkeypatch):
-    """Each mesh is to divide the error by 1.6 times what it exceeds, by 2 at least after the first, 1.5 after others."""
+    """Each mesh is to divide the error by 1.6 times what it exceeds, by 2 or more after the first, 1.5 after others."""
     solution, told = run_of(monkeypatch, [4.0, 1.2, 0.9, 0.1])
     assert solution.number == 4
     assert solution.report.refinement == ((400, 0.04), (800, 0.012), (1600, pytest.approx(0.009)))

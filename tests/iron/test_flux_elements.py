@@ -69,6 +69,22 @@ def test_patch(block, mu_r):
     assert largest == pytest.approx(np.linalg.norm(exact, axis=2).max(axis=1))
 
 
+def test_means_over_triangles(block):
+    """Of functions of second order, by quadrature, on faces of the mesh whose corners are named in any order: of the
+    nodal elements exactly, and of the linear part that each face has."""
+    topology, elements = block
+    faces = topology.nodes[np.random.default_rng(3).permutation(len(topology.nodes))[:40]]
+    faces = np.array([np.roll(face, k) for k, face in enumerate(faces)])
+    a, b, c = np.moveaxis(elements.nodal.points[faces], 1, 0)
+    exact = sum(quadratic((one + other) / 2) for one, other in ((a, b), (b, c), (c, a))) / 3
+    nodal = nodal_values(elements, quadratic)
+    assert elements.nodal.mean_over(faces, topology) @ nodal == pytest.approx(exact, rel=1e-12, abs=1e-12)
+    flux = elements.from_nodal(nodal[:, None])[:, 0]
+    assert elements.mean_over(faces, topology) @ flux == pytest.approx(exact, rel=1e-12, abs=1e-12)
+    surface = topology.nodes[topology.surface]
+    assert (elements.mean_over(surface, topology) != elements.face_mean).nnz == 0
+
+
 def test_coil_field_is_that_of_the_nodal_elements(block):
     """A linear coil field without curl is taken over exactly, and alone it makes the flux that it makes in air."""
     _, elements = block

@@ -231,6 +231,30 @@ def test_sheets_are_cut_out_of_a_body_wherever_the_device_stands(height):
     )
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "heights", "out_of"),
+    [
+        # Walls alike, upright or slanted: the smaller block makes room.
+        (0.0, 0.0, (6,), 1), (0.0, 0.0, (2,), 0), (0.5, 0.5, (6,), 1), (0.5, 0.5, (2,), 0), (0.5, 0.53, (6,), 1),
+        # One of them slides along its walls.
+        (0.0, 0.5, (6,), 0), (0.0, 0.5, (2,), 0), (0.5, 0.0, (6,), 1), (0.5, 0.0, (2,), 1),
+    ],
+)  # fmt: skip
+def test_a_gap_is_cut_out_of_what_slides_along_its_walls(lower, upper, heights, out_of):
+    """Two blocks, each slanted by this much along x for its height."""
+    side, gap = 0.01, 1e-4
+    points, tets, body = column(side, 8, heights)
+    above = points[:, 2] - 0.5 * side * heights[0]
+    points[:, 0] += np.where(above > 0, upper, lower) * above
+    opened = open_sheets(points, tets, body, [Sheet("0 | 1", (0, 1), gap, 1.0)], 2)
+    now = np.bincount(opened.body, np.abs(volumes(opened.points, opened.tets)))
+    lost = np.bincount(body, volumes(points, tets)) - now[:2]
+    assert now[2] == pytest.approx(side**2 * gap, rel=1e-9)
+    # Slanted walls bulge a little where their ends move.
+    assert lost[out_of] == pytest.approx(now[2], rel=0.2)
+    assert lost[1 - out_of] == pytest.approx(0.0, abs=1e-9 * side**3)
+
+
 @pytest.fixture(scope="module")
 def joined():
     return fm.solve_linear(c_core(JOINT)).at([1.0])

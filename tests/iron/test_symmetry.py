@@ -9,6 +9,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.model import (
+    Background,
     Body,
     Box,
     CircularCoil,
@@ -267,6 +268,8 @@ def test_the_matrices_form_a_group_to_rounding():
     products = np.einsum("aij,bjk->abik", group.matrices, group.matrices)
     assert np.abs(products - group.matrices[table]).max() < 1e-15
     assert np.abs(group.matrices @ np.swapaxes(group.matrices, 1, 2) - np.eye(3)).max() < 1e-15
+    # Cosines and sines of sixths of a turn are the nearest numbers to them, mirrored points the same bits.
+    assert set(np.abs(group.matrices).ravel()) == {0.0, 0.5, 1.0, np.sqrt(0.75)}
 
 
 @pytest.mark.parametrize(("count", "order"), [(2, 8), (3, 12), (5, 20), (6, 24)])
@@ -383,3 +386,19 @@ def test_remanence_is_an_axial_vector():
     # Kept: what exchanges the blocks and turns a moment along z over, and what does neither.
     kept = {str(operation) for operation in group.operations if operation.keeps_magnets}
     assert kept == {"identity", "mirror x = 0", "mirror z = 15 mm", "rotation by 180 deg about axis y"}
+    blocks[1] = replace(blocks[1], material="up")
+    alike = find_symmetry(Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
+    kept = {str(operation) for operation in alike.operations if operation.keeps_magnets}
+    assert kept == {"identity", "mirror z = 15 mm", "rotation by 180 deg about axis z", "inversion"}
+    # What has no remanence keeps it.
+    soft = find_symmetry(device(*ring_of(4, 0.03)))
+    assert all(operation.keeps_magnets for operation in soft.operations)
+
+
+def test_a_background_is_an_axial_vector():
+    along = Background(np.array([0.0, 0.0, 0.1]))
+    block = body((Box((0.01, 0.02, 0.03)), Placement(np.array([0.0, 0.0, -0.015]))))
+    group = find_symmetry(replace(device(block), background=along))
+    assert group.order == 8
+    kept = {str(operation) for operation in group.operations if operation.keeps_magnets}
+    assert kept == {"identity", "mirror z = 0", "rotation by 180 deg about axis z", "inversion"}

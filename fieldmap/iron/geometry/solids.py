@@ -94,21 +94,3 @@ def glue_bodies(device: Device) -> occ.TopoDS_Shape:
             Problem(source, "a device must have a body to mesh", "none", "solve it as coils alone")
         )
     return glue_solids(body_solid(body, source) for body in device.bodies)
-
-
-def connected_names(glued: occ.TopoDS_Shape, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Groups of `names` whose solids in `glued` share faces, directly or through others, in given order."""
-    group = {name: {name} for name in names}
-    owner: dict[occ.Face, str] = {}
-    for solid in glued.solids:
-        for face in solid.faces:
-            other = owner.setdefault(face, solid.name)
-            if group[other] is not group[solid.name]:
-                merged = group[other] | group[solid.name]
-                for name in merged:
-                    group[name] = merged
-    return tuple(
-        tuple(name for name in names if name in group[first])
-        for first in names
-        if first == next(name for name in names if name in group[first])
-    )
