@@ -1,9 +1,12 @@
 """Where the mesh must be finer: dipoles in the workspace, shares of faces and elements, sizes of the next mesh."""
 
 import tracemalloc
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
 from fieldmap.iron.error.refinement import (
@@ -17,8 +20,8 @@ from fieldmap.iron.error.refinement import (
     smooth_neighbours,
 )
 from fieldmap.iron.materials import body_properties
-from fieldmap.iron.mesh.local_sizes import LocalSizes
-from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
+from fieldmap.iron.mesh.mesh import LAYER_RATIO, generate_mesh
 from fieldmap.iron.mesh.topology import build_faces
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.mutual import DenseMutualPotential
@@ -157,6 +160,102 @@ def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
     here = [m.points[m.tets].mean(axis=1)[:, 0] for m in (mesh, finer)]
     assert (here[1] > 0.022).sum() > 1.3 * (here[0] > 0.022).sum()
     assert (here[1] < 0.0).sum() < (here[0] < 0.0).sum()
+
+
+def clusters(at_edge=False):
+    """Three clusters of six cells far from each other, of sizes 1, 2 and 3 mm, each with one face of height 1 mm."""
+    centres = np.repeat(np.array([[0.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0]]), 6, axis=0)
+    centres = centres + 1e-3 * np.random.default_rng(5).uniform(size=(18, 3))
+    corners = centres[:, None] + 1e-3 * np.array([[0.0, 0, 0], [2.0, 0, 0], [0.5, 1.0, 0]])
+    surface = ChargedFaces.from_nodes(corners.reshape(-1, 3), np.arange(54).reshape(18, 3))
+    number = np.arange(18)[::-1].copy()
+    cells = MesherCells(number, centres[::-1].copy(), 1e-3 * np.repeat([3.0, 2.0, 1.0], 6))
+    mesh = SimpleNamespace(cells=cells, tets=np.zeros((18, 4), int))
+    topology = SimpleNamespace(owner=np.column_stack([np.arange(18), np.full(18, -1)]), surface=np.arange(18))
+    return mesh, topology, surface, np.full(18, at_edge)
+
+
+# Of faces, elements, and layers at edges: the power of the size with which a share falls, the number of pieces of which
+# grows with another, what a layer costs, and by how much one step may change them.
+KINDS = {
+    "faces": (2.5, 2.0, 1.0, 0.45, 1.3),
+    "elements": (3.0, 3.0, 1.0, 0.45, 1.3),
+    "layers": (4 / 3, 0.0, 4.0, 0.16, 1.0),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("reduction", [1.5, 2.5, 9.0])
+@pytest.mark.parametrize("spread", [1.3, 30.0])
+def test_sizes_are_those_of_equal_shares(kind, reduction, spread):
+    """h changes by the (p + d)th root of the common share over its own, so that all together are divided by what was
+    asked for, four at most."""
+    order, dimension, cost, least, most = KINDS[kind]
+    mesh, topology, surface, at_edge = clusters(kind == "layers")
+    share = np.repeat([1.0, spread, spread**2], 6)
+    none = np.zeros(18)
+    own = {name: share if name == kind else none for name in KINDS}
+    shares = FaceShares(own["layers"], own["faces"], at_edge, np.ones(1))
+    sizes = next_sizes(mesh, topology, surface, shares, own["elements"], reduction, 0.0)
+
+    def factors(common):
+        return np.clip((cost * common / share) ** (1 / (order + dimension)), least, most)
+
+    aim = share.sum() / min(reduction, 4.0)
+    common = (
+        brentq(lambda c: share @ factors(c) ** order - aim, 1e-9, 1e9)
+        if share.sum() * least**order < aim
+        else 1e-9
+    )
+    expected = factors(common)
+    if kind == "layers":
+        assert sizes.layers == pytest.approx(np.maximum(1e-3 * expected, 0.02 * sizes.sizes[::-1]), rel=1e-6)
+        assert np.array_equal(sizes.edge_points, surface.centres)
+        assert sizes.sizes == pytest.approx(1.3 * mesh.cells.sizes)
+    else:
+        assert sizes.sizes[::-1] == pytest.approx(expected * mesh.cells.sizes[::-1], rel=1e-6)
+        assert sizes.layers.size == 0
+    assert np.array_equal(sizes.points, mesh.cells.centres)
+
+
+def test_layers_are_no_flatter_than_a_fiftieth_of_the_elements():
+    mesh, topology, surface, at_edge = clusters(True)
+    mesh = SimpleNamespace(cells=replace(mesh.cells, sizes=0.1 * np.arange(1.0, 19.0)), tets=mesh.tets)
+    shares = FaceShares(np.ones(18), np.zeros(18), at_edge, np.ones(1))
+    sizes = next_sizes(mesh, topology, surface, shares, np.zeros(18), 4.0, 0.0)
+    assert sizes.layers == pytest.approx(0.02 * sizes.sizes[::-1])
+
+
+def test_a_mesh_that_is_to_grow_does():
+    """Shares that ask for nothing are lowered together until there are enough faces."""
+    mesh, topology, surface, at_edge = clusters()
+    shares = FaceShares(np.zeros(18), np.repeat([1.0, 1.3, 1.69], 6), at_edge, np.ones(1))
+    found = [
+        next_sizes(mesh, topology, surface, shares, np.zeros(18), 1.0, growth) for growth in (0.5, 1.5, 2.0)
+    ]
+    grown = [float(np.mean((one.sizes / mesh.cells.sizes) ** -2)) for one in found]
+    assert grown[0] == pytest.approx(1.0, abs=0.2)
+    assert 1.5 <= grown[1] < 1.6
+    assert 2.0 <= grown[2] < 2.1
+
+
+def test_growth_by_its_powers():
+    """Faces with the square of the size of their elements, tetrahedra with its power of 2.5; a layer adds 2.8 faces and
+    7 tetrahedra to each face along an edge, whose number grows with the size itself."""
+    mesh, topology, surface, _ = clusters()
+    at_edge = np.arange(18) < 6
+    factor = np.repeat([0.5, 0.8, 1.25], 6)
+    thin = np.full(6, 0.25 * LAYER_RATIO * heights(surface.corners)[0])
+    sizes = LocalSizes(mesh.cells.centres, factor[::-1] * mesh.cells.sizes, surface.centres[:6], thin)
+    layers = np.log(4 / LAYER_RATIO) / np.log(1 / LAYER_RATIO)
+    faces, tets = expected_growth(mesh, topology, surface, at_edge, sizes)
+    assert faces == pytest.approx((2.0 * (1 + 2.8 * layers) + 0.8**-2 + 1.25**-2) / 3)
+    assert tets == pytest.approx((2.0**2.5 + 0.8**-2.5 + 1.25**-2.5 + 2.0 * 7 * layers) / 3)
+    # Layers that are there already cost nothing.
+    thick = replace(sizes, layers=np.full(6, 1.0))
+    assert expected_growth(mesh, topology, surface, at_edge, thick)[0] == pytest.approx(
+        (2.0 + 0.8**-2 + 1.25**-2) / 3
+    )
 
 
 @pytest.mark.parametrize(
