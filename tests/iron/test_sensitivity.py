@@ -7,6 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.constants import mu_0
+from scipy.special import ellipe, ellipk
 
 import fieldmap as fm
 from fieldmap.errors import DeviceFileError, InputError
@@ -151,6 +153,81 @@ def test_flux_linkages_in_air(key):
     )
     difference = (ahead - behind) / (2 * step)
     assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max()
+
+
+LOOPS = """
+format = 1
+name = "loops"
+title = "coaxial loops"
+
+[parameters]
+wide = 30
+"""
+LOOP = """
+[[coil]]
+name = "{name}"
+kind = "circular"
+inner_radius_mm = "={radius} - 0.05"
+outer_radius_mm = "={radius} + 0.05"
+height_mm = 0.1
+turns = {turns}
+position_mm = [0, 0, {z}]
+"""
+# Radius (mm), turns, height (mm), current (A).
+PLACES = {"a": (20.0, 10, 0.0, 3.0), "b": (30.0, 4, 8.0, -2.0), "c": (15.0, 7, -6.0, 5.0)}
+
+
+def linkages(field, loops):
+    """Of thin coaxial loops: Maxwell's formula of two, Treatise, art. 701, and that of a ring of square section, whose
+    geometric mean distance is 0.4470 of its side; in a uniform field along the axis."""
+    loops = [(1e-3 * radius, turns, 1e-3 * z, current) for radius, turns, z, current in loops.values()]
+
+    def mutual(one, other):
+        (a, n, z, _), (b, m, w, _) = one, other
+        if one == other:
+            return mu_0 * n * n * a * (np.log(8 * a / (0.4470 * 1e-4)) - 2)
+        k2 = 4 * a * b / ((a + b) ** 2 + (z - w) ** 2)
+        return mu_0 * n * m * np.sqrt(a * b / k2) * ((2 - k2) * ellipk(k2) - 2 * ellipe(k2))
+
+    return np.array(
+        [
+            sum(mutual(one, other) * other[3] for other in loops) + field * one[1] * np.pi * one[0] ** 2
+            for one in loops
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "changed"),
+    [
+        ("coil.b.position_mm.3", lambda x: {"b": (0, 0, x, 0)}),
+        ("coil.*.position_mm.3", None),
+        ("coil.c.turns", lambda x: {"c": (0, x, 0, 0)}),
+        ("parameters.wide", lambda x: {"b": (x, 0, 0, 0)}),
+        ("current.a", lambda x: {"a": (0, 0, 0, x)}),
+        ("background.flux_density_mT.3", None),
+    ],
+)
+def test_flux_linkages_of_loops_in_air(key, changed):
+    """By a place, turns, a radius, a current and the background, against derivatives of the closed forms."""
+    text = LOOPS + "[background]\nflux_density_mT = [0, 0, 2.5]\n"
+    for name, (radius, turns, z, _) in PLACES.items():
+        text += LOOP.format(name=name, radius="wide" if name == "b" else radius, turns=turns, z=z)
+    if "*" in key:
+        # All at one height: they move together, which changes nothing.
+        for _, _, z, _ in PLACES.values():
+            text = text.replace(f"[0, 0, {z}]", "[0, 0, 4]")
+    alone = fm.solve_linear(fm.read_device(text)).at([current for *_, current in PLACES.values()])
+    derivative = alone.derivative(FluxLinkage(), [key])[key]
+    step, sides = 1e-3, []
+    for side in (step, -step):
+        more = {} if changed is None else changed(side)
+        loops = {name: tuple(np.add(PLACES[name], more.get(name, (0, 0, 0, 0)))) for name in PLACES}
+        sides.append(linkages(1e-3 * (2.5 + (side if "background" in key else 0.0)), loops))
+    expected = (sides[0] - sides[1]) / (2 * step)
+    assert derivative == pytest.approx(expected, rel=2e-3, abs=2e-3 * np.abs(expected).max() + 1e-11)
+    if "*" not in key:
+        assert alone.flux_linkage() == pytest.approx(linkages(2.5e-3, PLACES), rel=1e-3)
 
 
 @pytest.mark.parametrize("key", ["coil.around.turns", "material.iron.saturation_polarisation_T"])
