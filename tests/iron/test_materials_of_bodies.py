@@ -150,6 +150,48 @@ def test_a_report_in_words_and_back_from_json():
     assert replace(MADE, tetrahedra=0).card_rows()["size"] == "4500 unknowns, 3 MB"
 
 
+def test_a_report_of_a_mesh_counts_what_is_there():
+    points, tets = np.zeros((4, 3)), np.zeros((7, 4), int)
+    sheets = [
+        SimpleNamespace(name="a | b", gap=2.5e-4, drawn=True),
+        SimpleNamespace(name="a | c", gap=1e-3, drawn=False),
+    ]
+    iron = SimpleNamespace(
+        mesh=SimpleNamespace(tets=tets, sheets=sheets),
+        surface=SimpleNamespace(areas=np.ones(1), centres=points[:1], radii=np.ones(1)),
+        magnetic_bodies=3, symmetry="mirror x = 0", mutual=SimpleNamespace(bytes=800, storage="dense"),
+    )  # fmt: skip
+    state = SimpleNamespace(faces=SimpleNamespace(areas=np.ones(5)), iterations=4, residuals=(1.0, 0.5, 1e-3))
+    made = report.report_of("flux", iron, 11, state, {"solve": 1.0}, ("one",))
+    assert (made.form, made.tetrahedra, made.surface_faces, made.charged_faces) == ("flux", 7, 1, 5)
+    assert (made.unknowns, made.magnetic_bodies, made.iterations, made.residual) == (11, 3, 4, 1e-3)
+    assert (made.matrix_bytes, made.storage, made.symmetry) == (800, "dense", "mirror x = 0")
+    # Gaps of the drawing, not those of joints, which are assumptions of the device.
+    assert made.assumptions == ("one", "gap of 0.25 mm between a and b: meshed as a sheet")
+
+
+def test_notes_of_a_state_are_those_of_its_kind():
+    """What a linear state rests on, and how far saturating iron is driven; a field of something else says its own."""
+    machine = device("plain", coils=(fm.CircularCoil("c", 0.05, 0.06, 0.01, 100),))
+    linear = fm.solve_linear(machine, refinement=0.5)
+    told = notes.state_notes(machine, linear.at([1e5]))
+    assert told[: len(linear.assumptions)] == linear.assumptions
+    assert told[-1].startswith("warning: linear iron does not saturate")
+    assert notes.state_notes(machine, linear.at([1e-3])) == linear.assumptions
+    steel = device("steel", coils=machine.coils)
+    state = fm.iron.NonlinearSolver(steel, 0.5).at([1.0])
+    told = notes.state_notes(steel, state)
+    assert told[:-1] == state.assumptions
+    assert f"iron up to {state.report.largest_flux_density:.2f} T" in told[-1]
+    assert notes.state_notes(steel, SimpleNamespace(assumptions=["a"])) == ("a",)
+    assert notes.state_notes(steel, None) == ()
+    assert notes.saturates(steel)
+    assert not notes.saturates(machine)
+    below = replace(MADE, below_table=10)
+    assert "10 elements (0.5 %) below its first point, none above its last" in notes.law_range(below, steel)
+    assert "1,000 elements (50 %) above" in notes.law_range(replace(MADE, beyond_table=1000), steel)
+
+
 def test_stages_tell_and_time_each_step(monkeypatch):
     clock = iter([1.0, 3.0, 3.5, 10.5, 11.0])
     monkeypatch.setattr(report.time, "perf_counter", lambda: next(clock))

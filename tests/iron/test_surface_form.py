@@ -28,6 +28,7 @@ from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.mesh.mesher import mesh_solids
 from fieldmap.iron.mesh.surface_mesh import AIR, enclosed_volume, generate_surface
 from fieldmap.iron.operators import assembled
+from fieldmap.iron.surface_solution import _areas_above, _enclosed_area
 from fieldmap.sources import unit_flux_density
 
 RADIUS = 0.05
@@ -251,6 +252,43 @@ def test_shadow_of_a_disk_half_a_millimetre_from_a_winding():
     behind = np.array([[0.0, 0.0, -0.01], [0.03, 0.0, -0.01], [0.0, 0.05, -0.01], [0.0, 0.0, -0.03]])
     coil_alone = unit_flux_density(coil, behind)
     assert largest(ours.field(behind, [1.0]) - theirs.field(behind, [1.0]), coil_alone) < 4e-3
+
+
+def test_parts_of_triangles_above_a_plane():
+    """By the share of points of each triangle that lie above, whatever corner is the highest."""
+    rng = np.random.default_rng(6)
+    corners = np.repeat(rng.uniform(-1, 1, (8, 3, 3)), 3, axis=0)
+    corners = np.stack([np.roll(one, k % 3, axis=0) for k, one in enumerate(corners)])
+    # Above, below, one corner above, two, and corners in the plane itself.
+    levels = np.array(
+        [[1, 2, 3], [-1, -2, -3], [3, -1, -2], [-1, 2, 4], [0, 1, 2], [0, -1, -2], [0, 0, 1], [0, -1, 3.0]]
+    )
+    height = np.stack([np.roll(one, k % 3) for k, one in enumerate(np.repeat(levels, 3, axis=0))])
+    s, t = (a.ravel() for a in np.meshgrid(*[(np.arange(2000) + 0.5) / 2000] * 2))
+    inside = s + t < 1
+    shape = np.stack([1 - s - t, s, t], axis=1)[inside]
+    for triangle, level, found in zip(corners, height, _areas_above(corners, height), strict=True):
+        area = 0.5 * np.linalg.norm(np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))
+        assert found == pytest.approx(area * (shape @ level > 0).mean(), abs=2e-3 * area)
+
+
+@pytest.mark.parametrize("level", [-0.7, -0.2, 0.0, 0.5, 0.9])
+def test_what_a_plane_cuts_out_of_a_closed_surface(level):
+    """A regular octahedron of half-diagonal 1, turned: its section square to a diagonal has the area 2 (1 - h)^2."""
+    turn, _ = np.linalg.qr(np.random.default_rng(7).standard_normal((3, 3)))
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    faces = np.array([[i, j, k] for i in (0, 3) for j in (1, 4) for k in (2, 5)])
+    corners = axes[faces] @ turn.T + 5.0
+    a, b, c = np.moveaxis(corners - 5.0, 1, 0)
+    inward = np.einsum("nd,nd->n", np.cross(b - a, c - a), a) < 0
+    corners[inward] = corners[inward][:, [0, 2, 1]]
+    height = (corners - 5.0) @ turn[:, 2] - level
+    assert _enclosed_area(corners, height, turn[:, 2]) == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
+    assert _enclosed_area(corners, -height, -turn[:, 2]) == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
+    # The flux of a uniform field through it is that through the surface on either side.
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / np.sqrt(3)
+    flux = _areas_above(corners, height) @ (normal @ turn[:, 2])
+    assert flux == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
 
 
 def test_bubbles_are_projected_in_the_mean_square():

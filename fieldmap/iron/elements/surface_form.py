@@ -155,7 +155,7 @@ def _along_tree(edges: Index, difference: Array, count: int) -> Array:
     links = csr_matrix((np.ones(len(edges)), edges.T), shape=(count, count))
     key = edges[:, 0] * count + edges[:, 1]
     values = np.zeros((count, difference.shape[1]))
-    for start in np.unique(connected_components(links, directed=False)[1], return_index=True)[1]:
+    for start in np.unique(connected_components(links)[1], return_index=True)[1]:
         order, before = breadth_first_order(links, start, directed=False)
         children = order[1:]
         parents = before[children]
@@ -169,7 +169,7 @@ def _along_tree(edges: Index, difference: Array, count: int) -> Array:
 def _least_squares(gradient: csr_matrix, difference: Array) -> Array:
     """Nodal values (n, c) whose differences come closest to those wanted; the mean of each connected part is zero."""
     laplacian = (gradient.T @ gradient).tocsc()
-    part = connected_components(laplacian, directed=False)[1]
+    part = connected_components(laplacian)[1]
     first = np.zeros(laplacian.shape[0])
     first[np.unique(part, return_index=True)[1]] = 1.0
     values = splu(laplacian + diags(first).tocsc()).solve(gradient.T @ difference)
@@ -333,7 +333,7 @@ class SurfaceForm:
         count = len(self.surface.points)
         ends = self.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
         links = coo_matrix((np.ones(ends.shape[1]), ends), shape=(count, count))
-        part = connected_components(links, directed=False)[1]
+        part = connected_components(links)[1]
         numbers = np.unique(part[np.unique(self.triangles)])
         return (part[:, None] == numbers).astype(float)
 

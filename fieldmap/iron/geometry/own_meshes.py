@@ -61,7 +61,7 @@ def joined(meshes: Sequence[tuple[Array, Index]]) -> tuple[Array, list[Index]]:
     points = np.concatenate([points for points, _ in meshes])
     pairs = cKDTree(points).query_pairs(_ONE_POINT, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
-    count, label = connected_components(graph, directed=False)
+    count, label = connected_components(graph)
     first = np.full(count, len(points))
     np.minimum.at(first, label, np.arange(len(points)))
     order = np.argsort(first)
@@ -138,5 +138,5 @@ def _shells(faces: Index) -> list[Index]:
     order = np.lexsort(sides.T)
     one, other = order[::2] // 3, order[1::2] // 3
     pairs = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(faces),) * 2)
-    count, label = connected_components(pairs, directed=False)
+    count, label = connected_components(pairs)
     return [faces[label == k] for k in range(count)]

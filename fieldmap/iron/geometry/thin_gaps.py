@@ -105,7 +105,7 @@ def _pieces(count: int, touching: Sequence[Pair]) -> Array:
     """Number (b,) of the piece of iron that each body belongs to."""
     a, b = np.array(touching, np.int64).reshape(-1, 2).T
     links = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
-    return connected_components(links, directed=False)[1]
+    return connected_components(links)[1]
 
 
 def _step_between(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape, distance: float) -> Array | None:

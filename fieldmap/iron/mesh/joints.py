@@ -368,7 +368,7 @@ def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
         links.append(np.stack(ends))
     one, other = np.concatenate(links, axis=1)
     graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(tets.size, tets.size))
-    group = connected_components(graph, directed=False)[1]
+    group = connected_components(graph)[1]
     touched = np.flatnonzero(here[tets.ravel()])
     # Groups of corners (node, first corner of the group): the first of each node keeps its number.
     first = np.full(group.max() + 1, tets.size)

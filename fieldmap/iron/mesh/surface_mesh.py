@@ -142,4 +142,4 @@ def _require_closed(surface: IronSurface, shape, device: Device) -> None:
 def connected_solids(pairs: Index, count: int) -> Index:
     """Group number (count,) of solids of which these pairs (k, 2) belong together."""
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(links, directed=False)[1].astype(np.int64)
+    return connected_components(links)[1].astype(np.int64)

@@ -53,7 +53,7 @@ def build_faces(mesh: IronMesh) -> Faces:
     owner[tet_faces.ravel()[~leaves], 1] = element[~leaves]
     inner = owner[~is_surface]
     links = coo_matrix((np.ones(len(inner)), (inner[:, 0], inner[:, 1])), shape=(len(tets), len(tets)))
-    group = connected_components(links, directed=False)[1].astype(np.int64)
+    group = connected_components(links)[1].astype(np.int64)
     return Faces(nodes, tet_faces, sign, owner, surface, group, group[owner[surface, 0]])
 
 

@@ -48,7 +48,7 @@ def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> Magnet
     count = len(mesh.points)
     first = np.repeat(mesh.tets[:, 0], 3)
     links = coo_matrix((np.ones(len(first)), (first, mesh.tets[:, 1:].ravel())), shape=(count, count))
-    piece = connected_components(links, directed=False)[1]
+    piece = connected_components(links)[1]
     # Points that no element uses are pieces of their own; number those in use from 0.
     used, of_element = np.unique(piece[mesh.tets[:, 0]], return_inverse=True)
     corners = faces.corners[:, 0]

@@ -61,7 +61,7 @@ class Contacts:
             faces = shared[(self._sides[shared] == pair).all(axis=1)]
             rows = np.repeat(np.arange(len(faces)), 3)
             touches = coo_matrix((np.ones(len(rows)), (rows, self._nodes[faces].ravel()))).tocsr()
-            piece = connected_components(touches @ touches.T, directed=False)[1]
+            piece = connected_components(touches @ touches.T)[1]
             out += [self._contact(faces[piece == k], pair) for k in range(piece.max() + 1)]
         return tuple(out)
 
