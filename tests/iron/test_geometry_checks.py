@@ -193,6 +193,12 @@ def test_edge_contact_between_bodies_that_both_stand_on_a_third_is_refused():
     )
     assert "'a' and 'b'" in problem.where
     assert "edge" in problem.received
+    # Two edges: a third body between two others.
+    beside = tuple(Part(CUBE, Placement(1e-3 * np.array([x, x, 0.0]))) for x in (-10, 10))
+    plate = body("plate", Box((0.1, 0.1, 0.01)), 0, 0, -10)
+    (problem,) = problems(plate, body("a", CUBE), Body("b", "iron", beside, 0.005))
+    assert problem.received.startswith("contact along an edge at (-5, -5, ")
+    assert problem.received.endswith(" mm and 1 more places")
 
 
 def test_a_body_that_touches_itself_along_an_edge_is_refused():

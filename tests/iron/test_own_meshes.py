@@ -324,12 +324,14 @@ def test_contact_without_common_faces_is_told(box):
     mesh, _ = box
     block = own(fm.VolumeMesh(mesh.points, mesh.tets))
     cap = fm.Body("cap", "iron", fm.Box((0.01, 0.012, 0.004)), 0.003)
-    for other in (cap.moved([0, 0, 0.008]), replace(block.moved([0, 0.003, 0.008]), name="cap")):
+    beside = replace(block.moved([0, 0.003, 0.008]), name="cap")
+    # Contacts of 10 by 12 mm, and by 9 mm.
+    for other, area in ((cap.moved([0, 0, 0.008]), 120), (beside, 90)):
         with pytest.raises(GeometryError) as caught:
             check_geometry(machine(block, other))
         (problem,) = caught.value.problems
         assert "'block' and 'cap'" in problem.where
-        assert problem.received.startswith("a contact of")
+        assert problem.received == f"a contact of {area} mm^2, common faces of 0 mm^2"
     with pytest.raises(GeometryError) as caught:
         check_geometry(machine(block, cap.moved([0, 0, 0.006])))
     (problem,) = caught.value.problems

@@ -6,6 +6,8 @@ from scipy.constants import mu_0
 
 import fieldmap as fm
 from fieldmap.device.model import BHTable, Body, CircularCoil, Cylinder, Device, Part, Placement
+from fieldmap.errors import InputError
+from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators import assembled
 
 POINTS = np.array([[x, 0.0, z] for x in (0.0, 0.01, 0.02) for z in (-0.01, -0.02, -0.04)])
@@ -30,6 +32,54 @@ def electromagnet():
         bodies,
         {"iron": law},
     )
+
+
+@pytest.mark.parametrize(
+    ("faces", "operations", "memory", "storage"),
+    [
+        (12_000, 1, None, "dense"),
+        (12_001, 1, None, "compressed"),
+        # The work of the blocks of a symmetry falls with the square of its order.
+        (24_000, 4, None, "dense"),
+        (24_001, 4, None, "compressed"),
+        # 16 bytes a pair, in as many blocks as there are operations.
+        (10_000, 1, 1.61e9, "dense"),
+        (10_000, 1, 1.60e9, "compressed"),
+        (20_000, 4, 1.61e9, "dense"),
+        (20_000, 4, 1.59e9, "compressed"),
+    ],
+)
+def test_dense_where_it_is_quicker_and_fits(monkeypatch, faces, operations, memory, storage):
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: memory)
+    assert assembled.chosen_storage(faces, operations) == storage
+    if operations == 1:
+        expected = 16.0 * faces**2 if storage == "dense" else 12e3 * faces
+        assert assembled.expected_bytes(faces + 0.2) == pytest.approx(expected, rel=1e-4)
+
+
+def test_what_does_not_fit_is_told_before_it_is_made(monkeypatch):
+    mesh = generate_mesh(electromagnet(), 0.5)
+    faces = len(assembled.build_faces(mesh).surface)
+    needed = 16 * faces**2
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: 1.001 * needed)
+    assert assembled.fits_into_memory(mesh)
+    assert assembled.assemble(mesh, "dense").mutual.storage == "dense"
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: needed)
+    assert not assembled.fits_into_memory(mesh)
+    with pytest.raises(InputError) as caught:
+        assembled.assemble(mesh, "dense")
+    assert f"{faces} surface faces, {needed / 1e9:.1f} GB" in caught.value.problems[0].received
+    with pytest.raises(InputError) as caught:
+        assembled.assemble(mesh, "sparse")
+    assert caught.value.problems[0].received == "'sparse'"
+    # Mirrored four times a quarter of it is enough.
+    quarter = generate_mesh(electromagnet(), 0.5, symmetry="auto")
+    count = len(assembled.build_faces(quarter).surface)
+    assert quarter.symmetry.group.order == 4
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: 4.001 * count**2)
+    assert assembled.fits_into_memory(quarter)
+    monkeypatch.setattr(assembled, "memory_bytes", lambda: 3.999 * count**2)
+    assert not assembled.fits_into_memory(quarter)
 
 
 def with_storage(monkeypatch, storage, run):
