@@ -22,7 +22,7 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError
 from fieldmap.field import Field, FieldAtCurrents, dipole_wrench
-from fieldmap.iron import NonlinearSolver
+from fieldmap.iron import FluxDensityAt, HysteresisSolver, NonlinearSolver, Pinning
 
 AIR = np.array([[0.0, 0.002, -0.006], [0.012, 0.0, 0.02]])
 INSIDE = np.array([[0.0, 0.001, 0.013]])
@@ -139,6 +139,30 @@ def test_linear_iron_gives_the_same_state_in_either_solver(unit, solver):
     size = np.linalg.norm(linear.torque_on("core", [0.0, 0.0, 0.1]))
     ours, theirs = (state.torque_on("core", [0.0, 0.0, 0.1]) for state in (linear, other))
     assert ours == pytest.approx(theirs, abs=1e-4 * size)
+
+
+def test_saturating_iron_at_rest_follows_currents_as_linear_iron_does():
+    """Without any field the law is its initial slope: derivatives by currents are the solution of linear iron, and
+    nothing is stored or linked."""
+    steel = fm.Froehlich("iron", 500.0, 2.0)
+    solver, unit = (
+        NonlinearSolver(core_and_coils(steel), 0.6),
+        fm.solve_linear(core_and_coils(), refinement=0.6),
+    )
+    state = solver.at([0.0, 0.0])
+    for values in (state.field(AIR), state.field(INSIDE), state.polarisation(INSIDE), state.flux_linkage()):
+        assert not values.any()
+    assert (state.coenergy(), state.report.below_table, state.report.largest_flux_density) == (0.0, 0, 0.0)
+    by = state.derivative(FluxDensityAt(AIR), ["current.around", "current.beside"])
+    for k, name in enumerate(("around", "beside")):
+        assert by[f"current.{name}"] == pytest.approx(unit.at(np.eye(2)[k]).field(AIR), rel=1e-4, abs=1e-9)
+    assert solver.differential_inductance(state) == pytest.approx(unit.inductance(), rel=1e-4)
+    remembered = HysteresisSolver(core_and_coils(steel), Pinning(50.0), refinement=0.6)
+    rest = remembered.step([0.0, 0.0], remembered.demagnetised)
+    assert (rest.loss, rest.parts) == (0.0, 1)
+    assert not rest.field(INSIDE).any()
+    flux = fm.solve_linear(core_and_coils(), form="flux", refinement=0.6).at([0.0, 0.0])
+    assert not flux.field(INSIDE).any()
 
 
 def test_methods_with_currents_are_short_for_the_state(with_magnet):

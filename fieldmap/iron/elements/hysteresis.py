@@ -55,7 +55,7 @@ class HysteresisMagnetisation(Magnetisation):
         size = np.linalg.norm(reversible, axis=-1)
         law = np.broadcast_to(self.law[:, None, None], size.shape).ravel()
         j = self.tables.flux_density(size.ravel(), law).reshape(size.shape) - size
-        share = np.divide(j, size, out=np.zeros_like(j), where=size > 1e-30)
+        share = np.divide(j, size, out=np.zeros_like(j), where=size > 0.0)
         return np.asarray(share[..., None] * reversible)
 
     def _arguments(self, h: Array) -> tuple[Any, ...]:

@@ -104,7 +104,7 @@ class PotentialField(Record):
             h = self.field.constant[c, element] + np.einsum("ni,nid->nd", value, shape)
             size = np.linalg.norm(h, axis=1)
             b, _ = law_values(self.tables, self.law[element], size)
-            ratio = np.divide(b, size, out=np.ones_like(b), where=size > 1e-30)
+            ratio = np.divide(b, size, out=np.ones_like(b), where=size > 0.0)
             yield h, ratio[:, None] * h + self.remanence[c, element]
 
 
@@ -130,7 +130,7 @@ def linear_field(strength: Array, material: Magnetisation) -> LinearField:
     size = np.linalg.norm(strength, axis=3)
     law = np.broadcast_to(material.law[:, None], size.shape).ravel()
     b = law_values(material.tables, law, size.ravel())[0].reshape(size.shape)
-    ratio = np.divide(b, size, out=np.ones_like(b), where=size > 1e-30)
+    ratio = np.divide(b, size, out=np.ones_like(b), where=size > 0.0)
     flux_density = ratio[..., None] * strength + material.remanence[:, :, None]
     return LinearField(flux_density, flux_density - strength)
 

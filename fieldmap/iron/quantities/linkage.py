@@ -27,7 +27,7 @@ def linkage_and_coenergy(
         remanence = material.remanence[s][:, None]
         size = np.linalg.norm(h, axis=2)
         b, stored = law_values(material.tables, np.repeat(material.law, 4), size.ravel())
-        slope = np.divide(b.reshape(size.shape), size, out=np.ones_like(size), where=size > 1e-30)
+        slope = np.divide(b.reshape(size.shape), size, out=np.ones_like(size), where=size > 0.0)
         flux = slope[..., None] * h + remanence
         added = flux - h
         linkage[:, s] = per_coil @ (share[..., None] * added).ravel()
@@ -64,7 +64,7 @@ def _points(inside: PotentialField, unit: CoilField):
         h = inside.strength(element, barycentric)[0]
         size = np.linalg.norm(h, axis=1)
         chord, slope = law_slopes(inside.tables, inside.law, size)
-        direction = np.divide(h, size[:, None], out=np.zeros_like(h), where=size[:, None] > 1e-30)
+        direction = np.divide(h, size[:, None], out=np.zeros_like(h), where=size[:, None] > 0.0)
         along = np.einsum("ea,eb->eab", direction, direction)
         tangent = chord[:, None, None] * np.eye(3) + (slope - chord)[:, None, None] * along
         t = unit.constant + np.einsum("eia,cei->cea", shape, unit.bubble[:, elements.nodes])

@@ -250,7 +250,7 @@ class _Inside:
         chord, slope = law_slopes(inside.tables, self._laws, self._size.ravel())
         self._chord, self._slope = chord.reshape(self._size.shape), slope.reshape(self._size.shape)
         self._direction = np.divide(
-            h, self._size[..., None], out=np.zeros_like(h), where=self._size[..., None] > 1e-30
+            h, self._size[..., None], out=np.zeros_like(h), where=self._size[..., None] > 0.0
         )
         self._polarisation = (self._chord - 1)[..., None] * h + remanence[0][:, None]
         self._share = (0.25 * self._elements.volume)[:, None, None]
