@@ -14,6 +14,8 @@ from fieldmap.iron.elements.vacuum import vacuum
 from fieldmap.iron.geometry.thin_gaps import closed_gaps
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.mesh.topology import build_faces
+from fieldmap.iron.operators.close_faces import thin_gap_warnings
+from fieldmap.iron.operators.surface import ChargedFaces
 
 SIDE, HEIGHT = 0.02, 0.01
 MATERIALS = {
@@ -231,3 +233,33 @@ def test_gaps_that_are_not_meshed_as_sheets_are_told():
     assert "ring" in told
     assert "plunger" in told
     assert warnings(3e-3) == []
+
+
+def facing(gap, shift=0.0, angle=0.0, names=("one", "other"), body=(0, 1), sign=1.0):
+    """Warnings of two triangles with legs of 10 mm, one above the other, that look at each other where sign is 1."""
+    low = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
+    middle = low.mean(axis=0)
+    high = (low[[0, 2, 1]] - middle) @ turn.T + middle + [shift, 0, gap]
+    nodes = np.array([[0, 1, 2], [3, 4, 5]])
+    faces = ChargedFaces.from_nodes(np.vstack([low, high]), nodes if sign > 0 else nodes[:, [0, 2, 1]])
+    topology = SimpleNamespace(owner=np.array([[0, -1], [1, -1]]), surface=np.arange(2))
+    mesh = SimpleNamespace(body=np.array(body), body_names=names)
+    return thin_gap_warnings(SimpleNamespace(surface=faces, topology=topology, mesh=mesh))
+
+
+def test_thin_gaps_are_told_by_the_faces_that_look_at_each_other():
+    """Thinner than a fifth of the side of a square of twice the area, here 10 mm, faces opposite to each other by half
+    of their radius, at less than 25 degrees."""
+    radius = 0.01 * np.hypot(2, 1) / 3
+    (told,) = facing(1.9e-3)
+    assert "faces of 'one' and 'other' lie 1.9 mm apart, a thin gap for elements of 10 mm" in told
+    assert facing(2.1e-3) == ()
+    # Seen from inside the iron it is a sheet of iron.
+    assert facing(1e-3, sign=-1.0) == ()
+    assert len(facing(1e-3, shift=0.49 * radius)) == 1
+    assert facing(1e-3, shift=0.51 * radius) == ()
+    assert len(facing(1e-3, angle=np.radians(25.0))) == 1
+    assert facing(1e-3, angle=np.radians(26.5)) == ()
+    (slot,) = facing(1e-3, names=("one",), body=(0, 0))
+    assert "faces of 'one' lie 1 mm apart" in slot
