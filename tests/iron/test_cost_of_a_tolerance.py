@@ -1,6 +1,7 @@
 """What a run to a tolerance says: what a mesh within it would cost, by powers that are known, which body has the error,
 by devices whose bodies are alike, and its numbers in words."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -88,6 +89,36 @@ def test_bodies_that_are_alike_share_the_error_alike():
     assert shares["right"].at[0] < 0.03
     assert all(shares[name].wanted < shares[name].size for name in ("left", "right"))
     assert all(one.wanted == one.size and one.layer is None for one in level.shares_of_bodies())
+
+
+@pytest.mark.parametrize(
+    ("asked", "allowed", "size"),
+    [
+        (Tolerance(0.01), [0.02, 0.005, 0.01], [2.0, 0.5, 1.0]),
+        # Of 4 A and 2 A in the coils: 0.1, 0.8 and 0.8 % of the fields of 1 A and of the magnets.
+        (Tolerance(absolute_flux_density=8e-3, currents=(4.0, -2.0)), [2e-3, 4e-3, 8e-3], [2.0, 4.0, 8.0]),
+        # A coil without current may have any error, and hardly counts.
+        (Tolerance(absolute_flux_density=8e-3, currents=(0.0, 2.0)), [np.inf, 4e-3, 8e-3], [2e6, 0.5, 1.0]),
+        (Tolerance(gradient=0.1), [np.inf] * 3, [2.0, 0.5, 1.0]),
+    ],
+)
+def test_sources_count_by_what_is_allowed(asked, allowed, size):
+    """Shares are relative to the allowed errors, over the smallest of them relative to its field."""
+    fields = np.zeros((3, 4, 3))
+    fields[0, 1], fields[1, :, 2], fields[2, 3] = [1.2, 0.0, -1.6], 0.5, [0.0, 1.0, 0.0]
+    solution = SimpleNamespace(
+        source_fields=lambda _: (fields, None),
+        coils=("a", "b"),
+        sources=("1 A in a", "1 A in b", "the magnets"),
+    )
+    level = Level(None, np.zeros((4, 3)), (), (solution,), asked)
+    assert level._allowed == pytest.approx(np.array(allowed))
+    assert level._size == pytest.approx(np.array(size))
+    shares = replace(level, asked=asked)
+    vars(shares)["face_shares"] = SimpleNamespace(totals=np.array([0.1, 0.2, 0.3]))
+    assert shares.relative_shares == pytest.approx(np.array([0.1, 0.2, 0.3]) * size / [2.0, 0.5, 1.0])
+    assert level.solution is solution
+    assert level.complement is None
 
 
 def test_numbers_in_words():
