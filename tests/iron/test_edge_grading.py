@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Sphere
+from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Sphere, placed
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
-from fieldmap.iron.mesh.mesh import generate_mesh, volumes
+from fieldmap.iron.mesh.mesh import _first_layers, generate_mesh, surface_outlines, volumes
 from fieldmap.iron.mesh.topology import build_faces
 
 
@@ -86,3 +86,31 @@ def test_all_edges_of_a_single_tetrahedron_are_sharp():
     volume = np.abs(volumes(new_points, new_tets))
     assert volume.sum() == pytest.approx(1 / 6)
     assert volume.min() > 0
+
+
+def test_layers_fall_with_the_square_of_the_refinement():
+    """Of bodies of which one asks for none."""
+    bodies = (
+        Body("a", "iron", (Part(Sphere(0.01)),), 0.005, 9e-4),
+        Body("b", "iron", (Part(Sphere(0.01)),), 0.005),
+    )
+    both = Device.unchecked(name="d", bodies=bodies, materials={"iron": LinearMaterial("iron", 100.0)})
+    assert _first_layers(both, 1.0).tolist() == [9e-4, np.inf]
+    assert _first_layers(both, 3.0) == pytest.approx([1e-4, np.inf])
+
+
+def test_outlines_of_bodies_enclose_their_volumes():
+    """Faces between them belong to both, outward normals to each."""
+    bodies = tuple(
+        Body(name, "iron", (Part(Box((0.02, 0.03, height)), placed((0, 0, z))),), 0.01)
+        for name, height, z in (("low", 0.01, 0.0), ("high", 0.02, 0.01))
+    )
+    mesh = generate_mesh(Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 100.0)}))
+    low, high = surface_outlines(mesh)
+    assert (low.name, high.name) == ("low", "high")
+    for outline, height in ((low, 0.01), (high, 0.02)):
+        a, b, c = np.moveaxis(outline.points[outline.triangles], 1, 0)
+        assert np.einsum("kd,kd->", a, np.cross(b, c)) / 6 == pytest.approx(6e-4 * height, rel=1e-9)
+        sides = outline.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        assert set(map(tuple, sides.tolist())) == set(map(tuple, sides[:, ::-1].tolist()))
+        assert len(np.unique(outline.triangles)) == len(outline.points)

@@ -36,7 +36,7 @@ def block_gmres(
                 vector = vector - basis[j] * overlap
         length = np.linalg.norm(vector, axis=0)
         hessenberg[:, k + 1, k] = length
-        basis.append(vector / np.where(length > 1e-14, length, 1.0) * (length > 1e-14))
+        basis.append(np.divide(vector, length, out=np.zeros_like(vector), where=length > 1e-14))
         small, target = hessenberg[:, : k + 2, : k + 1], start[:, : k + 2]
         coefficients = np.stack([np.linalg.lstsq(small[i], target[i], rcond=None)[0] for i in range(c)])
         residual = np.linalg.norm(np.einsum("cij,cj->ci", small, coefficients) - target, axis=1)
