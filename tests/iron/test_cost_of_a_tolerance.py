@@ -19,8 +19,10 @@ from fieldmap.iron.error.tolerance import (
     faces_within,
 )
 from fieldmap.iron.materials import body_properties
+from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import Stages
+from fieldmap.iron.solvers import to_tolerance
 from fieldmap.iron.solvers.to_tolerance import Level
 
 
@@ -119,6 +121,50 @@ def test_sources_count_by_what_is_allowed(asked, allowed, size):
     assert shares.relative_shares == pytest.approx(np.array([0.1, 0.2, 0.3]) * size / [2.0, 0.5, 1.0])
     assert level.solution is solution
     assert level.complement is None
+
+
+def test_shares_of_bodies_are_those_of_their_faces_and_elements():
+    """Three bodies of two cells each; the first has most of its error at a sharp edge, the last none."""
+    at_edge = np.array([True, False, True, False, True, True])
+    shares = SimpleNamespace(
+        across=np.array([4.0, 1.0, 0.5, 0.0, 0.0, 0.0]),
+        rest=np.array([1.0, 1.0, 2.0, 1.5, 0, 0]),
+        at_edge=at_edge,
+    )
+    cells = MesherCells(np.arange(6), np.arange(18.0).reshape(6, 3), 1e-3 * np.arange(1.0, 7.0))
+    mesh = SimpleNamespace(cells=cells, body=np.array([0, 0, 1, 1, 2, 2]), body_names=("a", "b", "c"))
+    topology = SimpleNamespace(owner=np.column_stack([np.arange(6), np.full(6, -1)]), surface=np.arange(6))
+    forms = (SimpleNamespace(iron=SimpleNamespace(mesh=mesh, topology=topology)),)
+    level = SimpleNamespace(forms=forms, face_shares=shares, element_shares=np.array([0, 0, 1.5, 7.5, 0, 0]))
+    places, layers = cells.centres[[0, 3]], np.array([2e-5, 3e-5])
+    sizes = LocalSizes(cells.centres, 0.5 * cells.sizes, places, layers)
+    # Of 20 in all: 7 in the first body, 5 of them in one cell, and 13 in the second, 9 in one cell.
+    second, first = Level.shares_of_bodies(level, sizes)
+    assert first == ErrorShare("a", 0.35, (0.0, 1.0, 2.0), 1e-3, 5e-4, 2e-5)
+    assert second == ErrorShare("b", 0.65, (9.0, 10.0, 11.0), 4e-3, 2e-3)
+    # Layers are told where more than half of a cell's share is at an edge.
+    mesh.body = np.array([0, 0, 1, 2, 2, 2])
+    (found,) = (one for one in Level.shares_of_bodies(level, sizes) if one.body == "b")
+    assert (found.share, found.layer) == (0.2, 3e-5)
+    level.element_shares[2] = 2.6
+    (found,) = (one for one in Level.shares_of_bodies(level, sizes) if one.body == "b")
+    assert found.layer is None
+    assert [one.layer for one in Level.shares_of_bodies(level)] == [None, None, None]
+
+
+@pytest.mark.parametrize(
+    ("shares", "excess"), [([0.3, 0.2], 3.0), ([0.05, 0.02], 0.5), ([0.5, 0.1], 5.0), ([], 0.25)]
+)
+def test_one_mesh_alone_exceeds_by_its_shares_or_its_gap(monkeypatch, shares, excess):
+    """Of allowed errors of 0.2 T, at fields of 2 T; the gap between the forms is 0.25 of what is allowed."""
+    gap = ErrorEstimate(0.0, 0.0, None, None, by_source=(LargestError("B", "a", (0, 0, 0), 0.05, 2.0),))
+    monkeypatch.setattr(to_tolerance, "estimate_error", lambda *_: gap)
+    count = len(shares)
+    level = SimpleNamespace(
+        points=None, solution=SimpleNamespace(coils=("a",)), complement=None, asked=Tolerance(0.1),
+        face_shares=SimpleNamespace(totals=np.array(shares)), _size=np.full(count, 2.0), _allowed=np.full(count, 0.2),
+    )  # fmt: skip
+    assert Level.own_excess.fget(level) == pytest.approx(excess)
 
 
 def test_numbers_in_words():
