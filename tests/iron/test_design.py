@@ -33,6 +33,7 @@ def test_windings_against_hand_calculation():
     assert copper_resistance(SQUARE, fill=0.3) == pytest.approx(2 * expected)
     assert second.time_constant == pytest.approx(figures.inductance[1, 1] / expected)
     assert figures.power == pytest.approx(32.0 + 4.0 * expected)
+    assert f"resistance of {SQUARE.name}: copper in 60 % of the section" in figures.assumptions
     # Two coils alone: equal and opposite forces, no iron.
     assert figures.coil_forces[0].force == pytest.approx(-figures.coil_forces[1].force, rel=1e-3, abs=1e-9)
     assert not figures.bodies

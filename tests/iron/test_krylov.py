@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.operators.linear_systems import block_gmres
+from fieldmap.errors import NotConverged
+from fieldmap.iron.operators.linear_systems import block_gmres, require_convergence
 
 RNG = np.random.default_rng(5)
 
@@ -31,3 +32,13 @@ def test_zero_column_and_exact_breakdown():
     right = np.column_stack([np.zeros(4), [0.0, 2.0, 0, 0], [1.0, 1, 1, 1]])
     x, _ = block_gmres(lambda v: matrix @ v, right, 1e-13, 10)
     assert x == pytest.approx(np.linalg.solve(matrix, right), abs=1e-12)
+
+
+def test_the_last_residual_decides():
+    require_convergence("solver", (1.0, 1e-3, 1e-6), 1e-6)
+    for residuals in ((1e-9, 2e-6), ()):
+        with pytest.raises(NotConverged) as caught:
+            require_convergence("solver", residuals, 1e-6)
+        assert caught.value.residuals == residuals
+        last = "2.00e-06 after 2 steps" if residuals else "no step"
+        assert caught.value.problems[0].received == last

@@ -23,6 +23,7 @@ from fieldmap.iron import (
     Pinning,
 )
 from fieldmap.iron.sensitivity.changes import Parameters
+from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.lookup.payload import magnetic_body
 from fieldmap.sources import CoilSet
 from tests.conftest import DEVICES
@@ -320,6 +321,15 @@ def test_wrenches_on_payloads(name):
     )
     difference = (ahead - behind) / (2 * step)
     assert np.abs(derivative - difference)[:3].max() <= 1e-4 * np.abs(difference[:3]).max()
+
+
+def test_what_is_certain_has_no_spread():
+    found = Derivatives(np.zeros(2), {"a": np.array([3.0, 0.0]), "b": np.array([4.0, 0.0])}, 0)
+    spread = found.spread({"a": 1.0, "b": 1.0})
+    assert spread.deviation.tolist() == [5.0, 0.0]
+    assert [spread.shares[key].tolist() for key in "ab"] == [[9 / 25, 0.0], [16 / 25, 0.0]]
+    assert found.spread({}).deviation.tolist() == [0.0, 0.0]
+    assert found.change({"a": 2.0, "b": -1.0}).tolist() == [2.0, 0.0]
 
 
 def test_change_sums_the_first_order():
