@@ -16,6 +16,7 @@ from fieldmap.iron.error.refinement import (
     expected_growth,
     face_indicators,
     heights,
+    near_kernels,
     next_sizes,
     smooth_neighbours,
 )
@@ -300,6 +301,25 @@ def test_faces_near_a_place_err_by_their_own_charge():
         surface, triangles, values, none, np.ones(1), np.zeros((1, *values.shape)), place[None] + 0.1
     )
     assert far.rest.max() == 0.0
+
+
+def test_a_face_at_an_edge_errs_near_by_as_a_singular_charge_does():
+    """Charges without a slope, on a plate whose outline is sharp: r^(-1/3) over a strip deviates from its mean by
+    (1/3)^0.5 of it, and a half of that is told in a place above its middle; inner faces have no error."""
+    points, triangles, _ = plate((0.0, 0.0))
+    surface = ChargedFaces.from_nodes(points, triangles)
+    values, size = np.full((2, len(triangles)), [[0.5], [-2.0]]), np.array([1.0, 8.0])
+    edge = int(np.abs(surface.centres - [0.03, 0.003, 0]).sum(axis=1).argmin())
+    inside = int(np.abs(surface.centres - [0.03, 0.03, 0]).sum(axis=1).argmin())
+    places = surface.centres[[edge, inside]] + [0.0, 0.0, 1e-4]
+    none = np.zeros((2, 1, len(triangles)))
+    shares = face_indicators(surface, triangles, values, 0 * values[:1], size, none, places)
+    assert shares.rest[edge] == pytest.approx(0.5 * 3**-0.5 * 0.5, rel=0.01)
+    assert shares.rest[inside] == pytest.approx(0.0, abs=1e-12)
+    # Of each source the place with the largest sum.
+    near = near_kernels(surface, places)
+    expected = 0.58 * np.array([0.5, 0.25]) * (near * shares.at_edge).sum(axis=1).max()
+    assert shares.totals == pytest.approx(expected, rel=1e-9)
 
 
 def test_layers_at_edges_are_as_asked():

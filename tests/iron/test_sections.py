@@ -109,6 +109,7 @@ def test_nothing_cut_and_bad_planes(blocks):
         (problem,) = caught.value.problems
         assert problem.where == f"section '{section.name}'{what}"
         assert received in problem.received
+        assert ("not all zero" in problem.remedy) == ("normal" in what)
     with pytest.raises(InputError) as caught:
         section_flux(None, None, plane([0, 0, 0], [0, 0, 1]), ONE)
     assert "(0, 0, 0) mm" in caught.value.problems[0].received

@@ -1,5 +1,7 @@
 """The surface form: bodies in uniform fields with closed forms, open and closed circuits, and its solution."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import comb, eval_legendre
@@ -24,6 +26,7 @@ from fieldmap.errors import InputError
 from fieldmap.iron.elements.surface_form import _projected
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh import mesh as mesh_module
+from fieldmap.iron.mesh import surface_mesh
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.mesh.mesher import mesh_solids
 from fieldmap.iron.mesh.surface_mesh import AIR, enclosed_volume, generate_surface
@@ -239,6 +242,27 @@ def test_surface_mesh_bounds_the_bodies_of_the_volume_mesh():
     assert set(map(tuple, surface.sides.tolist())) == {(0, AIR), (1, AIR), (0, 1)} or (1, 0) in map(
         tuple, surface.sides.tolist()
     )
+
+
+def test_triangles_that_the_mesher_turns_inwards_are_turned_back(monkeypatch):
+    body = Body("block", "iron", (Part(Box((0.03, 0.02, 0.01))),), 0.01)
+    device = Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 10.0)})
+    own = surface_mesh.mesh_solids
+
+    def inward(*given, **more):
+        mesh = own(*given, **more)
+        elements, solids = mesh.elements.copy(), mesh.solids.copy()
+        elements[::2], solids[::2] = elements[::2, ::-1], solids[::2, ::-1]
+        return replace(mesh, elements=elements, solids=solids)
+
+    monkeypatch.setattr(surface_mesh, "mesh_solids", inward)
+    surface = generate_surface(device)
+    assert (surface.sides == [0, AIR]).all()
+    assert enclosed_volume(surface.points, surface.triangles) == pytest.approx(6e-6, rel=1e-9)
+    corners = surface.points[surface.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    middle = np.array([0.0, 0.0, 0.005])
+    assert (np.einsum("nd,nd->n", normal, corners.mean(axis=1) - middle) > 0).all()
 
 
 def test_shadow_of_a_disk_half_a_millimetre_from_a_winding():
