@@ -211,6 +211,9 @@ def test_two_forms_and_two_meshes_of_several_sources():
     assert alone.change is None
     assert [one.error for one in alone.by_source[:2]] == pytest.approx([0.02, 0.13])
     assert estimate_error(points, ours, coarser, None, np.array([0.3, 0.7, 0.1])).shares == 0.7
+    nothing = Several(np.zeros((0, 3)))
+    error = estimate_error(points, nothing, nothing, None, np.zeros(0))
+    assert (error.change, error.shares, error.flux_density, error.gradient) == ((0.0, 0.0), 0.0, 0.0, 0.0)
 
 
 def test_growth_and_shares_scale_what_two_meshes_differ_by():
