@@ -15,7 +15,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BodyContents(Record):
     """One body: volume, m^3; mesh_size, m; how many parts it is built of; axis (3,) of their shapes, if it is one."""
 

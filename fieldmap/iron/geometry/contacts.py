@@ -40,7 +40,7 @@ class NamedSolid(Record):
         return float(self.solid.mass)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Overlap(Record):
     """What two solids have in common: volume (mm^3) and the corners (3,) of the box around it (mm)."""
 
