@@ -57,6 +57,17 @@ def test_corners_as_tight_as_the_winding_is_wide_close_to_a_point_inside():
     assert winding_solid(coil).mass == pytest.approx(length * 4 * 5, rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("half", "straight"), [((0.02, 0.02), 0.0), ((0.03, 0.02), 40.0), ((0.02, 0.03), 40.0)]
+)
+def test_windings_of_arcs_alone_and_of_arcs_that_follow_each_other(half, straight):
+    """Corners as wide as the winding: a ring, and a stadium with two straight sides of 20 mm."""
+    solid = winding_solid(RoundedRectangleCoil("c", *half, 0.02, 0.004, 0.005, 10))
+    assert solid.mass == pytest.approx((2 * np.pi * 20 + straight) * 4 * 5, rel=1e-9)
+    reach = 1e3 * np.array(half) + 2
+    assert extent(solid)[:, :2] == pytest.approx(np.array([-reach, reach]), abs=1e-4)
+
+
 def test_a_turned_winding_stands_where_its_placement_says():
     on_its_side = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     coil = RoundedRectangleCoil(
