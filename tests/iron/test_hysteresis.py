@@ -8,7 +8,7 @@ import pytest
 from scipy.constants import mu_0
 from scipy.optimize import brentq
 
-from fieldmap.device.model import Body, CircularCoil, Device, Froehlich, Part, Sphere, placed
+from fieldmap.device.model import Background, Body, CircularCoil, Device, Froehlich, Part, Sphere, placed
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.iron.elements.bh_law import law_tables
@@ -167,6 +167,38 @@ def test_shares_of_the_cells_are_those_of_a_uniform_distribution(power):
         assert np.abs(errors).max() < 1e-14
     else:
         np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=1e-6)
+
+
+def test_one_cell_has_the_coercive_field():
+    one = Pinning(100.0, cells=1)
+    assert (one.fields.tolist(), one.weights.tolist()) == ([100.0], [1.0])
+    assert "100 A/m (one cell)" in one.assumption
+    assert "100 A/m (4 cells from 0 to twice that)" in Pinning(100.0, 4).of("steel")
+    assert Pinning(100.0, 4).of("steel").startswith("iron 'steel'")
+    assert Pinning(100.0, 4).fields.tolist() == pytest.approx([0.0, 200 / 3, 400 / 3, 200.0])
+
+
+def test_a_background_is_refused(ball):
+    with pytest.raises(InputError) as caught:
+        HysteresisSolver(replace(ball, background=Background(np.array([0.0, 0.0, 0.1]))))
+    assert caught.value.problems[0].received == "a background field"
+
+
+def test_cells_lose_their_pinning_field_times_their_way(form):
+    """Two cells in each element of the ball, of which one moves along x, so far that it turns its polarisation over."""
+    cells = Pinning(50.0, cells=2)
+    before = material(form, cells)
+    volume, count = form.elements.volume, len(form.elements.volume)
+    there, back = np.zeros((count, 4, 2, 3)), np.zeros((count, 4, 2, 3))
+    there[:, :, 1, 0], back[:, :, 1, 0] = 0.01, -0.01
+    j = STEEL.mu_r - 1
+    polarised = j * 0.01 / (1 + j * 0.01 / STEEL.saturation)
+    up, down = replace(before, reversible=there), replace(before, reversible=back)
+    # Half of the cells has no pinning field, the other twice the coercive field.
+    lost = mu_0 * 100.0 * 0.5 * polarised * volume.sum()
+    assert before.dissipated(up, volume) == pytest.approx(lost, rel=1e-6)
+    assert up.dissipated(down, volume) == pytest.approx(2 * lost, rel=1e-6)
+    assert up.dissipated(up, volume) == 0.0
 
 
 def test_materials_bring_their_own_coercive_fields(ball, solver):
