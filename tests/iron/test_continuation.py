@@ -51,6 +51,18 @@ def test_a_state_by_continuation_is_the_state(monkeypatch):
     assert by_steps.field(place) == pytest.approx(direct.field(place), rel=1e-5, abs=1e-8)
 
 
+def test_newton_takes_few_steps_and_ends_quadratically():
+    """From no field to one at which the core is far in saturation (where it took 6, 13 and 15 steps), and from there to
+    a current nearby (4)."""
+    solver = solver_for(Froehlich("iron", 4000.0, 2.1))
+    states = [solver.solve(np.array([current])) for current in (0.5, 20.0, 200.0)]
+    for state, most in zip(states, (8, 15, 17), strict=True):
+        assert state.report.iterations <= most
+        *_, before, last = state.state.iron.residuals
+        assert last < 30 * before**1.5
+    assert solver.solve(np.array([201.0]), start=states[-1]).report.iterations <= 5
+
+
 class Reach:
     """A form that solves a share of the sources from a potential no farther from it than `reach`; the potential that
     solves is that share of one."""
