@@ -51,6 +51,17 @@ def test_factor_solves(matrix):
     assert elimination.factor(matrix.data).solve(right[:, 0]) == pytest.approx(x[:, 0], rel=1e-12)
 
 
+@pytest.mark.parametrize(("side", "nodes", "fill"), [(6, 30, 2.6), (9, 120, 2.0)])
+def test_columns_are_joined_for_few_zeros(side, nodes, fill):
+    """Many columns are one dense panel; what that stores beyond the true factor, of dense algebra, is bounded."""
+    matrix = laplacian(side)
+    elimination = Elimination.of(matrix)
+    assert len(elimination.start) - 1 <= nodes
+    ordered = matrix.toarray()[np.ix_(elimination.order, elimination.order)]
+    true = np.count_nonzero(np.abs(np.linalg.cholesky(ordered)) > 1e-14)
+    assert true <= elimination.panel_start[-1] <= fill * true
+
+
 @pytest.mark.parametrize(
     "matrix", [random_matrix(), laplacian(9), laplacian(1), canonical(2.0 * eye_array(4))]
 )

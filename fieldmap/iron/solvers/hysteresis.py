@@ -65,8 +65,6 @@ class Pinning(Record):
     @property
     def weights(self) -> Array:
         """Shares (k,) of the cells: the trapezoidal rule."""
-        if self.cells == 1:
-            return np.ones(1)
         weights = np.ones(self.cells)
         weights[[0, -1]] = 0.5
         return weights / weights.sum()
