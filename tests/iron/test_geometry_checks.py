@@ -9,6 +9,8 @@ import pytest
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Placement, RevolvedProfile, Ring, Sphere
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.geometry.contacts import bounds_nearer_than
+from fieldmap.iron.geometry.solids import body_solid
 
 CUBE = Box((0.010, 0.010, 0.010))
 
@@ -238,6 +240,19 @@ def test_all_problems_come_in_one_error():
         body("no height either", Cylinder(0.01, 0.0), 200),
     )
     assert [named(problem) for problem in found] == [["no height"], ["no height either"], ["a", "overlaps a"]]
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1, -1])
+def test_boxes_around_solids_are_as_far_apart_as_they_are(axis, sign):
+    """Two cubes of 10 mm, 2 mm apart along an axis, beside each other along the others; and one inside the other."""
+    place = np.array([3.0, -2.0, 4.0])
+    place[axis] = sign * 12.0
+    one, other = (body_solid(body("a", CUBE)), body_solid(body("b", CUBE, *place)))
+    for a, b in ((one, other), (other, one)):
+        assert bounds_nearer_than(a, b, 2.001)
+        assert not bounds_nearer_than(a, b, 1.999)
+    assert bounds_nearer_than(one, body_solid(body("c", Box((0.001,) * 3), 0, 0, 5)), 0.0)
 
 
 def test_a_device_without_a_file_is_called_by_its_name():

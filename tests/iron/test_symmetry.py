@@ -32,7 +32,7 @@ from fieldmap.device.model import (
 )
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.symmetry.chamber import mirror_chamber
-from fieldmap.iron.symmetry.finder import Outline
+from fieldmap.iron.symmetry.finder import Outline, exact_matrices
 from fieldmap.iron.symmetry.group import Operation, multiplication_table
 from fieldmap.sources import unit_flux_density
 
@@ -260,6 +260,19 @@ def test_order_of_a_single_shape(shape, order, place):
     table = multiplication_table(group.matrices)
     assert table is not None
     assert all(len(set(row)) == order for row in table)
+
+
+def test_what_is_nearly_a_group_is_made_one():
+    """The eight operations of a square, each off by 1e-8; three of them, or one twice, are no group."""
+    square = [turn([0, 0, 1], 90.0 * k) @ np.diag([s, 1, 1]) for s in (1, -1) for k in range(4)]
+    noise = np.random.default_rng(3).uniform(-1e-8, 1e-8, (8, 3, 3))
+    noise[0] = 0.0
+    exact = exact_matrices(np.array(square) + noise)
+    assert exact == pytest.approx(np.array(square), abs=1e-7)
+    products = np.einsum("aij,bjk->abik", exact, exact)
+    assert np.abs(products - exact[multiplication_table(exact)]).max() < 2e-15
+    assert exact_matrices(np.array(square[:3])) is None
+    assert exact_matrices(np.array([square[0], square[2], square[2]])) is None
 
 
 def test_the_matrices_form_a_group_to_rounding():
