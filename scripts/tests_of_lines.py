@@ -57,6 +57,8 @@ class TestsOfLines:
             data.read()
             self._data.append(data)
         self._lines: dict[str, dict[int, set[str]]] = {}
+        walking = {file for file in files if "walk_packages" in (checkout / file).read_text(encoding="utf-8")}
+        self._of_all_modules = {name for name in self.seconds if name.split("::")[0] in walking}
 
     def of(self, file: str, line: int, package: str) -> list[str]:
         """Names of tests that run the statement at a line, the quickest first, then others of their files, which may
@@ -67,8 +69,8 @@ class TestsOfLines:
         else:
             found = set().union(*(lines.get(k, set()) for k in self._statement(file, line)))
             if "" in found:
-                # Run while the module is imported: it shows wherever the module is used.
-                found = set().union(*lines.values())
+                # Run while the module is imported: it shows wherever the module is used, and to tests of all modules.
+                found = set().union(*lines.values()) | self._of_all_modules
         running = {name for name in found if name in self.seconds}
         module = file.removesuffix(".py").replace("/", ".")
         near = {

@@ -264,6 +264,7 @@ def test_the_larger_part_of_a_tolerance_is_allowed():
         ({}, "flux_density"),
         ({"flux_density": 0.0}, "flux_density"),
         ({"flux_density": 1.0}, "flux_density"),
+        ({"flux_density": 1.5}, "flux_density"),
         ({"gradient": -1.0}, "gradient"),
         ({"gradient": float("inf")}, "gradient"),
         ({"flux_density": float("nan")}, "flux_density"),

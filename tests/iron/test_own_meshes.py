@@ -345,7 +345,13 @@ def test_options_for_shapes_are_refused(box):
     for wrong in (0.5, 1.5, 3.0):
         assert "block" in problem_of(lambda wrong=wrong: fm.solve_linear(device, refinement=wrong)).where
     workspace = fm.WorkspaceBox(np.array([-0.01, -0.01, -0.01]), np.array([0.01, 0.01, -0.005]))
-    assert "block" in problem_of(lambda: fm.solve_to_tolerance(device.replace(workspace=workspace))).where
+    two = machine(replace(own(shape).moved([0.05, 0, 0]), name="first"), own(shape)).replace(
+        workspace=workspace
+    )
+    assert problem_of(lambda: fm.solve_to_tolerance(device.replace(workspace=workspace))).where.endswith(
+        "'block'"
+    )
+    assert problem_of(lambda: fm.solve_to_tolerance(two)).where.endswith("'first'")
     assert "mesh_size" in problem_of(lambda: machine(fm.Body("block", "iron", shape, 0.003))).where
     assert (
         "shape"

@@ -145,7 +145,7 @@ def sheet_images(sheets: Sequence[Sheet], images: Sequence[int]) -> tuple[int, .
 
 
 def _ordered(a: int, b: int) -> Pair:
-    return (a, b) if a < b else (b, a)
+    return min(a, b), max(a, b)
 
 
 def with_rims(

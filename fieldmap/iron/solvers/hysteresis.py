@@ -35,7 +35,7 @@ _MOST_HALVINGS = 4
 _ALONG, _FURTHEST = 0.8, 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Pinning(Record):
     """The distribution of pinning fields in the iron: an assumption, as no device file states it.
 
