@@ -213,6 +213,7 @@ def test_what_a_single_number_asks_for():
     assert (plain.flux_density, plain.gradient, plain.solving) == (0.01, pytest.approx(0.03), 0.01)
     assert Tolerance.of(0.01, 0.002).solving == 0.002
     assert Tolerance.of(0.01, np.inf).gradient is None
+    assert Tolerance.of(0.01, float("inf")).gradient is None
     assert Tolerance(0.01, absolute_gradient=1e-3).solving == 1e-3
     assert Tolerance(1e-4, absolute_gradient=1e-3).solving == 1e-4
     assert Tolerance.of(plain) is plain

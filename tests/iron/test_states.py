@@ -141,6 +141,15 @@ def test_linear_iron_gives_the_same_state_in_either_solver(unit, solver):
     assert ours == pytest.approx(theirs, abs=1e-4 * size)
 
 
+@pytest.mark.parametrize("make", [fm.solve_linear, NonlinearSolver])
+def test_progress_rises_to_the_whole(make):
+    told = []
+    make(core_and_coils(), refinement=0.6, progress=lambda _, fraction: told.append(fraction))
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, 1.0)
+    assert len(set(told)) > 3
+
+
 def test_saturating_iron_at_rest_follows_currents_as_linear_iron_does():
     """Without any field the law is its initial slope: derivatives by currents are the solution of linear iron, and
     nothing is stored or linked."""
