@@ -45,7 +45,7 @@ def study(
 ) -> None:
     """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot."""
     from fieldmap.cli.printing import print_result
-    from fieldmap.cli.run import print_problems
+    from fieldmap.cli.problems import print_problems
     from fieldmap.errors import FieldmapError, Problem
     from fieldmap.io import refuse_directory
     from fieldmap.progress import Progress
