@@ -4,18 +4,17 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install map test slow style kernels_and_examples bench validate mutants docs clean
+.PHONY: install map test slow style kernels_then_tests bench validate mutants docs clean
 
 install: $(STAMP)
 
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
-# Two at a time, for two processors: what needs one each, then the tests in two processes. A file's tests stay in one
-# process, which makes what they share once. Those of tests/slow.txt belong to `make validate`.
+# The style beside the tests, which have two processes, for two processors. A file's tests stay in one process, which
+# makes what they share once. Those of tests/slow.txt belong to `make validate`.
 test: $(STAMP)
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target style kernels_and_examples
-	$(BIN)/pytest -q -n 2 --dist loadfile -m "not slow" tests
+	$(MAKE) --no-print-directory --jobs=2 style kernels_then_tests
 
 slow: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile -m slow tests
@@ -25,10 +24,10 @@ style:
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-# Kernels as Python, which finds indices out of range, and the examples of docstrings.
-kernels_and_examples:
+# Kernels as Python first, which finds indices out of range.
+kernels_then_tests:
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
-	$(BIN)/pytest -q --doctest-modules fieldmap
+	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules -m "not slow" fieldmap tests
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
