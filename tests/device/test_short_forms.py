@@ -222,9 +222,9 @@ def test_parameters_given_from_outside():
     ids=["nested", "long chain", "circle", "power", "brackets"],
 )
 def test_hostile_parameters_give_a_message_at_once(hostile):
-    begin = time.perf_counter()
+    begin = time.process_time()
     assert problems(HEAD + "[parameters]\n" + hostile + '\n[[coil]]\nname = "= p"\n')
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
 
 
 LEFT_OUT = """
