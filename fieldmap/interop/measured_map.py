@@ -7,6 +7,7 @@ the gradient that was not measured.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ HIGHEST_DEGREE = 10
 MOST_NODES = 2_000_000
 MOST_BYTES = 4e9
 """Of the equations of a fit."""
+_NODES_AT_ONCE = 2000
 FOLDS = 5
 # A higher degree must predict readings that were held out better by this share, or it only follows noise.
 WORTH = 0.02
@@ -123,8 +125,14 @@ def _map(
     report: FitReport,
 ) -> MapData:
     shape = (len(names), *grid.shape)
-    flux = np.einsum("nik,ck->cni", field_matrix(report.degree, nodes)[..., 1:], fitted)
-    slope = np.einsum("nijk,ck->cnij", gradient_matrix(report.degree, nodes)[..., 1:], fitted) / length
+    flux, slope = np.empty((len(names), len(nodes), 3)), np.empty((len(names), len(nodes), 3, 3))
+    for some in _parts(len(nodes)):
+        of_field, of_slope = (
+            field_matrix(report.degree, nodes[some]),
+            gradient_matrix(report.degree, nodes[some]),
+        )
+        flux[:, some] = np.einsum("nik,ck->cni", of_field[..., 1:], fitted)
+        slope[:, some] = np.einsum("nijk,ck->cnij", of_slope[..., 1:], fitted) / length
     stated = {
         "fit": "harmonic polynomials, least squares",
         "degree": report.degree,
@@ -217,14 +225,22 @@ def _standard_error(
     length_of = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     factor = np.linalg.inv(np.linalg.qr(design / length_of, mode="r")) / length_of[:, None]
     size = factor.shape[0] // len(amperes)
-    of_field = field_matrix(degree, nodes)[..., 1:].reshape(-1, size)
-    of_slope = gradient_matrix(degree, nodes)[..., 1:].reshape(-1, size) / length
     flux, slope = np.zeros(len(nodes)), np.zeros(len(nodes))
-    for c, ampere in enumerate(amperes):
-        part = factor[c * size : (c + 1) * size]
-        flux += ampere * np.linalg.norm((of_field @ part).reshape(len(nodes), -1), axis=1)
-        slope += ampere * np.linalg.norm((of_slope @ part).reshape(len(nodes), -1), axis=1)
+    for some in _parts(len(nodes)):
+        of_field = field_matrix(degree, nodes[some])[..., 1:].reshape(-1, size)
+        of_slope = gradient_matrix(degree, nodes[some])[..., 1:].reshape(-1, size) / length
+        count = len(flux[some])
+        for c, ampere in enumerate(amperes):
+            part = factor[c * size : (c + 1) * size]
+            flux[some] += ampere * np.linalg.norm((of_field @ part).reshape(count, -1), axis=1)
+            slope[some] += ampere * np.linalg.norm((of_slope @ part).reshape(count, -1), axis=1)
     return FieldError(scatter * float(flux.max()), scatter * float(slope.max()))
+
+
+def _parts(nodes: int) -> Iterator[slice]:
+    """Of many nodes: the matrices of all of them together would take a hundred times the memory of the map."""
+    for begin in range(0, nodes, _NODES_AT_ONCE):
+        yield slice(begin, begin + _NODES_AT_ONCE)
 
 
 def _too_few(received: str) -> InputError:

@@ -1,10 +1,12 @@
 """Maps from readings against the field that was read, with and without noise; their files."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.interop import Measurements, fit_map, read_measurements
+from fieldmap.interop import Measurements, fit_map, measured_map, read_measurements
 from fieldmap.lookup import interpolate, open_map
 from fieldmap.store import write_map
 
@@ -38,6 +40,25 @@ def test_without_noise_the_field_is_found(ring):
     assert flux < 4e-5 * largest
     assert slope < 1e-3 * steepest
     assert measured.report.degree >= 8
+
+
+def test_many_nodes_take_little_more_memory_than_their_map(ring, monkeypatch):
+    """Whatever the parts in which they are evaluated, fields and errors are the same."""
+    taken = readings(ring, 400, 20e-6)
+    whole = fit_map(taken, 0.005, degree=4)
+    monkeypatch.setattr(measured_map, "_NODES_AT_ONCE", 7)
+    parts = fit_map(taken, 0.005, degree=4)
+    np.testing.assert_allclose(parts.data.flux_density, whole.data.flux_density, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(parts.data.gradient, whole.data.gradient, rtol=1e-12, atol=1e-12)
+    for error in ("flux_density", "gradient"):
+        stated = [getattr(one.report.standard_error, error) for one in (parts, whole)]
+        assert stated[0] == pytest.approx(stated[1], rel=1e-12)
+    monkeypatch.undo()
+    tracemalloc.start()
+    fine = fit_map(taken, 0.0015, degree=4)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 4 * (fine.data.flux_density.nbytes + fine.data.gradient.nbytes)
 
 
 def test_noise_is_taken_out_and_stated(ring):
