@@ -163,7 +163,7 @@ def _generated(
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]
     until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
-    # Not parallel: the same mesh for half the processor time or less. The mesher's threads turn while they wait.
+    # Not parallel: the same mesh for a third to four fifths of the processor time. Its threads turn while they wait.
     wanted = MeshingParameters(
         maxh=max(sizes.values()),
         grading=GRADING,
