@@ -40,6 +40,10 @@ def test_without_noise_the_field_is_found(ring):
     assert flux < 4e-5 * largest
     assert slope < 1e-3 * steepest
     assert measured.report.degree >= 8
+    # The numbers of the map themselves, at its nodes.
+    data = measured.data
+    _, exact = ring.fields(data.grid.points())
+    assert np.abs(data.gradient.reshape(exact.shape) - exact).max() < 5e-3 * np.abs(exact).max()
 
 
 def test_many_nodes_take_little_more_memory_than_their_map(ring, monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.interpolants.harmonic_matrix import about, largest_on_sphere
+from fieldmap.interpolants.harmonic_matrix import about, field_matrix, gradient_matrix, largest_on_sphere
 from fieldmap.kernels.map.solid_harmonics import regular_table
 
 DEGREE = 7
@@ -37,3 +37,12 @@ def test_no_point_of_a_sphere_is_beyond_the_bound_and_one_reaches_it(degree):
         bound = radius**degree * np.sqrt(weights @ numbers**2)
         assert np.abs(table @ numbers).max() <= bound * (1 + 1e-12)
     assert abs(table[0] @ numbers) == pytest.approx(bound, rel=1e-12)
+
+
+def test_all_nine_entries_of_gradients_are_derivatives_of_the_field():
+    points, step = np.random.default_rng(5).uniform(-1.0, 1.0, (6, 3)), 1e-5
+    found = gradient_matrix(7, points)
+    for j, along in enumerate(step * np.eye(3)):
+        ahead, behind = (field_matrix(7, points + side * along) for side in (1, -1))
+        expected = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(found[:, :, j], expected, atol=1e-8 * np.abs(found).max())
