@@ -57,7 +57,7 @@ def closed_form_between_all_faces():
 @cache
 def base(linear_iron):
     if linear_iron:
-        return fm.solve_linear(text(), tolerance=1e-7, symmetry="none", refinement=COARSE).at(CURRENTS)
+        return fm.solve_linear(text(), tolerance=1e-9, symmetry="none", refinement=COARSE).at(CURRENTS)
     return NonlinearSolver(text(), COARSE, symmetry="none").solve(CURRENTS, tolerance=1e-8)
 
 
@@ -77,7 +77,7 @@ def solved_on(mesh, key, value, linear_iron, monkeypatch):
     monkeypatch.setattr(module, "generate_mesh", lambda *_: mesh)
     device = fm.read_device(text(), {key: value})
     if linear_iron:
-        return fm.solve_linear(device, tolerance=1e-7).at(CURRENTS)
+        return fm.solve_linear(device, tolerance=1e-9).at(CURRENTS)
     return NonlinearSolver(device).solve(CURRENTS, tolerance=1e-8)
 
 
