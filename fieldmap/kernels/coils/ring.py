@@ -15,6 +15,7 @@ from fieldmap.kernels.coils.filament import far_arc, far_distance
 from fieldmap.kernels.coils.meridian import set_field, set_gradient
 from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section_distance
 from fieldmap.kernels.constants import MU0_OVER_4PI
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
@@ -79,7 +80,8 @@ def ring_azimuths(
     nearness2 = 0.25 * distance * distance / max(rho * min(max(rho, r1), r2), 1e-300)
     n = 0 if inside else _equal_points(nearness2, digits)
     if n > 0:
-        azimuths[:, :n] = tables[n // STEP - 1, :, :n]
+        for row in range(3):
+            copy_vector(tables[n // STEP - 1, row], azimuths[row, :n])
         return n
     kappa = math.sqrt(nearness2 / (1.0 + nearness2))
     n = graded_panel(azimuths, 0, 0.0, 1.0, kappa, 1.0, 0.0, limits)

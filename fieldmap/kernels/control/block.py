@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 
 SIGNALS = 7
@@ -110,10 +111,11 @@ def quiet_feedforward(controller, references, wanted, memory, feedforward):
     n, m = memory.shape[0], wanted.shape[1]
     v, after = np.ones(SIGNALS), np.empty(n)
     for p in range(references.shape[0]):
-        v[:3], v[3:6] = references[p], references[p]
+        copy_vector(references[p], v[:3])
+        copy_vector(references[p], v[3:6])
         node, share = place_in(nodes, A.shape[0], v)
         for j in range(m):
             feedforward[p, j] = wanted[p, j] - wanted_output(C, D, node, share, j, memory, v)
         for i in range(n):
             after[i] = next_memory(A, B, E, F, node, share, i, memory, v, wanted[p], feedforward[p])
-        memory[:] = after
+        copy_vector(after, memory)

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.copy_vector import copy_vector
+
 
 class Structure(NamedTuple):
     """Numbers of poles, of terms of the input, samples of delay, terms of past errors, and the first sample used."""
@@ -90,4 +92,4 @@ def recursive(y, u, structure, forgetting, theta, covariance, history):
                 row[i] = row[i - 1]
             if noise > 0:
                 row[known] = error
-        history[n] = theta
+        copy_vector(theta, history[n])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.iron.charged_triangle import triangle_field_and_gradient
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
@@ -74,7 +75,8 @@ def surface_gradient(points, corners, far, shapes, charge, moving, weights):
                 for k in range(rows):
                     _add_far(x, y, z, weights[k, i], far, j, shapes, _INVERSE_4PI * charge[j], out[j, k])
                 continue
-            moved[:] = corners[j]
+            for c in range(3):
+                copy_vector(corners[j, c], moved[c])
             for c in range(3):
                 for a in range(3):
                     moved[c, a] = corners[j, c, a] + step

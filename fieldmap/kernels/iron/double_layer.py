@@ -16,6 +16,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.iron.charged_triangle import solid_angle
 from fieldmap.kernels.iron.mutual_potential import separation
 
@@ -104,7 +105,7 @@ def double_layer(faces, nodes, far, reach, out):
     corners, normals, areas, _, radii, near, near_weights, touch, touch_weights = faces
     of_points = np.empty((3, 3 * areas.size))
     for q in range(3 * areas.size):
-        of_points[:, q] = normals[q // 3]
+        copy_vector(normals[q // 3], of_points[:, q])
     for i in prange(areas.size):
         sums, here = np.empty(3 * areas.size), np.empty(3)
         _far_row(i, far, of_points, sums)

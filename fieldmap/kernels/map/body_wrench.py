@@ -6,6 +6,7 @@ import numpy as np
 from numba import carray, njit
 
 from fieldmap.kernels.addresses import reals, words
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.current_solver import FOUND, SolverState, current_slopes
 from fieldmap.kernels.map.induced_moment import ALONE, induced_moment, moment_slope
 from fieldmap.kernels.map.lookup import evaluate_units
@@ -41,7 +42,7 @@ def wrench_and_slopes(dipoles, arms, soft, turn, flux, slope, weights, wrench, s
                 for j in range(3):
                     g[i, j] += weights[k] * slope[p, k, i, j]
         if p < fixed:
-            m[:] = dipoles[p]
+            copy_vector(dipoles[p], m)
         else:
             x = turn[0, 0] * b[0] + turn[1, 0] * b[1] + turn[2, 0] * b[2]
             y = turn[0, 1] * b[0] + turn[1, 1] * b[1] + turn[2, 1] * b[2]
@@ -139,10 +140,11 @@ def sum_wrench(data, currents, place, turn, wrench, slopes):
     block, body = data
     coils = currents.shape[0]
     weights = np.ones(int(block[SETS]))
-    weights[:coils] = currents
+    copy_vector(currents, weights[:coils])
     every = np.empty((6, weights.shape[0]))
     inside = _of_weights(block, body, place, turn, weights, wrench, every)
-    slopes[:, :] = every[:, :coils]
+    for row in range(6):
+        copy_vector(every[row], slopes[row])
     return inside
 
 

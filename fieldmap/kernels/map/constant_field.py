@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.lookup import evaluate_one_with
 from fieldmap.kernels.map.map_block import OUTER, SETS, WRONG_SHAPE
 
@@ -32,7 +33,7 @@ def with_constant(at_currents: Callable[..., Any]) -> Callable[..., Any]:
     @njit
     def at(data: Any, currents: Any, x: float, y: float, z: float) -> Any:
         weights = np.empty(currents.size + 1)
-        weights[: currents.size] = currents
+        copy_vector(currents, weights[: currents.size])
         weights[currents.size] = 1.0
         return at_currents(data, weights, x, y, z)
 

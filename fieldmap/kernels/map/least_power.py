@@ -13,6 +13,7 @@ Arrays float64, C-contiguous. Arguments are not checked here; a checked function
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import OUTER
 
 FOUND, OUT_OF_RANGE, BEYOND_LIMITS, NO_END = 0, 1, 2, 3
@@ -53,8 +54,8 @@ def _least_squares(columns, target, chosen, count, q, r, solution):
     columns (n, size); q (n + 1, size) and r (n + 1, n + 1) for the work. False if the chosen depend on each other.
     """
     for p in range(count):
-        q[p] = columns[chosen[p]]
-    q[count] = target
+        copy_vector(columns[chosen[p]], q[p])
+    copy_vector(target, q[count])
     for p in range(count):
         before = _length(columns[chosen[p]])
         r[p, p] = _length(q[p])
@@ -87,7 +88,7 @@ def _steepest(columns, residual, inside, barred):
 @njit(cache=True)
 def _left_over(columns, target, u, residual):
     """residual = target - sum_j u_j columns[j]."""
-    residual[:] = target
+    copy_vector(target, residual)
     for j in range(columns.shape[0]):
         if u[j] != 0.0:
             _add(residual, -u[j], columns[j])
@@ -173,7 +174,7 @@ def _shortest_within(basis, start, low, high, x, active):
         active[k] = int(u[n + k] > 0.0) - int(u[k] > 0.0)
     if not abs(residual[d]) > 1e-14:
         return BEYOND_LIMITS
-    x[:] = start
+    copy_vector(start, x)
     for j in range(d):
         _add(x, -residual[j] / residual[d], basis[j])
     return FOUND

@@ -20,6 +20,7 @@ from fieldmap.kernels.control.function import DONE, GIVEN, NO_FUNCTION, call_fun
 from fieldmap.kernels.control.instruments import LOWER as LOWER_LIMIT
 from fieldmap.kernels.control.instruments import UPPER as UPPER_LIMIT
 from fieldmap.kernels.control.instruments import drive
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.cached_field import forget, keep_field
 from fieldmap.kernels.map.map_block import (
     CELLS,
@@ -313,7 +314,7 @@ def begin(timing, plant, sensing, signals, moving, outputs):
     watch[AT_ONCE] = 1
     for k in range(currents.shape[0]):
         watch[AT_ONCE] &= coils[k, WINDING] == 0.0 and coils[k, AMPLIFIER] == 0.0
-    body[FORCE : FORCE + 6] = signals.loads[0]
+    copy_vector(signals.loads[0], body[FORCE : FORCE + 6])
     sensed_point(moving.state, plant.seen_at, points[1])
     if sensing.scan[SCAN_TIME] > 0.0:
         instant, into, shift = timing.step * 1e-9, sensing.into, sensing.shift

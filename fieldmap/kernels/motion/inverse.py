@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from fieldmap.kernels.control.instruments import GAIN, OFFSET
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.cached_field import forget, keep_field
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, SETS, WHOLE
 from fieldmap.kernels.motion.currents import allocate, find_weights
@@ -87,7 +88,7 @@ def find_signals(plant, allocation, wanted, inverse):
         if turn == rounds or max(abs(left[0]), abs(left[1]), abs(left[2])) < 1e-12:
             break
         for j in range(3):
-            moved[:] = signals
+            copy_vector(signals, moved)
             ds = 1e-4 * (limits[1, j] - limits[0, j])
             moved[j] += ds
             _force(plant, field, allocation, moved, believed, currents, load)
@@ -106,6 +107,6 @@ def signals_along(plant, allocation, inverse, positions, forces, found, left):
     search beginning where the last ended; and left (p,), N."""
     signals, believed = inverse.signals, inverse.believed
     for p in range(positions.shape[0]):
-        believed[POSITION : POSITION + 3] = positions[p]
+        copy_vector(positions[p], believed[POSITION : POSITION + 3])
         left[p] = find_signals(plant, allocation, forces[p], inverse)
-        found[p] = signals
+        copy_vector(signals, found[p])

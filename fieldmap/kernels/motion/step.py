@@ -12,6 +12,7 @@ place, kept from step to step.
 import numpy as np
 from numba import njit
 
+from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 from fieldmap.kernels.motion.contact import add_contact
 from fieldmap.kernels.motion.layout import (
@@ -162,7 +163,7 @@ def fixed_currents(field, body, state, h, every, order, states):
     """
     load = np.empty(6)
     status, touched = find_load(field, body, state, load)
-    states[0] = state
+    copy_vector(state, states[0])
     for row in range(1, states.shape[0]):
         for _ in range(every):
             if order == 4:
@@ -172,5 +173,5 @@ def fixed_currents(field, body, state, h, every, order, states):
             touched |= now
             if status != INSIDE:
                 return row, status, touched
-        states[row] = state
+        copy_vector(state, states[row])
     return states.shape[0], status, touched
