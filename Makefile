@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Bytecode is kept, also on machines that are set up to keep none: the tests start many processes.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install map test slow style kernels_then_tests bench validate mutants docs clean
 

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from numba.core import config
@@ -177,21 +176,3 @@ def test_terms_are_products_of_terms_before_them():
     # As many as a solve may evaluate in a microsecond or two, and no degree so high that few signals overfit.
     counts = {signals: len(expansion_terms(signals)) for signals in (1, 2, 3, 6, 8)}
     assert counts == {1: 31, 2: 153, 3: 455, 6: 210, 8: 165}
-
-
-def test_compiled_callers_need_no_python():
-    compiled = compiled_case("free")
-    state = new_state(compiled)
-
-    @numba.njit
-    def total(model, state, currents):
-        out, found = np.empty(state.weights.size), 0
-        # A row by its number is contiguous for numba, as arrays from Python are; one of `for row in` is not.
-        for k in range(len(currents)):
-            found += current_weights(model, state, currents[k], out) == 0
-        return found, out
-
-    currents = drawn(CASES["free"], 20)
-    found, last = total(compiled, state, currents)
-    assert found == 20
-    np.testing.assert_allclose(last, weights_of(compiled, new_state(compiled), currents[-1])[1], rtol=1e-3)
