@@ -1,7 +1,9 @@
 """Key paths of a file: from a position in the data to the dotted path that a person reads, and back."""
 
+import re
 from collections.abc import Iterator
-from fnmatch import fnmatchcase
+from fnmatch import translate
+from functools import lru_cache
 from typing import Any
 
 Step = str | int
@@ -67,8 +69,8 @@ def matches(data: Any, pattern: str) -> list[Location]:
 
 
 def _keys(here: Any, step: str) -> list[Step]:
-    if step != "*" and any(character in step for character in "*?|"):
-        return [key for key in _keys(here, "*") if _is_like(here, key, step)]
+    if step != "*" and (like := _pattern(step)):
+        return [key for key in _keys(here, "*") if _is_like(here, key, like)]
     if isinstance(here, dict):
         return list(here) if step == "*" else [step] if step in here else []
     if not isinstance(here, list):
@@ -81,11 +83,19 @@ def _keys(here: Any, step: str) -> list[Step]:
     return [int(step) - 1] if 1 <= int(step) <= len(here) else []
 
 
-def _is_like(here: Any, key: Step, step: str) -> bool:
-    name = key if isinstance(key, str) else value_at(here, (key, "name"))
-    known = [str(key + 1)] if isinstance(key, int) else []
-    known += [name] if isinstance(name, str) else []
-    return any(fnmatchcase(one, pattern) for one in known for pattern in step.split("|"))
+@lru_cache(maxsize=1000)
+def _pattern(step: str) -> re.Pattern[str] | None:
+    """What names must match; None for a step that is one name. A device asks for the same ones table by table."""
+    if not any(character in step for character in "*?|"):
+        return None
+    return re.compile("|".join(translate(one) for one in step.split("|")))
+
+
+def _is_like(here: Any, key: Step, like: re.Pattern[str]) -> bool:
+    if isinstance(key, str):
+        return like.match(key) is not None
+    name = value_at(here, (key, "name"))
+    return like.match(str(key + 1)) is not None or (isinstance(name, str) and like.match(name) is not None)
 
 
 def tables(data: Any, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:

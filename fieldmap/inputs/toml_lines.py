@@ -4,10 +4,17 @@ Only called on text that tomllib has accepted: the scan need not find errors, on
 inline tables and entries of arrays are not indexed; they take the line of the key that holds them.
 """
 
+import re
 import tomllib
 from typing import Any
 
 from fieldmap.inputs.key_paths import Location, Step
+
+# Keys as nearly all are, which need no parser: letters, digits, underscores and dashes, with dots between.
+_BARE = re.compile(r"[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*")
+_SOMETHING = re.compile(r"\S")
+# What ends a run of characters that mean nothing to the scan.
+_SPECIAL = re.compile(r"[\n=\"'#\[\]{}]")
 
 
 def line_numbers(text: str) -> dict[Location, int]:
@@ -19,8 +26,10 @@ def line_numbers(text: str) -> dict[Location, int]:
     lines: dict[Location, int] = {}
     counts: dict[Location, int] = {}
     table: Location = ()
+    line, counted = 1, 0
     for start, statement in _statements(text):
-        line = text.count("\n", 0, start) + 1
+        line += text.count("\n", counted, start)
+        counted = start
         if statement.startswith("["):
             table = _header(statement, counts)
             lines.setdefault(table, line)
@@ -41,7 +50,7 @@ def nearest_line(lines: dict[Location, int], location: Location) -> int | None:
 
 def _header(statement: str, counts: dict[Location, int]) -> Location:
     """Location of a [table] or [[table]]; `counts` remembers how often each array of tables came."""
-    steps = _steps(tomllib.loads(statement))
+    steps = _bare_steps(statement.strip("[] \t")) or _steps(tomllib.loads(statement))
     location: Location = ()
     for k, step in enumerate(steps):
         location = (*location, step)
@@ -59,9 +68,14 @@ def _without_number(table: Location) -> Location:
 
 
 def _key_steps(statement: str) -> tuple[Step, ...]:
-    """Steps of the key of `key = value`, read by tomllib itself with a value that it surely accepts."""
+    """Steps of the key of `key = value`; a quoted one by tomllib itself, with a value that it surely accepts."""
     end = _find(statement, 0, "=")
-    return _steps(tomllib.loads(statement[:end] + "= 0"))
+    return _bare_steps(statement[:end].strip(" \t")) or _steps(tomllib.loads(statement[:end] + "= 0"))
+
+
+def _bare_steps(key: str) -> tuple[str, ...]:
+    """Steps of a dotted key without quotes and spaces; none of any other."""
+    return tuple(key.split(".")) if _BARE.fullmatch(key) else ()
 
 
 def _steps(nested: Any) -> tuple[str, ...]:
@@ -80,10 +94,8 @@ def _statements(text: str) -> list[tuple[int, str]]:
     """(position, text) of every header and every key = value, comments and blank lines left out."""
     statements = []
     position = 0
-    while position < len(text):
-        if text[position].isspace():
-            position += 1
-            continue
+    while something := _SOMETHING.search(text, position):
+        position = something.start()
         end = _find(text, position, "\n")
         if text[position] != "#":
             statements.append((position, text[position:end]))
@@ -94,8 +106,9 @@ def _statements(text: str) -> list[tuple[int, str]]:
 def _find(text: str, position: int, wanted: str) -> int:
     """Position of the next `wanted` outside strings, comments and brackets, or the text's end."""
     depth = 0
-    while position < len(text):
-        character = text[position]
+    while special := _SPECIAL.search(text, position):
+        position = special.start()
+        character = special[0]
         if character == wanted and depth == 0:
             return position
         if character in "\"'":
