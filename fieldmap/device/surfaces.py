@@ -12,6 +12,8 @@ from fieldmap.typing import Array, Index
 
 _SIDES = ((0, 1), (1, 2), (2, 0))
 _FLAT = 1e-12
+# Of triangles whose boxes are compared at a time.
+_PAIRS = 200_000
 
 
 def surface_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
@@ -78,19 +80,23 @@ def crossing_triangles(points: Array, triangles: Index) -> tuple[int, int] | Non
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     order = np.argsort(lower[:, 0], kind="stable")
     size = float(np.ptp(points, axis=0).max())
-    for place, one in enumerate(order):
-        last = np.searchsorted(lower[order, 0], upper[one, 0], side="right")
-        others = order[place + 1 : last]
-        near = (lower[others] <= upper[one]).all(axis=1) & (upper[others] >= lower[one]).all(axis=1)
-        others = others[near]
-        shares = (triangles[others][:, :, None] == triangles[one]).any(axis=(1, 2))
-        others = others[~shares]
-        if not len(others):
-            continue
-        cut = _edges_cross(np.repeat(corners[one][None], len(others), axis=0), corners[others], size)
-        cut |= _edges_cross(corners[others], np.repeat(corners[one][None], len(others), axis=0), size)
+    place = np.arange(len(order))
+    # Of each, those behind it in the order whose boxes begin before its own ends.
+    begin, end = place + 1, np.searchsorted(lower[order, 0], upper[order, 0], side="right")
+    many = np.maximum(end - begin, 0)
+    for part in np.split(place, np.flatnonzero(np.diff(np.cumsum(many) // _PAIRS)) + 1):
+        count = many[part]
+        start = np.repeat(begin[part] - (np.cumsum(count) - count), count)
+        one, other = order[np.repeat(part, count)], order[start + np.arange(len(start))]
+        near = (lower[other] <= upper[one]).all(axis=1) & (upper[other] >= lower[one]).all(axis=1)
+        one, other = one[near], other[near]
+        apart = ~(triangles[other][:, :, None] == triangles[one][:, None]).any(axis=(1, 2))
+        one, other = one[apart], other[apart]
+        cut = _edges_cross(corners[one], corners[other], size)
+        cut |= _edges_cross(corners[other], corners[one], size)
         if cut.any():
-            return int(one), int(others[np.argmax(cut)])
+            first = np.argmax(cut)
+            return int(one[first]), int(other[first])
     return None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fieldmap.device.materials import Material
 from fieldmap.device.model import Body, Device
-from fieldmap.device.tetrahedra import longest_edge
+from fieldmap.device.tetrahedra import longest_edge, volumes
 from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.geometry.own_meshes import own_mesh
 from fieldmap.iron.geometry.solids import body_solid
@@ -78,12 +78,11 @@ def device_contents(device: Device) -> DeviceContents:
     'sphere: 4.189 cm^3'
     """
     check_geometry(device)
-    # Solids are built in mm.
     bodies = (
         BodyContents(
             body.name,
             body.material,
-            1e-9 * float(body_solid(body).mass),
+            _volume(body),
             _mesh_size(body),
             len(body.parts),
             _common_axis(body),
@@ -106,6 +105,12 @@ def device_contents(device: Device) -> DeviceContents:
     )
     payload = () if device.payload is None else device.payload.assumptions
     return DeviceContents(device, tuple(bodies), tuple(coils), saturation_laws(device) + payload)
+
+
+def _volume(body: Body) -> float:
+    """In m^3; of a body that is a mesh that of its tetrahedra, which is what they fill in a sound device."""
+    # Solids are built in mm.
+    return float(volumes(*own_mesh(body)).sum()) if body.has_own_mesh else 1e-9 * float(body_solid(body).mass)
 
 
 def _mesh_size(body: Body) -> float:
