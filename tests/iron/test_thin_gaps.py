@@ -54,7 +54,7 @@ def test_the_closed_form_is_that_of_dipoles_far_away():
 
 @pytest.mark.parametrize("gap", [3e-4, 1e-5, 1e-6])
 def test_holding_force_is_that_of_the_magnet_and_its_image(gap):
-    state = fm.solve_linear(magnet_above_plate(gap)).at([])
+    state = fm.solve_linear(magnet_above_plate(gap, edge=1e-3)).at([])
     on_magnet, on_plate = (state.force_on(name) for name in ("magnet", "plate"))
     expected = force_of_two_magnets(2 * gap)
     assert -on_magnet[2] == pytest.approx(expected, rel=1e-2)
@@ -90,8 +90,8 @@ def test_symmetry_changes_nothing():
 @pytest.mark.parametrize("gap", [1e-5, 1e-6])
 def test_pads_below_a_magnet_converge(form, gap):
     """They once stopped at a residual of 1e-6. A thin pad is pulled less than a thick plate."""
-    magnet = block("magnet", (SIDE, SIDE, HEIGHT), (0, 0, gap), "magnet", 0.004, 5e-4)
-    pad = block("pad", (SIDE, SIDE, 0.002), (0, 0, -0.002), mesh=0.004, edge=5e-4)
+    magnet = block("magnet", (SIDE, SIDE, HEIGHT), (0, 0, gap), "magnet", 0.004, 1e-3)
+    pad = block("pad", (SIDE, SIDE, 0.002), (0, 0, -0.002), mesh=0.004, edge=1e-3)
     state = fm.solve_linear(Device("pad", "", [], [magnet, pad], MATERIALS), form=form).at([])
     assert state.report.residual < 1e-6
     pull = state.force_on("pad")[2]
@@ -109,7 +109,7 @@ def test_a_drawn_gap_is_the_joint_that_it_looks_like():
         return Device("bars", "", [coil], [lower, upper], MATERIALS, joints=joints)
 
     # On the meshes of the device both are off by 1e-3.
-    gap, finer = 2e-4, 1.5
+    gap, finer = 2e-4, 1.3
     drawn = fm.solve_linear(device(gap), refinement=finer).at([1.0])
     joint = fm.solve_linear(device(0.0, (fm.Joint(gap),)), refinement=finer).at([1.0])
     assert drawn.flux_linkage() == pytest.approx(joint.flux_linkage(), rel=1e-3)
