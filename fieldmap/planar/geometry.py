@@ -15,10 +15,15 @@ Complex = NDArray[np.complex128]
 
 
 def inside(points: Complex, polygon: Complex) -> NDArray[np.bool_]:
-    """Whether points (n,) lie in a simple polygon (winding number; either side on its edges)."""
-    to_corners = polygon[None, :] - points[:, None]
-    turns = np.angle(np.roll(to_corners, -1, axis=1) * to_corners.conj()).sum(axis=1)
-    return np.abs(turns) > np.pi
+    """Whether points (n,) lie in a simple polygon: a ray to the right meets it an odd number of times. On its edges
+    either side."""
+    ends = np.roll(polygon, -1)
+    above = polygon.imag[None, :] > points.imag[:, None]
+    point, edge = np.nonzero(above != np.roll(above, -1, axis=1))
+    start, end = polygon[edge], ends[edge]
+    left = ((end - start).conj() * (points[point] - start)).imag > 0
+    met = point[left == (end.imag > start.imag)]
+    return np.asarray(np.bincount(met, minlength=len(points)) % 2 == 1)
 
 
 def distance_to_edges(points: Complex, polygon: Complex) -> Array:

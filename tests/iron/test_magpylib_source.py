@@ -220,7 +220,7 @@ def test_the_polarisation_of_a_saturated_state_makes_its_field():
         theirs = tetrahedra_of(state).getB(AIR) + magpylib_coil(state.coils[0], 30.0).getB(AIR)
         return np.linalg.norm(theirs - ours, axis=1) / np.linalg.norm(ours, axis=1)
 
-    coarse, fine = error(0.8), error(1.6)
+    coarse, fine = error(0.7), error(1.4)
     assert fine.max() < 0.02
     assert (fine < 0.7 * coarse).all()
 

@@ -198,6 +198,11 @@ def linkages(field, loops):
     )
 
 
+@cache
+def state_of_loops(text):
+    return fm.solve_linear(fm.read_device(text)).at([current for *_, current in PLACES.values()])
+
+
 @pytest.mark.parametrize(
     ("key", "changed"),
     [
@@ -218,7 +223,7 @@ def test_flux_linkages_of_loops_in_air(key, changed):
         # All at one height: they move together, which changes nothing.
         for _, _, z, _ in PLACES.values():
             text = text.replace(f"[0, 0, {z}]", "[0, 0, 4]")
-    alone = fm.solve_linear(fm.read_device(text)).at([current for *_, current in PLACES.values()])
+    alone = state_of_loops(text)
     derivative = alone.derivative(FluxLinkage(), [key])[key]
     step, sides = 1e-3, []
     for side in (step, -step):
@@ -328,11 +333,14 @@ def test_the_iron_matters_to_every_key():
 def test_the_iron_of_another_solver_is_made_anew():
     """A state that was pickled, or whose solver is gone, gives the same derivatives."""
     state = solved("saturated")
-    expected = found("saturated", "field")
+    expected, keys = (
+        found("saturated", "field"),
+        ["current.around", "coil.around.turns", "material.iron.mu_r"],
+    )
     gc.collect()
     for other in (state, pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
-        again = other.derivative(QUANTITIES["field"], list(expected.by))
-        for key in expected.by:
+        again = other.derivative(QUANTITIES["field"], keys)
+        for key in keys:
             np.testing.assert_allclose(again[key], expected[key], rtol=1e-5, atol=1e-9)
 
 

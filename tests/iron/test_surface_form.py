@@ -93,7 +93,7 @@ def test_shell_shields():
     """The hollow is 1/40 of the applied field; a/b = 0.8, mu_r 1000 (Jackson 5.121)."""
     mu, ratio = 1000.0, 0.8
     exact = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
-    solution = in_field(mu, sphere("shell", cut=ratio * RADIUS, size=0.007))
+    solution = in_field(mu, sphere("shell", cut=ratio * RADIUS, size=0.008))
     hollow = np.array([[0, 0, 0.0], [0.02, 0, 0], [0, 0.01, 0.02]])
     assert solution.field(hollow, []) == pytest.approx(np.tile(exact * UP, (3, 1)), abs=1e-3 * exact)
 
@@ -146,7 +146,7 @@ def test_two_spheres_beside_each_other(mu_r):
     """Half a radius apart, in a field along their axis: moment of each, and the field around and between them."""
     apart = 2.5
     exact = moments_of_two_spheres(mu_r, apart)
-    solution = in_field(mu_r, sphere("lower"), sphere("upper", height=apart * RADIUS))
+    solution = in_field(mu_r, sphere("lower", size=0.011), sphere("upper", height=apart * RADIUS, size=0.011))
     faces = solution.state.faces
     charge = solution.state.density[0] * faces.areas
     lower = faces.centres[:, 2] < apart * RADIUS / 2
@@ -191,7 +191,7 @@ def test_magnetised_sphere(mu_r):
 @pytest.mark.parametrize(("mu_r", "exact"), [(1e8, 3.644305190268), (1e-9, -1.638415711)])
 def test_polarisability_of_a_cube(mu_r, exact):
     """Published: Helsing and Perfekt, Appl. Comput. Harmon. Anal. 34 (2013) 445."""
-    cube = Body("cube", "cube", (Part(Box((1.0, 1.0, 1.0))),), 0.2, 0.01)
+    cube = Body("cube", "cube", (Part(Box((1.0, 1.0, 1.0))),), 0.25, 0.01)
     solution = in_field(mu_r, cube)
     state = solution.state
     moment = (state.density[0] * state.faces.areas) @ state.faces.centres
@@ -288,7 +288,7 @@ def test_parts_of_triangles_above_a_plane():
         [[1, 2, 3], [-1, -2, -3], [3, -1, -2], [-1, 2, 4], [0, 1, 2], [0, -1, -2], [0, 0, 1], [0, -1, 3.0]]
     )
     height = np.stack([np.roll(one, k % 3) for k, one in enumerate(np.repeat(levels, 3, axis=0))])
-    s, t = (a.ravel() for a in np.meshgrid(*[(np.arange(2000) + 0.5) / 2000] * 2))
+    s, t = (a.ravel() for a in np.meshgrid(*[(np.arange(1000) + 0.5) / 1000] * 2))
     inside = s + t < 1
     shape = np.stack([1 - s - t, s, t], axis=1)[inside]
     for triangle, level, found in zip(corners, height, _areas_above(corners, height), strict=True):

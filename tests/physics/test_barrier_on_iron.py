@@ -25,9 +25,9 @@ def solved(mu_r, refinement=1.0):
 @pytest.mark.parametrize("mu_r", [0.1, 1e-4])
 def test_symmetry_and_mesh(mu_r):
     """No transverse field on the axis, and half the element size changes little."""
-    field, finer = (solved(mu_r, refinement).field(AXIS, [1.0]) for refinement in (1.0, 2.0))
+    field, finer = (solved(mu_r, refinement).field(AXIS, [1.0]) for refinement in (0.7, 1.4))
     assert np.abs(field[:, :2]).max() < 3e-3 * np.abs(field[:, 2]).min()
-    assert field[:, 2] == pytest.approx(finer[:, 2], rel=1e-2)
+    assert field[:, 2] == pytest.approx(finer[:, 2], rel=5e-3)
 
 
 def test_a_weaker_cap_is_nearly_a_barrier():

@@ -108,6 +108,15 @@ def _by_law(tables: LawTables, law: NDArray[np.int64], h: Array) -> Iterator[tup
         yield mine, knots, tables.coefficients[piece], j
 
 
+def law_flux_density(tables: LawTables, law: NDArray[np.int64], h: Array) -> Array:
+    """The first of `law_values` alone, in half of its time."""
+    b = np.empty_like(h)
+    for mine, knots, c, j in _by_law(tables, law, h):
+        t = h[mine] - knots[j]
+        b[mine] = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
+    return b
+
+
 def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
     """Flux density b (e,) in T and int_0^h b dh (e,) in T^2 at mu0 H = h (e,) for laws with these numbers (e,)."""
     b, stored = np.empty_like(h), np.empty_like(h)
