@@ -75,14 +75,14 @@ def test_the_estimate_of_one_form_alone_sees_the_magnet():
 
 
 def test_the_magnet_counts_beside_a_coil(points):
-    """Both fields are within what the estimate says, each relative to its own largest."""
+    """Both fields are within what the estimate says, and within 0.2 %, each relative to its own largest."""
     device = machine(MAGNET, CUBE, coils=(COIL,))
-    solution, finer = fm.solve_to_tolerance(device, 0.01), fm.solve_linear(device, refinement=2.0)
+    solution, finer = fm.solve_to_tolerance(device, 0.02), fm.solve_linear(device, refinement=2.0)
     assert solution.sources == ("1 A in coil 'coil'", "the permanent magnets")
     exact = finer.source_fields(points)[0]
     error = solution.source_fields(points)[0] - exact
     for k in range(2):
-        assert largest(error[k], exact[k]) < 3 * solution.report.error.flux_density
+        assert largest(error[k], exact[k]) < min(2e-3, solution.report.error.flux_density)
     assert solution.source_fields(points)[1][1] == pytest.approx(solution.remanent_fields(points)[1])
 
 

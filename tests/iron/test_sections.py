@@ -137,11 +137,12 @@ def test_sphere():
 
 
 def test_long_bar():
-    """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle; N of the two charged ends, 1 - g / sqrt(1 + g^2) for length to
-    diameter g, which holds for weakly magnetic bars."""
-    bar = Body("b", "iron", (Part(Cylinder(0.005, 0.2), at(0, 0, -0.1)),), 0.006)
+    """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle; N of the two charged square ends, their solid angle over 2 pi,
+    which holds for weakly magnetic bars."""
+    half, distance = 0.005, 0.1
+    bar = Body("b", "iron", (Part(Box((2 * half, 2 * half, 2 * distance)), at(0, 0, -distance)),), 0.006)
     solved = in_uniform_field(bar, LinearMaterial("iron", 3.0), np.array([0, 0, 0.5]))
-    exact = 0.5 * 3 / (1 + 2 * (1 - 20 / np.hypot(20, 1)))
+    exact = 0.5 * 3 / (1 + 2 * 4 * np.arcsin(half**2 / (half**2 + distance**2)) / (2 * np.pi))
     assert section_flux(*solved, plane([0, 0, 0], [0, 0, 1]), ONE).flux_density == pytest.approx(
         exact, rel=1e-3
     )
