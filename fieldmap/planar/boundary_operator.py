@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from fieldmap.kernels.iron.plane import mutual_segments
 from fieldmap.records import Record
@@ -45,16 +46,15 @@ def boundary_operator(nodes: Complex, panels: Indices, extent: float, unbounded:
     single, first, last = mutual_segments(starts, ends, starts, ends)
     single = 0.5 * (single + single.T) + np.outer(length, length) * np.log(extent) / (2 * np.pi)
     count, rows = len(nodes), np.arange(len(panels))
-    double = np.zeros((len(panels), count))
-    derivative = np.zeros((len(panels), count))
-    for column, weight, sign in ((0, first, -1.0), (1, last, 1.0)):
-        np.add.at(double.T, panels[:, column], weight.T)
-        double[rows, panels[:, column]] += 0.25 * length
-        derivative[rows, panels[:, column]] += sign / length
+    # Sparse, (panels, nodes): the hat functions of a panel's ends, and the derivative along it.
+    at_first, at_last = (csr_array((np.ones(len(rows)), (rows, end)), (len(rows), count)) for end in panels.T)
+    derivative = (at_last - at_first).multiply(1.0 / length[:, None]).tocsr()
+    double = 0.25 * (at_first + at_last).multiply(length[:, None]).toarray()
+    double += first @ at_first + last @ at_last
     factor = cho_factor(single)
     flux = cho_solve(factor, double)
     if unbounded:
         even = cho_solve(factor, length)
         flux -= np.outer(even, length @ flux) / (length @ even)
-    energy = derivative.T @ single @ derivative + double.T @ flux
+    energy = derivative.T @ (single @ derivative) + double.T @ flux
     return BoundaryOperator(panels, starts, ends, flux, 0.5 * (energy + energy.T))
