@@ -4,6 +4,8 @@ docs/theory/lookup.md (8), (9). It converges inside the largest sphere about the
 currents and iron; how well it does in the box is measured at every node of the map.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
@@ -31,18 +33,21 @@ def global_form(data: MapData, outside: str) -> Form:
     grid, n_coils = data.grid, len(data.field_names)
     box = Grid(grid.lower, grid.upper - grid.lower, (2, 2, 2))
     length = float(np.linalg.norm(grid.upper - grid.lower)) / 2
-    chosen = np.ix_(*[_spread(n) for n in grid.shape])
-    degree = _degree(int(np.prod([len(axis.ravel()) for axis in chosen])))
-    points = (grid.points() - (grid.lower + grid.upper) / 2) / length
-    coefficients = _fit(data, points.reshape(*grid.shape, 3)[chosen].reshape(-1, 3), chosen, degree, length)
+    chosen = [_spread(n) for n in grid.shape]
+    degree = _degree(int(np.prod([len(axis) for axis in chosen])))
+    coefficients = _fit(data, chosen, degree, length)
     start = header(KERNELS, box, n_coils, outside, degree, length)
     unit = np.concatenate([start, coefficients.ravel()])
     return Form(NAME, unit, unit, _checked_misfit(data, unit))
 
 
 def _spread(n: int) -> NDArray[np.intp]:
-    """Up to NODES_PER_AXIS of n nodes, evenly spread, both ends among them."""
-    return np.unique(np.linspace(0, n - 1, min(n, NODES_PER_AXIS)).round().astype(np.intp))
+    """Up to NODES_PER_AXIS of n nodes, evenly spread, both ends among them, as many in either half."""
+    # Of an even number of nodes none is in the middle.
+    count = min(n, NODES_PER_AXIS - (n + 1) % 2)
+    front = np.linspace(0, n - 1, count).round().astype(np.intp)[: count // 2]
+    middle = [(n - 1) // 2] if n % 2 else []
+    return np.concatenate([front, np.array(middle, np.intp), n - 1 - front[::-1]])
 
 
 def _degree(n_nodes: int) -> int:
@@ -53,26 +58,82 @@ def _degree(n_nodes: int) -> int:
     return degree
 
 
-def _fit(
-    data: MapData, local: Array, chosen: tuple[NDArray[np.intp], ...], degree: int, length: float
-) -> Array:
+def _fit(data: MapData, chosen: Sequence[NDArray[np.intp]], degree: int, length: float) -> Array:
     """Least squares over fields and gradients at the chosen nodes, every column scaled to length 1.
 
     Of gradients what is symmetric and without trace, as those of the polynomials are: the rest moves no coefficient.
+
+    The nodes lie in mirror planes x, y, z = 0 of the local coordinates, and each harmonic is even or odd in each of
+    these. Sums and differences of the values at nodes and their images, as large together as the values (an orthogonal
+    matrix), so divide the unknowns into eight systems, each over an eighth of the nodes.
     """
-    n = len(local)
-    of_field = field_matrix(degree, local).reshape(3 * n, -1)[:, 1:]
-    of_gradient = _five_entries(gradient_matrix(degree, local)).reshape(5 * n, -1)[:, 1:]
-    design = np.concatenate([of_field, GRADIENT_WEIGHT * of_gradient])
+    grid, at = data.grid, np.ix_(*chosen)
+    n, fields = [len(axis) for axis in chosen], len(data.field_names)
+    flux = np.moveaxis(np.stack([unit[at] for unit in data.flux_density]), 0, -1)
+    slope = np.stack([_five_entries(unit[at].reshape(-1, 3, 3)) for unit in data.gradient], axis=-1)
+    slope = GRADIENT_WEIGHT * length * slope.reshape(*n, 5, fields)
+    values = _even_and_odd(np.concatenate([flux, slope], axis=3))
+
+    halves = [
+        (axis[: (len(axis) + 1) // 2] - (size - 1) / 2) * spacing / length
+        for axis, size, spacing in zip(chosen, grid.shape, grid.spacing, strict=True)
+    ]
+    local = np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1).reshape(-1, 3)
+    # What an even or odd function has twice counts twice; odd ones are zero in their plane.
+    twice = np.prod(np.where(local != 0.0, np.sqrt(2.0), 1.0), axis=1)[:, None, None]
+    of_gradient = GRADIENT_WEIGHT * _five_entries(gradient_matrix(degree, local))
+    design = twice * np.concatenate([field_matrix(degree, local), of_gradient], axis=1)
+
+    found, odd = np.zeros(((degree + 1) ** 2, fields)), _odd(degree)
+    for kind in np.ndindex(2, 2, 2):
+        columns = np.flatnonzero((odd == kind).all(axis=1))
+        columns = columns[columns > 0]  # the constant has no field
+        if columns.size:
+            wanted = [values[tuple(kind ^ changed)][:, k] for k, changed in enumerate(_CHANGED)]
+            found[columns] = _least_squares(
+                design[:, :, columns].reshape(-1, columns.size),
+                np.stack(wanted, axis=1).reshape(-1, fields),
+            )
+    return np.ascontiguousarray(found.T)
+
+
+def _least_squares(design: Array, values: Array) -> Array:
     scale = np.linalg.norm(design, axis=0)
-    flux = np.stack([unit[chosen].ravel() for unit in data.flux_density], axis=1)
-    slope = np.stack([_five_entries(unit[chosen].reshape(n, 3, 3)).ravel() for unit in data.gradient], axis=1)
-    values = np.concatenate([flux, GRADIENT_WEIGHT * length * slope])
     # The triangle alone, of matrix and values together: a third of the work of an orthogonal matrix of all rows.
     triangle = np.asarray(np.linalg.qr(np.concatenate([design / scale, values], axis=1), mode="r"))
     unknowns = len(scale)
-    found = solve_triangular(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
-    return np.concatenate([np.zeros((len(data.field_names), 1)), found.T], axis=1)
+    return solve_triangular(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
+
+
+# Of three components of the field, and five entries of the gradient: where each is odd if the potential is even.
+_CHANGED = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]], dtype=np.intp
+)
+
+
+def _odd(degree: int) -> NDArray[np.intp]:
+    """((degree + 1)^2, 3): 1 where a harmonic is odd in x, y, z, else 0."""
+    rows = []
+    for l in range(degree + 1):
+        for m in range(l + 1):
+            rows += [[m % 2, 0, (l + m) % 2], [(m + 1) % 2, 1, (l + m) % 2]][: 1 if m == 0 else 2]
+    return np.array(rows, dtype=np.intp)
+
+
+def _even_and_odd(values: Array) -> dict[tuple[int, ...], Array]:
+    """Parts of values (nx, ny, nz, ...) that are even (0) or odd (1) along each axis, at an eighth of the nodes (n)."""
+    parts: dict[tuple[int, ...], Array] = {(): values}
+    for axis in range(3):
+        n = values.shape[axis]
+        split: dict[tuple[int, ...], Array] = {}
+        for key, part in parts.items():
+            one = np.moveaxis(part, axis, 0)
+            front, back, middle = one[: n // 2], one[::-1][: n // 2], one[n // 2 : n // 2 + n % 2]
+            for odd, half in enumerate((front + back, front - back)):
+                whole = np.concatenate([half / np.sqrt(2.0), (1 - odd) * middle])
+                split[(*key, odd)] = np.moveaxis(whole, 0, axis)
+        parts = split
+    return {key: part.reshape(-1, *part.shape[3:]) for key, part in parts.items()}
 
 
 def _five_entries(gradient: Array) -> Array:
