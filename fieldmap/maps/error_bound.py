@@ -12,11 +12,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeAlias
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from fieldmap.errors import InputError
 from fieldmap.interpolants import Form, cell_form, contract, global_form, hermite_form, set_size
-from fieldmap.interpolants.harmonic_matrix import about, field_matrix, gradient_matrix, largest_on_sphere
+from fieldmap.interpolants.harmonic_matrix import (
+    field_matrix,
+    gradient_matrix,
+    largest_on_sphere,
+    shift_matrix,
+)
 from fieldmap.kernels.map import lookup as kernels
 from fieldmap.kernels.map.map_block import DEGREE, HEADER, LENGTH
 from fieldmap.kernels.map.solid_harmonics import derivative_matrix
@@ -122,12 +127,17 @@ def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array
     on_faces = _faces_matrix(size)
     derivatives = _BeyondFaces(degree, float(np.linalg.norm(size)) / 2)
 
+    to_rows = [shift_matrix(degree, 1, y) for y in centres[1]]
+    # Of all cells of a row in one product: the first coefficient of each of them, then the second.
+    stacked = vstack([shift_matrix(degree, 2, z) for z in centres[2]], format="csr")
+    to_cells = stacked[np.arange(stacked.shape[0]).reshape(shape[2], -1).T.ravel()]
+
     def of_slab(i: int) -> Array:
         worst = np.zeros(2)
-        slab = about(polynomial, degree, 0, centres[0][i])
-        for j, y in enumerate(centres[1]):
-            row = about(slab, degree, 1, y)
-            difference = np.stack([about(row, degree, 2, z) for z in centres[2]], axis=1)
+        slab = shift_matrix(degree, 0, centres[0][i]) @ polynomial
+        for j, along_y in enumerate(to_rows):
+            row = along_y @ slab
+            difference = (to_cells @ row).reshape(len(row), shape[2], count)
             difference[: ours.shape[-1]] -= np.moveaxis(ours[i, j], -1, 0)
             found = _largest_sampled(on_faces, difference, scale) + derivatives.largest(difference, scale)
             worst = np.maximum(worst, found)

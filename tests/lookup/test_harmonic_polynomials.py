@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from fieldmap.interpolants.harmonic_matrix import about, field_matrix, gradient_matrix, largest_on_sphere
+from fieldmap.interpolants import global_polynomial
+from fieldmap.interpolants.harmonic_matrix import (
+    field_matrix,
+    gradient_matrix,
+    largest_on_sphere,
+    shift_matrix,
+)
 from fieldmap.kernels.map.solid_harmonics import regular_table
+from fieldmap.store import Grid, MapData
 
 DEGREE = 7
 
@@ -18,10 +25,10 @@ def coefficients():
 def test_about_another_origin_it_is_the_same_polynomial(coefficients, axis):
     points = np.random.default_rng(axis).uniform(-1, 1, (40, 3))
     shift = 0.37 * np.eye(3)[axis]
-    moved = about(coefficients, DEGREE, axis, 0.37)
+    moved = shift_matrix(DEGREE, axis, 0.37) @ coefficients
     here = regular_table(DEGREE, points + shift) @ coefficients
     assert regular_table(DEGREE, points) @ moved == pytest.approx(here, abs=1e-12 * np.abs(here).max())
-    assert about(moved, DEGREE, axis, -0.37) == pytest.approx(coefficients, abs=1e-12)
+    assert shift_matrix(DEGREE, axis, -0.37) @ moved == pytest.approx(coefficients, abs=1e-12)
 
 
 @pytest.mark.parametrize("degree", range(DEGREE + 1))
@@ -46,3 +53,28 @@ def test_all_nine_entries_of_gradients_are_derivatives_of_the_field():
         ahead, behind = (field_matrix(7, points + side * along) for side in (1, -1))
         expected = (ahead - behind) / (2 * step)
         np.testing.assert_allclose(found[:, :, j], expected, atol=1e-8 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("shape", [(5, 7, 6), (14, 5, 15)], ids=["all nodes", "some of them"])
+def test_the_polynomial_of_a_box_is_that_of_least_squares(shape):
+    """Of fields and gradients that no polynomial holds, against one system of all equations."""
+    grid, random = Grid([0.01, -0.02, 0.0], [1e-3, 2e-3, 1.5e-3], shape), np.random.default_rng(7)
+    flux, slope = random.standard_normal((2, *shape, 3)), 1e3 * random.standard_normal((2, *shape, 3, 3))
+    data = MapData(grid, ("a", "b"), np.ones(2), flux_density=flux, gradient=slope)
+    chosen = [global_polynomial._spread(n) for n in shape]
+    assert [len(axis) for axis in chosen] == [min(n, 12 if n == 14 else 13) for n in shape]
+    size = np.array(grid.upper - grid.lower)
+    degree, length = 6, np.linalg.norm(size) / 2
+    found = global_polynomial._fit(data, chosen, degree, length)
+
+    at = np.ix_(*chosen)
+    points = ((grid.points() - grid.lower - size / 2) / length).reshape(*shape, 3)[at].reshape(-1, 3)
+    share = global_polynomial.GRADIENT_WEIGHT
+    rows = [field_matrix(degree, points), share * gradient_matrix(degree, points).reshape(len(points), 9, -1)]
+    design = np.concatenate(rows, axis=1).reshape(-1, (degree + 1) ** 2)[:, 1:]
+    for k in range(2):
+        wanted = [flux[k][at].reshape(-1, 3), share * length * slope[k][at].reshape(-1, 9)]
+        exact = np.linalg.lstsq(design, np.concatenate(wanted, axis=1).ravel(), rcond=None)[0]
+        off = design @ (found[k, 1:] - exact)
+        assert np.abs(off).max() < 1e-12 * np.abs(design @ exact).max()
+    assert not found[:, 0].any()
