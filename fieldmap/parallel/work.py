@@ -119,8 +119,13 @@ def in_threads(
 ) -> Iterator[Outcome[R]]:
     """function(*shared, item) for every item, in `count` threads of this process: outcomes in the order of the items.
 
-    Kernels use one thread in each of them.
+    Kernels use one thread in each of them. One thread is the caller's own: to hand each item to another and wait for it
+    takes longer than a small one.
     """
+    if count == 1:
+        with same_arithmetic():
+            yield from _in_this_thread(function, items, shared)
+        return
     with (
         same_arithmetic(),
         ThreadPoolExecutor(count, initializer=numba.set_num_threads, initargs=(1,)) as executor,
@@ -139,6 +144,20 @@ def in_threads(
         finally:
             for future in under_way:
                 future.cancel()
+
+
+def _in_this_thread(
+    function: Callable[..., R], items: Sequence[Any], shared: tuple[Any, ...]
+) -> Iterator[Outcome[R]]:
+    for index, item in enumerate(items):
+        threads = numba.get_num_threads()
+        numba.set_num_threads(1)
+        try:
+            outcome = _attempt(index, function, (*shared, item), thread_time)
+        finally:
+            # Whoever takes the outcome has all of its threads again.
+            numba.set_num_threads(threads)
+        yield outcome
 
 
 def threads_of_kernels() -> int:
