@@ -1,10 +1,12 @@
 """A rig without iron, quick to map, with a closed form on its axis; and one whose iron saturates."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from fieldmap.maps import generate
+from fieldmap.maps import generate, generation
+from fieldmap.maps.error_bound import certified_bounds
 
 DEVICES = Path(__file__).parents[1] / "devices"
 DEVICE = (DEVICES / "pair.toml").read_text()
@@ -58,6 +60,13 @@ def rig_map(tmp_path_factory):
 
 
 @pytest.fixture
+def coarse(rig):
+    """That folder, with nodes so far apart that a map takes little time: for what does not depend on them."""
+    (rig / "recipe.toml").write_text(RECIPE.replace("spacing_mm = 2.0", "spacing_mm = 6.0"))
+    return rig
+
+
+@pytest.fixture
 def recipe_text():
     """The recipe's text."""
     return RECIPE
@@ -69,9 +78,29 @@ def two_cores():
     return TWO_CORES
 
 
+def write_few_states(folder):
+    (folder / "two_cores.toml").write_text(TWO_CORES)
+    (folder / "recipe.toml").write_text(FEW_STATES)
+    return folder / "recipe.toml"
+
+
 @pytest.fixture
-def few_states(tmp_path, two_cores):
+def few_states(tmp_path):
     """Recipe file of a quick map of the two cores: ten states for training, two held out, four corners."""
-    (tmp_path / "two_cores.toml").write_text(two_cores)
-    (tmp_path / "recipe.toml").write_text(FEW_STATES)
-    return tmp_path / "recipe.toml"
+    return write_few_states(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def few_states_map(tmp_path_factory):
+    """The map of that recipe, to be read only: path, and the fields that its certificate asked for at points."""
+    asked, folder = [], tmp_path_factory.mktemp("few_states")
+
+    def keep(data, fields, weights):
+        asked.append(fields)
+        return certified_bounds(data, fields, weights)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generation, "certified_bounds", keep)
+        path = generate(write_few_states(folder), folder / "map.h5")
+    (fields,) = asked
+    return SimpleNamespace(path=path, fields=fields)

@@ -8,7 +8,8 @@ import pytest
 from fieldmap.cli.application import application
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
-from fieldmap.maps import generate
+from fieldmap.maps import generate, generation
+from fieldmap.maps.training import condensation
 from fieldmap.parallel import WorkerDied, workers
 from fieldmap.store import checkpoint_path, read_info, read_map
 
@@ -16,8 +17,11 @@ from fieldmap.store import checkpoint_path, read_info, read_map
 @pytest.fixture
 def failing(monkeypatch):
     """failing(fails): from now on solves fail at currents for which fails(number of the solve) is an error. One state
-    at a time, so that they have numbers."""
+    at a time, so that they have numbers. What comes after the states is made with little care."""
     monkeypatch.setattr(workers, "threads_of_kernels", lambda: 1)
+    monkeypatch.setattr(generation, "certified_bounds", lambda *_: {})
+    monkeypatch.setattr(condensation, "_STATES", 20)
+    monkeypatch.setattr(condensation, "_TRIED", 10)
     solve = NonlinearSolver.solve
 
     def make(error_of):

@@ -72,15 +72,17 @@ held_out = 3
 
 
 def make(folder, accuracy, **named):
-    cores = [CORE.format(name=k + 1, x=x, y=y) for k, (x, y) in enumerate(PLACES)]
-    (folder / "six_cores.toml").write_text(HEAD + "".join(cores))
     (folder / "recipe.toml").write_text(RECIPE.format(accuracy=accuracy))
     return read_map(fm.generate(folder / "recipe.toml", folder / f"map_{accuracy}.h5", **named))
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("six_cores")
+    """With the device, six_cores.toml."""
+    folder = tmp_path_factory.mktemp("six_cores")
+    cores = [CORE.format(name=k + 1, x=x, y=y) for k, (x, y) in enumerate(PLACES)]
+    (folder / "six_cores.toml").write_text(HEAD + "".join(cores))
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +156,7 @@ def test_a_run_that_stops_among_the_corners_gives_the_same_bits(data, folder):
     assert resumed.provenance.solver_report["corners"] == before.provenance.solver_report["corners"]
 
 
-def test_corrections_are_the_error_of_iron_that_hardly_saturates(folder, data):
+def test_corrections_are_the_error_of_iron_that_hardly_saturates(folder):
     """In strong iron far below saturation one step of Newton's method is exact, whatever the tangent's place."""
     solver = NonlinearSolver(fm.read_device(folder / "six_cores.toml"))
     currents = 1e-6 * np.array([[1.0, 0.5, -0.3, 0.2, 1.0, -1.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
