@@ -154,7 +154,7 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
     figure = axes.get_figure(root=True)
     assert figure is not None
     # What stands above takes of the height.
-    figure.draw_without_rendering()
+    _lay_out(figure)
     lines = max(text.count("\n") + 1 for text in words)
     height = lines * _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
     places = spread(shares[:, 1], height)
@@ -275,9 +275,16 @@ def _hides_a_line(axes: Axes, legend: Legend) -> bool:
     """Whether a line or a mark lies under a legend that took the best place it found."""
     figure = axes.figure
     assert isinstance(figure, Figure)
-    figure.draw_without_rendering()
+    _lay_out(figure)
     box = legend.get_window_extent()
     return any(
         line.get_transform().transform_path(line.get_path()).intersects_bbox(box, filled=False)
         for line in axes.lines
     )
+
+
+def _lay_out(figure: Figure) -> None:
+    """Give axes and words their places, as drawing does before it draws: the lines themselves take longer."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
