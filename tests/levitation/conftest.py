@@ -32,13 +32,17 @@ class AxisymmetricField:
         t[4, 0, 0] += 3 / 8 * c4
         t[0, 4, 0] += 3 / 8 * c4
         t[2, 2, 0] += 3 / 4 * c4
-        self.potential = t
+        self.amperes, self.potentials, self.derived = np.ones(1), t[None], {}
 
     def derivative(self, points, axes):
-        t = self.potential
-        for axis in axes:
-            t = polynomial.polyder(t, axis=axis)
-        return polynomial.polyval3d(*np.atleast_2d(points).T, t)
+        """Each derivative's polynomial once, whatever the order of its axes."""
+        key = tuple(sorted(axes))
+        if key not in self.derived:
+            t = self.potentials
+            for axis in key:
+                t = polynomial.polyder(t, axis=axis + 1)
+            self.derived[key] = t
+        return polynomial.polyval3d(*np.atleast_2d(points).T, np.tensordot(self.amperes, self.derived[key], 1))
 
     def field(self, points, currents):
         return currents[0] * np.stack([self.derivative(points, [i]) for i in range(3)], axis=-1)
@@ -79,7 +83,7 @@ class PolynomialField(AxisymmetricField):
     def __init__(self, potentials, lower=(-0.02, -0.02, -0.02), upper=(0.02, 0.02, 0.02)):
         self.lower, self.upper = np.array(lower), np.array(upper)
         self.coil_names = tuple(f"coil {k}" for k in range(len(potentials)))
-        self.known, self.derived = np.full(len(potentials), np.nan), {}
+        self.derived = {}
         shape = np.max([p.shape for p in potentials], axis=0)
         self.potentials = np.zeros((len(potentials), *shape))
         for whole, p in zip(self.potentials, potentials, strict=True):
@@ -95,21 +99,8 @@ class PolynomialField(AxisymmetricField):
         return self._at(currents, super().second_gradient, points)
 
     def _at(self, currents, method, points):
-        amperes = np.asarray(currents, dtype=float)
-        if not np.array_equal(amperes, self.known):
-            self.known, self.derived = amperes.copy(), {}
-            self.potential = np.tensordot(amperes, self.potentials, axes=1)
+        self.amperes = np.asarray(currents, dtype=float)
         return method(points, [1.0])
-
-    def derivative(self, points, axes):
-        """Each derivative's polynomial once, whatever the order of its axes."""
-        key = tuple(sorted(axes))
-        if key not in self.derived:
-            t = self.potential
-            for axis in key:
-                t = polynomial.polyder(t, axis=axis)
-            self.derived[key] = t
-        return polynomial.polyval3d(*np.atleast_2d(points).T, self.derived[key])
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ def test_of_two_equilibria_the_one_near_the_start_is_taken(axisymmetric):
 
 def test_an_aligned_moment_follows_the_field(axisymmetric):
     source = axisymmetric((0.02, 0.03, 0.6, 0.0))
-    source.potential[1, 0, 0] += 0.004  # a uniform sideways field tilts the magnet
+    source.potentials[0, 1, 0, 0] += 0.004  # a uniform sideways field tilts the magnet
     found = find_equilibrium(source, [1.5], PAYLOAD, moment="aligned")
     assert found.angle_to_field < 1e-5
     assert found.moment[0] > 0.05 * PAYLOAD.moment

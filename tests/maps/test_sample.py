@@ -1,8 +1,5 @@
 """The map that comes with the package is that of its recipe, and agrees with a solution of its device."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -48,13 +45,3 @@ def test_a_name_is_a_shipped_map_only_where_there_is_no_such_file(tmp_path, monk
     assert str(map_path("sample")) == "sample"
     with pytest.raises(MapFileError):
         fm.open_map("sample")
-
-
-def test_opening_a_map_reads_no_schema_of_device_files():
-    """They take a fifth of a second, for what a program in flight never asks for."""
-    program = (
-        "import sys, fieldmap; fieldmap.open_map('sample').at([1.0] * 6);"
-        "print([n for n in ('fieldmap.device.schema', 'fieldmap.device.model', 'scipy.stats') if n in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
