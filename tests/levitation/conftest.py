@@ -42,7 +42,9 @@ class AxisymmetricField:
             for axis in key:
                 t = polynomial.polyder(t, axis=axis + 1)
             self.derived[key] = t
-        return polynomial.polyval3d(*np.atleast_2d(points).T, np.tensordot(self.amperes, self.derived[key], 1))
+        return polynomial.polyval3d(
+            *np.atleast_2d(points).T, np.tensordot(self.amperes, self.derived[key], 1)
+        )
 
     def field(self, points, currents):
         return currents[0] * np.stack([self.derivative(points, [i]) for i in range(3)], axis=-1)
