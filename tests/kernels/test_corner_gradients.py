@@ -12,7 +12,7 @@ from fieldmap.iron.symmetry import Operation, SymmetryGroup
 
 STEP = 1e-6
 # On a ball. Without compilation the pairs of so many triangles take seconds.
-NODES, NODES_OF_SIX = (12, 8) if config.DISABLE_JIT else (24, 16)
+NODES, NODES_OF_SIX = (12, 8) if config.DISABLE_JIT else (40, 20)
 BETWEEN_RULES = 1e-5 if config.DISABLE_JIT else 1e-6
 
 
