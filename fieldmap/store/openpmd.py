@@ -95,6 +95,8 @@ def _create_record(
         timeOffset=np.float64(0),
         comment=fixed(comment),
     )
+    # By chunks: h5py writes a number that is given for a whole data set row by row, which takes most of the time.
+    nothing = np.full((planes, *grid.shape[1:]), np.nan)
     for component in components:
         data = record.create_dataset(
             component,
@@ -105,7 +107,8 @@ def _create_record(
             fillvalue=np.nan,
         )
         # Allocated now: the numbers lie beside what describes them, not all of them behind all descriptions.
-        data[...] = np.nan
+        for first in range(0, grid.shape[0], planes):
+            data[first : first + planes] = nothing[: grid.shape[0] - first]
         data.attrs.update(unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
 
 
