@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -64,10 +65,21 @@ def root_locus(
     poles = [np.sort_complex(np.roots(np.polyadd(bottom, wanted[0] * top)))]
     for start, end in pairwise(wanted):
         branch = poles[-1]
-        for gain in np.linspace(start, end, steps + 2)[1:]:
-            branch = _matched(branch, np.roots(np.polyadd(bottom, gain * top)))
+        for found in _roots(bottom, top, np.linspace(start, end, steps + 2)[1:]):
+            branch = _matched(branch, found)
         poles.append(branch)
     return RootLocus(wanted, np.array(poles, dtype=complex))
+
+
+def _roots(bottom: Array, top: Array, gains: Array) -> Sequence[NDArray[Any]]:
+    """np.roots of bottom + gain * top for every gain: eigenvalues of all companion matrices in one call."""
+    each = np.pad(top, (bottom.size - top.size, 0)) * gains[:, None] + bottom
+    if bottom.size < 3 or not (each[:, 0] != 0.0).all() or not (each[:, -1] != 0.0).all():
+        return [np.roots(one) for one in each]
+    companions = np.zeros((gains.size, bottom.size - 1, bottom.size - 1))
+    companions[:, 1:, :-1] = np.eye(bottom.size - 2)
+    companions[:, 0] = -each[:, 1:] / each[:, :1]
+    return list(np.linalg.eigvals(companions))
 
 
 def _matched(before: NDArray[Any], after: NDArray[Any]) -> NDArray[Any]:
