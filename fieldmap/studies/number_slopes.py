@@ -350,12 +350,43 @@ def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
     return lambda: (work.total(name)[k] - value / point.common * (signs @ work.currents)) / point.common
 
 
+class _Inhomogeneities(Quantity):
+    """`inhomogeneities` of the field at points: hundreds of samples, of which differences would take two calls each."""
+
+    uses = ("field",)
+
+    def __init__(self, points: Array) -> None:
+        self._points = points
+
+    @property
+    def points(self) -> Array:
+        """Points (n, 3), m."""
+        return self._points
+
+    def of(self, samples: Samples) -> Array:
+        """Root mean square and largest."""
+        return np.array(inhomogeneities(samples.field))
+
+    def weights(self, samples: Samples) -> Weights:
+        """In closed form; none of a field that is the same everywhere, where both have a kink."""
+        count, mean = len(samples.field), samples.field.mean(axis=0)
+        apart = samples.field - mean
+        sizes = np.linalg.norm(apart, axis=1)
+        level, rms, far = np.linalg.norm(mean), np.sqrt(np.mean(sizes**2)), int(np.argmax(sizes))
+        field = np.zeros((2, count, 3))
+        if rms > 0.0:
+            field[0] = apart / (count * rms * level) - rms * mean / (count * level**3)
+            towards = apart[far] / (sizes[far] * level)
+            field[1] = -towards / count - sizes[far] * mean / (count * level**3)
+            field[1, far] += towards
+        return Weights(field, np.zeros((2, count, 3, 3)), np.zeros((2, len(samples.linkage))))
+
+
 def _homogeneity(place: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
     def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
         corners = work.point.record.box
         assert corners is not None
-        grid = box_grid(corners)
-        work.need("homogeneity", FieldFunction(lambda field: inhomogeneities(field.field(grid))))
+        work.need("homogeneity", _Inhomogeneities(box_grid(corners)))
         return (lambda: work.total("homogeneity")[place]) if _carried_by_a_dipole(work) else None
 
     return rule

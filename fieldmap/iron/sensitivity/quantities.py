@@ -180,13 +180,18 @@ class FieldFunction(Quantity, Record):
     @property
     def points(self) -> Array:
         """All points (n, 3) that the function asks for, m."""
-        return self._asked
+        return np.concatenate([np.zeros((0, 3)), *self._recorder.asked])
+
+    @property
+    def uses(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the function asks for."""
+        return tuple(name for name in ("field", "gradient") if name in self._recorder.kinds)
 
     @cached_property
-    def _asked(self) -> Array:
+    def _recorder(self) -> _SampledField:
         recorder = _SampledField(None, None)
         self.function(recorder)
-        return np.concatenate([np.zeros((0, 3)), *recorder.asked])
+        return recorder
 
     def of(self, samples: Samples) -> ArrayLike:
         """The function's numbers."""
@@ -201,6 +206,7 @@ class _SampledField(BaseFieldAtCurrents):
     def __init__(self, field: Array | None, gradient: Array | None) -> None:
         self._field, self._gradient = field, gradient
         self.asked: list[Array] = []
+        self.kinds: set[str] = set()
         self._count = 0
 
     @property
@@ -210,10 +216,12 @@ class _SampledField(BaseFieldAtCurrents):
 
     def field(self, points: ArrayLike) -> Array:
         """B (n, 3) or (3,)."""
+        self.kinds.add("field")
         return self._next(points, self._field, (3,))
 
     def gradient(self, points: ArrayLike) -> Array:
         """dB_i/dx_j (n, 3, 3) or (3, 3)."""
+        self.kinds.add("gradient")
         return self._next(points, self._gradient, (3, 3))
 
     def _next(self, points: ArrayLike, values: Array | None, shape: tuple[int, ...]) -> Array:
