@@ -267,6 +267,14 @@ def steady_gain(plant: tuple[ArrayLike, ArrayLike], Ts: float | None = None) -> 
     return float(np.polyval(top, at) / below) if below else float("inf")
 
 
+def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayLike, axis: int = -1) -> Array:
+    """The answer of a sampled transfer function to a signal, from rest; polynomials in 1/q, as lfilter takes them."""
+    # Here: scipy.signal brings scipy.stats, and whoever reads a scenario would load both, which takes a second.
+    from scipy.signal import lfilter
+
+    return np.asarray(lfilter(numerator, denominator, signal, axis=axis))
+
+
 def check_model(
     where: str, model: tuple, inputs: int | None = None, outputs: int | None = None
 ) -> tuple[Array, Array, Array, Array]:

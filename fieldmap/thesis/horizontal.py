@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 
 from fieldmap.control import PID, TransferFunction, simulate_loop, steady_gain, transfer_function
 from fieldmap.control.identification import Orders, modified_least_squares_runs
+from fieldmap.control.linear_models import filter_response
 from fieldmap.curves import Curves
 from fieldmap.records import Record
 from fieldmap.thesis.coupled_runs import Readings, X, answer_of, ours, over_time, run_of
@@ -64,7 +64,7 @@ def recovery(inputs: dict[str, Any]) -> Answers:
         for name, poles in (("second", 2), ("first", 1)):
             printed = np.asarray(inputs[f"{axis}_{name}_order"])
             u = np.concatenate([np.zeros(50), np.full(1500, inputs[f"{axis}_signal"])])
-            response = lfilter(np.concatenate([np.zeros(poles), printed[:1]]), printed[1:], u)
+            response = filter_response(np.concatenate([np.zeros(poles), printed[:1]]), printed[1:], u)
             noise = np.random.default_rng(7).normal(scale=inputs["deviation_mm"], size=(RUNS, u.size))
             found = modified_least_squares_runs(response + noise, u, Orders(poles=poles, zeros=0))
             both = np.concatenate([found.numerators, found.denominators[:, 1:]], axis=1)
@@ -160,7 +160,7 @@ def _open_loop(inputs: dict[str, Any]) -> list[Curves]:
         signal, run = _signal_for(inputs, axis, float(way), theirs)
         begin, answers = run.mean("xy".index(axis), 0.0, 1.0), {}
         for name, plant in _models(inputs, axis).items():
-            rise = lfilter(*_padded(plant), (run.time >= 1.0).astype(float))
+            rise = filter_response(*_padded(plant), (run.time >= 1.0).astype(float))
             answers[name] = begin + float(way) * rise / (plant.numerator.sum() / plant.denominator.sum())
         title = f"Fig. 6-{number}: open-loop step of {axis} by {way:g} mm"
         remark = f"Signal {signal:.3f} here, {theirs:.3f} on the rig by (6-4), (6-5); models scaled to end there too."

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
 from fieldmap.control.identification.estimate import Estimate, Orders, not_settled
@@ -25,7 +24,7 @@ from fieldmap.control.identification.regression import (
     solve,
     stable_denominators,
 )
-from fieldmap.control.linear_models import transfer_function
+from fieldmap.control.linear_models import filter_response, transfer_function
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
@@ -76,15 +75,20 @@ def identify_indirect(
     top, bottom = transfer_function(*controller)
     above = np.concatenate([np.zeros(bottom.size - top.size), top])
     y, r = check_records(where, orders, outputs=outputs, references=references)
-    outward, driven = lfilter(bottom, [1.0], y), lfilter(above, [1.0], r - y)
+    outward, driven = filter_response(bottom, [1.0], y), filter_response(above, [1.0], r - y)
     # Plain least squares is too far off to start from: what the controller must have sent, and the direct way.
-    start = modified_least_squares_runs(y, lfilter(above, bottom, r - y), orders, iterations=30)
+    start = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
     a, b, changes = start.denominators[:, : orders.poles + 1], start.numerators, []
     previous = np.concatenate([a[0, 1:], b[0]])
     for _ in range(iterations):
         stable, predicted = _predicted(r, (above, bottom), (a[0], b[0]), orders)
-        records = (outward, driven, lfilter(bottom, [1.0], predicted), lfilter(above, [1.0], r - predicted))
-        step = _with_instruments([lfilter([1.0], stable, x) for x in records], orders, where)
+        records = (
+            outward,
+            driven,
+            filter_response(bottom, [1.0], predicted),
+            filter_response(above, [1.0], r - predicted),
+        )
+        step = _with_instruments([filter_response([1.0], stable, x) for x in records], orders, where)
         changes.append(float(np.abs(step.coefficients[0] - previous).max() / np.abs(step.coefficients).max()))
         previous = step.coefficients[0]
         a, b = polynomials(step.coefficients, orders)
@@ -103,7 +107,7 @@ def _predicted(
     (above, bottom), (a, b) = controller, plant
     forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
     stable = stable_denominators(_sum(np.convolve(bottom, a), forward)[None, :])[0]
-    return stable, lfilter(forward, stable, r)
+    return stable, filter_response(forward, stable, r)
 
 
 def identify_two_stage(
@@ -129,7 +133,7 @@ def identify_two_stage(
     first = modified_least_squares_runs(u[0], r[0], loop, iterations=30)
     leading = np.zeros(loop.delay)
     stable = stable_denominators(first.denominators)[0]
-    predicted = lfilter(np.concatenate([leading, first.numerators[0]]), stable, r[0])
+    predicted = filter_response(np.concatenate([leading, first.numerators[0]]), stable, r[0])
     return modified_least_squares(y[0], predicted, orders, Ts)
 
 

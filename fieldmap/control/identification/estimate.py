@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 from fieldmap.arguments import check_signal
-from fieldmap.control.linear_models import TransferFunction, steady_gain
+from fieldmap.control.linear_models import TransferFunction, filter_response, steady_gain
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -137,7 +136,7 @@ class Estimate(Record):
         numerator, denominator = self.model
         delay = denominator.size - numerator.size
         u = check_signal("Estimate.simulate(inputs)", inputs)
-        return lfilter(np.concatenate([np.zeros(delay), numerator]), denominator, u)
+        return filter_response(np.concatenate([np.zeros(delay), numerator]), denominator, u)
 
     def fit(self, inputs: ArrayLike, outputs: ArrayLike) -> float:
         """Share of the output's deviation from its mean that the simulation explains: 1 is perfect, 0 is no better

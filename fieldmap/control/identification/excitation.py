@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import max_len_seq
 
 from fieldmap.arguments import check_count, check_numbers
 from fieldmap.errors import InputError, Problem
@@ -65,6 +64,9 @@ def pseudo_random_binary(
             Problem(f"{where}(start)", f"must not be a multiple of 2^{order}", str(start), "take 1")
         )
     steps = -(-length // hold)
+    # Here, as in `filter_response`: scipy.signal takes long to load.
+    from scipy.signal import max_len_seq
+
     sequence, _ = max_len_seq(order, state=bits, length=steps, taps=stages)
     return amplitude * np.repeat(2.0 * sequence - 1.0, hold)[:length]
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from fieldmap.arguments import check_count, check_positive
 from fieldmap.control.identification.estimate import Estimate, Orders, not_settled
@@ -22,6 +21,7 @@ from fieldmap.control.identification.regression import (
     stable_denominators,
     to_model,
 )
+from fieldmap.control.linear_models import filter_response
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.typing import Array
 
@@ -120,8 +120,8 @@ def _least_prediction_errors(starts: list[Array], y: Array, u: Array, orders: Or
 
 
 def _equation_errors(a: Array, b: Array, y: Array, u: Array, orders: Orders) -> Array:
-    driven = lfilter(np.concatenate([np.zeros(orders.delay), b]), [1.0], u)
-    return (lfilter(a, [1.0], y) - driven)[orders.first :]
+    driven = filter_response(np.concatenate([np.zeros(orders.delay), b]), [1.0], u)
+    return (filter_response(a, [1.0], y) - driven)[orders.first :]
 
 
 def _autoregression(errors: Array, order: int, where: str) -> Array:
@@ -159,14 +159,16 @@ def _modified_start(y: Array, u: Array, orders: Orders, noise: int) -> Array:
 def _prediction_errors(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
     """(9): the equation's errors through 1/C, C with its roots inside the unit circle."""
     a, b = polynomials(theta[None, :], orders)
-    return lfilter([1.0], _noise_polynomial(theta, orders), _equation_errors(a[0], b[0], y, u, orders))
+    return filter_response(
+        [1.0], _noise_polynomial(theta, orders), _equation_errors(a[0], b[0], y, u, orders)
+    )
 
 
 def _prediction_slopes(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
     """Derivatives (m, p) of the prediction errors: y, u and the errors themselves, delayed, through 1/C."""
     c = _noise_polynomial(theta, orders)
-    known = -lfilter([1.0], c, columns_of(y[None], u[None], orders)[0], axis=0)
-    errors = lfilter([1.0], c, _prediction_errors(theta, y, u, orders))
+    known = -filter_response([1.0], c, columns_of(y[None], u[None], orders)[0], axis=0)
+    errors = filter_response([1.0], c, _prediction_errors(theta, y, u, orders))
     past = [np.concatenate([np.zeros(i), -errors[: errors.size - i]]) for i in range(1, c.size)]
     return np.concatenate([known, np.stack(past, axis=1)], axis=1)
 

@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from fieldmap.arguments import check_signal
 from fieldmap.control.identification.estimate import Orders
-from fieldmap.control.linear_models import TransferFunction
+from fieldmap.control.linear_models import TransferFunction, filter_response
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.control.regression import triangles
 from fieldmap.plain import Plain, plain_items
@@ -112,7 +111,7 @@ def stable_denominators(a: Array) -> Array:
 
 def filtered(b: Array, a: Array, signal: Array) -> Array:
     """Every run of signal (runs, samples) through its own b / a (in the delay operator), from rest."""
-    return np.array([lfilter(bb, aa, s) for bb, aa, s in zip(b, a, signal, strict=True)])
+    return np.array([filter_response(bb, aa, s) for bb, aa, s in zip(b, a, signal, strict=True)])
 
 
 def polynomials(coefficients: Array, orders: Orders) -> tuple[Array, Array]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike
-from scipy.signal import savgol_filter
 
 from fieldmap.arguments import check_count, check_numbers, check_signal
 from fieldmap.control.linear_models import TransferFunction
@@ -95,6 +94,9 @@ def noisy_step_metrics(
         )
     since, after = t[before:], y[before:]
     initial, final = float(np.mean(y[:before])), float(np.mean(after[-(after.size // 4) :]))
+    # Here, as in `filter_response`: scipy.signal takes long to load.
+    from scipy.signal import savgol_filter
+
     smooth = savgol_filter(after, window, 2)
     left = float(np.std(smooth[-(after.size // 4) :]))
     needed = 4.0 * left / max(abs(final - initial), 1e-300)

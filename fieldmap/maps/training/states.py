@@ -7,7 +7,6 @@ from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
@@ -29,6 +28,9 @@ _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
 def sequence(domain: CurrentDomain, first: int, count: int) -> Array:
     """Signals (count, d), from number `first` on, of a sequence that fills the domain evenly: the middle, then low
     discrepancy (Sobol), denser towards the faces, where a model has neighbours on one side only."""
+    # Here: only who trains a model needs scipy.stats, which takes a second to load.
+    from scipy.stats import qmc
+
     d = domain.parametrisation.signal_count
     power = int(np.ceil(np.log2(max(2, first + count))))
     shares = qmc.Sobol(d, seed=_SEED).random_base2(power)
