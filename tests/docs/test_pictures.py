@@ -24,8 +24,8 @@ from fieldmap.plot.figures import curves_figure, save_curves
 from fieldmap.plot.record import differences, figure_record, scene_record
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import DARK_PAPER, INK, dark_path, in_the_dark, scene_in_the_dark
-from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.printed import figure_numbers, read_part
+from tests.computed_parts import computed
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
@@ -87,7 +87,7 @@ def contents(name: str) -> str:
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture, tmp_path, monkeypatch):
     part, number = FIGURES[name]
-    curves = next(one for one in compute_part(part).curves if number in figure_numbers(one.title))
+    curves = next(one for one in computed(part).curves if number in figure_numbers(one.title))
     figure = curves_figure(curves)
     monkeypatch.setenv("FIELDMAP_PICTURES", "both")
     drawn = save_curves(curves, tmp_path / name)

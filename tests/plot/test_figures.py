@@ -1,7 +1,6 @@
 """Figures of rows: what is drawn is what was given, and what is marked lies where the numbers say."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,8 +9,8 @@ from matplotlib.figure import Figure
 from fieldmap.curves import agreements, message_of
 from fieldmap.plot.figures import draw_curves, save_curves, spread
 from fieldmap.thesis import Curves, Series, part_names
-from fieldmap.thesis.computation import compute_part
 from fieldmap.thesis.printed import read_part
+from tests.computed_parts import computed
 
 X = np.array([0.0, 1.0, 2.0])
 PLAIN = Curves(
@@ -165,9 +164,6 @@ def test_one_line_needs_no_legend_and_decades_are_a_choice():
 
 def test_a_figure_becomes_a_picture(tmp_path):
     assert save_curves(PLAIN, tmp_path / "figure.png").read_bytes()[:4] == b"\x89PNG"
-
-
-computed = cache(compute_part)
 
 
 WITHOUT_A_MAP = [part for part in part_names() if read_part(part).figures and not read_part(part).map]

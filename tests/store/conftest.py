@@ -34,7 +34,7 @@ def make_map(coil_names=("1", "upper left"), reference_current=1.0, shape=(4, 3,
     )
 
 
-@pytest.fixture(name="make_map")
+@pytest.fixture(name="make_map", scope="session")
 def _make_map():
     return make_map
 

@@ -68,14 +68,14 @@ def all_numbers(path):
         (12, "after"),
     ],
 )
-def test_a_killed_run_is_resumed_to_the_same_bytes(make_map, tmp_path, count, late):
+def test_a_killed_run_is_resumed_to_the_same_bytes(large, whole, tmp_path, count, late):
     target = tmp_path / "map.h5"
     conftest = Path(__file__).with_name("conftest.py")
     command = [sys.executable, "-c", KILLED_RUN, str(conftest), str(target), str(count), late]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr
     assert not target.exists()
-    data = make_map(shape=(9, 20, 30))
+    data = large
     with open_writer(target, data) as writer:
         survived = count if late == "after" else count - 1
         if survived >= 1:
@@ -89,10 +89,15 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(make_map, tmp_path, count, la
             planes = slice(chunk.first, chunk.last)
             writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
         writer.finish({"iterations": 7})
-    whole = write_map(tmp_path / "whole.h5", data)
-    assert all_numbers(target) == all_numbers(whole)
+    assert all_numbers(target) == whole
     assert read_map(target).provenance.solver_report == {"iterations": 7}
     assert not checkpoint_path(target).exists()
+
+
+@pytest.fixture(scope="module")
+def whole(make_map, tmp_path_factory):
+    """The numbers of the map that is written in one go."""
+    return all_numbers(write_map(tmp_path_factory.mktemp("whole") / "map.h5", make_map(shape=(9, 20, 30))))
 
 
 def half_written(target, data):

@@ -1,12 +1,9 @@
 """S9, S10: bands of the fitted constants, and what adding formulas does to their error."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 from fieldmap.planar import read_planar_device, solve_planar
-from fieldmap.thesis import compare
 from fieldmap.thesis.planar_force import (
     DEPTHS,
     force,
@@ -16,14 +13,13 @@ from fieldmap.thesis.planar_force import (
     vertical_fit,
 )
 from fieldmap.thesis.spatial_force import added_errors, places, plane_fit, unit_forces
+from tests.computed_parts import numbers
 
 LINE = (0.125,)
 
 
-@cache
 def row(name):
-    """Computed by the first test that asks: collecting tests stays quick."""
-    return {n.name: n for n in compare([name])}
+    return {n.name: n for n in numbers(name)}
 
 
 @pytest.mark.parametrize(("name", "band"), [("L0", 0.2), ("b", 0.2), ("c", 0.1)])

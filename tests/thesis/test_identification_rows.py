@@ -1,19 +1,15 @@
 """What the rows of S16 and S17 on identification must show."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
-from fieldmap.thesis.computation import compute_part
+from tests.computed_parts import computed
 
 PARTS = ("S16_recovery", "S17_recovery", "S16_root_locus", "S16_times_in_minutes")
 
 
-@cache
 def numbers_of_both():
-    """Computed by the first test that asks: collecting tests stays quick."""
-    return [number for part in PARTS for number in compute_part(part).comparisons]
+    return [number for part in PARTS for number in computed(part).comparisons]
 
 
 def part(word):

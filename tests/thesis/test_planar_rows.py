@@ -1,14 +1,10 @@
 """Bands that the planar model holds against the thesis: 3 mm in the equilibria, 12 % in the gradients."""
 
-from functools import cache
-
-from fieldmap.thesis import compare
+from tests.computed_parts import numbers
 
 
-@cache
 def row():
-    """Computed by the first test that asks: collecting tests stays quick."""
-    return compare(["S5"])
+    return numbers("S5")
 
 
 def test_eight_equilibria_within_three_millimetres():

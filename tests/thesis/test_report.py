@@ -10,8 +10,9 @@ from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_folder
 from fieldmap.store import Checkpoint
 from fieldmap.thesis import Curves, Series, attempt_rows, finished_parts, read_rows
-from fieldmap.thesis.computation import PartResult, attempt_part, compute_part
+from fieldmap.thesis.computation import PartResult, attempt_part
 from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
+from tests.computed_parts import computed
 
 QUICK = ["S3", "S6", "S9"]
 
@@ -82,7 +83,7 @@ def test_the_page_asks_nothing_of_the_network(folder):
 def test_the_table_of_numbers_has_every_number(numbers):
     assert tuple(numbers[0]) == COLUMNS
     direct = [
-        n for part in ("S3", "S6", "S9_constants", "S9_superposition") for n in compute_part(part).comparisons
+        n for part in ("S3", "S6", "S9_constants", "S9_superposition") for n in computed(part).comparisons
     ]
     assert [(n["row"], n["name"]) for n in numbers] == [(n.id, n.name) for n in direct]
     assert [float(n["ours"]) for n in numbers] == pytest.approx([n.ours for n in direct], rel=1e-9)
@@ -119,7 +120,7 @@ def test_rows_without_numbers_are_listed(folder):
 def test_explanations_misprints_and_assumptions_are_on_the_page(folder):
     text = (folder / "index.html").read_text()
     for part in ("S6", "S9_constants"):
-        result = compute_part(part)
+        result = computed(part)
         for words in result.explanations.values():
             assert words[:40] in text.replace("&#39;", "'")
         for number in result.comparisons:
@@ -130,14 +131,18 @@ def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
     monkeypatch.setattr(
         finished_parts, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again")
     )
+    # Nor need the figures be drawn again, of which the other tests look at the first ones.
+    monkeypatch.setattr("fieldmap.plot.figures.save_curves", lambda curves, path: drawn.append(path.name))
+    drawn: list[str] = []
     before = (folder / "numbers.csv").read_text()
     assert main(["thesis", *QUICK, "--report", str(folder)]) == 0
     assert (folder / "numbers.csv").read_text() == before
+    assert len(drawn) == 6
 
 
 def test_cached_results_come_back_as_they_were(folder):
     attempt = finished_parts.cached_parts(folder)
-    fresh, again = compute_part("S9_constants"), attempt("S9_constants")
+    fresh, again = computed("S9_constants"), attempt("S9_constants")
     assert again.comparisons == fresh.comparisons
     assert again.explanations == fresh.explanations
     assert [c.title for c in again.curves] == [c.title for c in fresh.curves]
@@ -281,7 +286,7 @@ def test_progress_knows_how_much_is_done():
 def test_what_is_far_from_the_thesis_is_explained_in_words():
     """Quick rows only; the whole table is held to it by the report itself."""
     for part in ("S5_current_ratio", "S5_depth", "S6", "S9_constants", "S9_superposition", "S16_root_locus"):
-        result = compute_part(part)
+        result = computed(part)
         for number in result.comparisons:
             far = number.deviation is not None and abs(number.deviation) > 0.1 and not number.misprint
             name = number.name.partition("[")[0]

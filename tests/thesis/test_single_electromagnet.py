@@ -8,14 +8,13 @@ import pytest
 from fieldmap.device import read_device
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.sources import unit_flux_densities
-from fieldmap.thesis import compare
 from fieldmap.thesis.single_electromagnet import CURRENTS, EXACT, SIMPLIFIED, axis_curves, levitation_depth
+from tests.computed_parts import numbers
 
 
 @cache
 def row():
-    """Computed by the first test that asks: collecting tests stays quick."""
-    return {n.name: n for n in compare(["S4"])}
+    return {n.name: n for n in numbers("S4")}
 
 
 def test_the_sphere_levitates_44_to_45_mm_below_the_core():
