@@ -23,7 +23,6 @@ def counts(monkeypatch):
 def test_modules_import_each_other_in_no_circle(counts):
     package = counts.modules(ROOT)
     assert set(counts.circles(counts.imports(package))) == KNOWN
-    assert not counts.circles(counts.imports(package, lazy=False))
 
 
 @pytest.fixture

@@ -44,6 +44,13 @@ def reached_from_the_middle(solved: PlanarSolution | PlanarState, amperes: Array
 
     Where the force at x = 0 vanishes, x = 0 itself, stable or not.
     """
+    return _reached(solved, tuple(map(float, amperes)), z)
+
+
+# A table and each of its figures ask for the same.
+@cache
+def _reached(solved: PlanarSolution | PlanarState, of_coils: tuple[float, ...], z: float) -> float:
+    amperes = np.array(of_coils)
     points = stationary_points(solved, amperes, z, -WINDOW, WINDOW)
     force = _force_at_the_middle(solved, amperes, z)
     if abs(force) < _NO_FORCE:

@@ -81,6 +81,10 @@ def limits_of(numbers):
     return tuple(Limit(number, upper=1.0) for number in numbers)
 
 
+# Both the derivatives and the differences are those of one mesh: a coarse one.
+MESH = 0.6
+
+
 def values_at(made, changes=None):
     starts = {one.key: one.start for one in made.variables}
     return np.array(list((starts | (changes or {})).values()))
@@ -89,7 +93,7 @@ def values_at(made, changes=None):
 def slope(made, key, step):
     """By difference of two solved designs; None where one could not be solved."""
     start = next(one.start for one in made.variables if one.key == key)
-    ahead, behind = (evaluate(Asked(made, values_at(made, {key: start + s * step}), 1.0)) for s in (1, -1))
+    ahead, behind = (evaluate(Asked(made, values_at(made, {key: start + s * step}), MESH)) for s in (1, -1))
     assert not ahead.failure
     assert not behind.failure
     return {name: (ahead.numbers[name] - behind.numbers[name]) / (2 * step) for name in ahead.numbers}
@@ -98,7 +102,7 @@ def slope(made, key, step):
 def compare(made, steps):
     """Every exact derivative within a bound of its size; of numbers that hardly follow, of a thousandth of what they
     would change by if they followed in proportion. Which numbers have one."""
-    found = evaluate(Asked(made, values_at(made), 1.0, made.keys))
+    found = evaluate(Asked(made, values_at(made), MESH, made.keys))
     assert found.solved, found.failure
     assert not found.refused
     for key, (value, step) in steps.items():
@@ -145,7 +149,7 @@ def test_of_a_current_and_of_a_difference_of_two_sets():
     made = replace(made, variables=(*made.variables, current), limits=(*made.limits, *limits_of([shift])))
     steps = {"current.loop": (1.5, 0.01), "parameters.side": (1.0, 0.1)}
     assert compare(made, steps) == {number.label for number in made.numbers}
-    slopes = evaluate(Asked(made, values_at(made), 1.0, made.keys)).slopes
+    slopes = evaluate(Asked(made, values_at(made), MESH, made.keys)).slopes
     assert slopes["power, carries"]["current.loop"] == 0.0
     assert (
         slopes["equilibrium_z, given - carries"]["current.loop"]
@@ -158,7 +162,7 @@ def test_what_changes_otherwise_is_left_to_differences():
     made = problem(1.0, False, {"payload.mass_g": (10.0, 0.1), "coil.loop.turns": (100.0, 1.0)}, ("power",))
     own = Number("mine", "", of=lambda device, state: float(state.currents[0]))
     made = replace(made, limits=(*made.limits, *limits_of([own])))
-    found = evaluate(Asked(made, values_at(made), 1.0, made.keys))
+    found = evaluate(Asked(made, values_at(made), MESH, made.keys))
     assert list(found.refused) == ["payload.mass_g"]
     assert found.numbers["mine"] == 1.0
     assert list(found.slopes) == ["power"]
