@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ answer = {
 
 ENTRIES = """
 from pathlib import Path
+from types import SimpleNamespace
 import fieldmap as fm
 from fieldmap.errors import MissingExtraError
 
@@ -128,8 +130,19 @@ def test_the_core_is_five_libraries_and_what_pins_their_threads():
     assert heavy <= distributions("all")
 
 
-def test_maps_are_used_with_the_core_alone(tmp_path):
-    found, _ = result_with((), USE, tmp_path)
+@pytest.fixture(scope="module")
+def core_alone(tmp_path_factory):
+    """What a map gives, what the entries say, what the command ends with, and all that is printed: in one process, most
+    of whose time is that of loading the package."""
+    program = f"{USE}\nused = answer\n{ENTRIES}\ntold = answer\n{COMMANDS}\nanswer = used, told, answer"
+    (used, told, codes), printed = result_with(
+        (), program, tmp_path_factory.mktemp("core"), "check drive_unit"
+    )
+    return SimpleNamespace(used=used, told=told, codes=codes, printed=printed)
+
+
+def test_maps_are_used_with_the_core_alone(core_alone):
+    found = core_alone.used
     # At the place where it floats the force of the map is the weight, upward.
     assert found["wrench"][2] == pytest.approx(found["weight"], rel=1e-6)
     assert np.abs(found["wrench"][:2]).max() < 1e-6 * found["weight"]
@@ -138,17 +151,16 @@ def test_maps_are_used_with_the_core_alone(tmp_path):
     assert found["field"][2] > 0
 
 
-def test_entries_without_their_extra_name_its_command(tmp_path):
-    found, _ = result_with((), ENTRIES, tmp_path)
+def test_entries_without_their_extra_name_its_command(core_alone):
+    found = core_alone.told
     assert len(found) == 12
     assert set(found.values()) == {"told"}, found
 
 
-def test_the_program_without_typer_names_its_extra(tmp_path):
-    (code,), printed = result_with((), COMMANDS, tmp_path, "check drive_unit")
-    assert code == 1
-    assert 'pip install "fieldmap[cli]"' in printed
-    assert "Traceback" not in printed
+def test_the_program_without_typer_names_its_extra(core_alone):
+    assert core_alone.codes == [1]
+    assert 'pip install "fieldmap[cli]"' in core_alone.printed
+    assert "Traceback" not in core_alone.printed
 
 
 def test_commands_that_use_maps_need_no_mesher_and_no_pictures(tmp_path):
