@@ -188,7 +188,7 @@ def margins(
     half the sampling rate.
     """
     frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
-    curves = np.array([_opened(loop, 2.0 * np.pi * f, sensors) for f in frequencies])
+    curves = _opened(loop, 2.0 * np.pi * frequencies, sensors)
     return [_margins_of(name, frequencies, curve) for name, curve in zip(names, curves.T, strict=True)]
 
 
@@ -209,18 +209,18 @@ def _mean_of_scans(sensors: Sensors, n: int, rate: float) -> complex:
     return complex(mean * np.exp(-1j * (rate * sensors.latency * scan + half)) * np.sinc(half / np.pi))
 
 
-def _opened(loop: ClosedLoop, rate: float, sensors: Sensors | None) -> Complex:
-    """(m,): the loop opened at one output, others closed, so that 1 + l is 0 at the border of stability."""
-    q = np.exp(1j * rate * loop.period)
+def _opened(loop: ClosedLoop, rates: Array, sensors: Sensors | None) -> Complex:
+    """(n, m): the loop opened at one output, others closed, so that 1 + l is 0 at the border of stability."""
+    q = np.exp(1j * rates * loop.period)[:, None, None]
     machine, k = loop.machine, loop.controller
     plant = machine.C @ np.linalg.solve(
         q * np.eye(len(machine.A)) - machine.A, machine.B + machine.before / q
     )
     inner = k.A + k.E @ k.C
     control = k.D[:, 3:6] + k.C @ np.linalg.solve(q * np.eye(len(inner)) - inner, (k.B + k.E @ k.D)[:, 3:6])
-    shown = np.eye(3) if sensors is None else sensor_answer(sensors, rate)
+    shown = np.eye(3) if sensors is None else np.array([sensor_answer(sensors, rate) for rate in rates])
     sensitivity = np.linalg.inv(np.eye(k.outputs) - control @ shown @ plant)
-    return 1.0 / np.diag(sensitivity) - 1.0
+    return 1.0 / np.diagonal(sensitivity, axis1=1, axis2=2) - 1.0
 
 
 def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:
