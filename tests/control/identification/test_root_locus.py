@@ -44,6 +44,15 @@ def test_the_arc_of_figure_5_6():
     assert locus.stable.tolist() == [False, True, True, True, True]
 
 
+def test_a_loop_that_answers_at_once():
+    """As many zeros as poles, so that the first coefficient changes with the gain: of (q - 0.9)^2 + k (q - 0.5)^2."""
+    gains = np.array([0.5, 1.0, 2.0])
+    poles = root_locus(([1.0, -1.0, 0.25], [1.0, -1.8, 0.81]), ([1.0], [1.0]), gains).poles
+    root = 1j * np.sqrt(gains)
+    wanted = np.stack([(0.9 - 0.5 * root) / (1.0 - root), (0.9 + 0.5 * root) / (1.0 + root)], axis=1)
+    np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(wanted), atol=1e-12)
+
+
 def test_unsorted_gains():
     with pytest.raises(InputError, match="sort"):
         root_locus(PLANT, CONTROLLER, [0.5, 0.2, 0.3])
