@@ -71,7 +71,7 @@ def root_locus(
     return RootLocus(wanted, np.array(poles, dtype=complex))
 
 
-def _roots(bottom: Array, top: Array, gains: Array) -> Sequence[NDArray[Any]]:
+def _roots(bottom: NDArray[Any], top: NDArray[Any], gains: Array) -> Sequence[NDArray[Any]]:
     """np.roots of bottom + gain * top for every gain: eigenvalues of all companion matrices in one call."""
     each = np.pad(top, (bottom.size - top.size, 0)) * gains[:, None] + bottom
     if bottom.size < 3 or not (each[:, 0] != 0.0).all() or not (each[:, -1] != 0.0).all():
