@@ -95,7 +95,8 @@ class ChargedFaces(Record):
 
     def spheres(self) -> Array:
         """Centres and radii as rows (4, n)."""
-        return np.vstack([self.centres.T, self.radii])
+        # In C order: numba compiles anew for another.
+        return np.ascontiguousarray(np.vstack([self.centres.T, self.radii]))
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
