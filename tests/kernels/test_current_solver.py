@@ -15,6 +15,7 @@ from fieldmap.store import ReducedModel
 
 # Without compilation a model's expansion takes seconds for each ten points.
 POINTS, MODES, FIELDS = 6 if config.DISABLE_JIT else 30, 5, 3
+DRAWN = 6 if config.DISABLE_JIT else 30  # currents whose equation is solved to the last digits
 # b = 2000 h up to 1 mT, a parabola to slope 1 at 3 mT, then slope 1.
 CURVE = np.array([[0.0, 0.0, 2000.0, 0.0], [0.0, -1999.0 / 4e-3, 2000.0, 2.0], [0.0, 0.0, 1.0, 4.001]])
 KNOTS = np.array([0.0, 1e-3, 3e-3])
@@ -92,7 +93,7 @@ def drawn(of, count, seed=3):
 def test_the_equation_holds(case):
     of, compiled = case
     state = new_state(compiled)
-    for currents in drawn(of, 30):
+    for currents in drawn(of, DRAWN):
         status, out = weights_of(compiled, state, currents, 1e-13)
         assert status == kernels.FOUND
         found = state.amplitudes[-1]
