@@ -119,7 +119,8 @@ def block_loop(plant, reference, signals, instruments, block, memory, y, u):
         for n in range(y.shape[1]):
             y[run, n] = np.dot(C, x)
             seen = measure(zero + y[run, n] + position_noise[run, n], voltage_noise[run, n], chain) - zero
-            v[:3], v[3:6] = reference[n], seen
+            for k in range(3):
+                v[k], v[3 + k] = reference[n], seen
             control(block, v, none, state, inner, output)
             u[run, n] = output[0]
             applied = _applied(operating, u[run, n], current_noise[run, n], numbers)
