@@ -35,7 +35,6 @@ answer = {
 
 ENTRIES = """
 from pathlib import Path
-from types import SimpleNamespace
 import fieldmap as fm
 from fieldmap.errors import MissingExtraError
 

@@ -21,6 +21,8 @@ def slices_of_arrays(source):
     """Lines in which a slice is assigned what is not written as a number or a named constant."""
     pairs = []
     for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.AugAssign):
+            pairs.append((node.target, node.value))
         if isinstance(node, ast.Assign):
             for target in node.targets:
                 several = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
@@ -35,8 +37,10 @@ def slices_of_arrays(source):
 
 
 def number(value):
+    if isinstance(value, ast.UnaryOp):
+        return number(value.operand)
     name = value.attr if isinstance(value, ast.Attribute) else getattr(value, "id", "")
-    return isinstance(value, ast.Constant | ast.UnaryOp) or name in ("inf", "nan") or name.isupper()
+    return isinstance(value, ast.Constant) or name in ("inf", "nan") or name.isupper()
 
 
 def test_kernels_assign_no_arrays_to_slices():
@@ -47,5 +51,7 @@ def test_kernels_assign_no_arrays_to_slices():
 
 
 def test_slices_of_arrays_are_found():
-    source = "a[:] = b\nc[:2], d[1:] = e, 0.0\nf[0] = g\nh[:] = np.nan\nk[1, :n] = m[2]\n"
-    assert slices_of_arrays(source) == [1, 2, 5]
+    source = (
+        "a[:] = b\nc[:2], d[1:] = e, 0.0\nf[0] = g\nh[:] = -np.inf\nk[1, :n] = m[2]\np[:] = -q\nr[:] += s\n"
+    )
+    assert slices_of_arrays(source) == [1, 2, 5, 6, 7]
