@@ -26,6 +26,7 @@ from fieldmap.iron.quantities.forces import Magnetised
 from fieldmap.iron.quantities.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
 from fieldmap.iron.solution import FluxDensitySamples, LinearSolution, LinearState
 from fieldmap.kernels.constants import MU0
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.containment import solid_angle_sums
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
@@ -102,8 +103,10 @@ class SurfaceSolution(LinearSolution):
             near = np.flatnonzero(((x >= lower) & (x <= upper)).all(axis=1) & (found == AIR))
             if len(near):
                 geometry = (faces.corners, faces.normals, faces.areas, faces.centres, faces.radii)
-                inside = solid_angle_sums(np.ascontiguousarray(x[near]), *geometry) < -0.5
-                found[near[inside]] = number
+                angles = np.empty(len(near))
+                points = np.ascontiguousarray(x[near])
+                over_rows(solid_angle_sums, len(near), points, *geometry, angles, work=len(faces.areas))
+                found[near[angles < -0.5]] = number
         return found
 
     @cached_property

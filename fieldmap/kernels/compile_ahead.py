@@ -25,16 +25,16 @@ from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, Sol
 # array of that many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. In the
 # order in which they are compiled.
 KERNELS = """
-coils.path path_flux_density d2 d2 d2 d d d
-coils.path path_flux_density_and_gradient d2 d2 d2 d d d
+coils.path _path_flux_density_rows i i d2 d2 d2 d d d d2
+coils.path _path_flux_density_and_gradient_rows i i d2 d2 d2 d d d d2 d3
 map.reduced_iron newton d1 d2 f2 d1 i1 i1 d1 d2 d2 d1 d1 d2 d i
-iron.charged_surface surface_field_and_gradient d2 d3 d2 d2 d2
+iron.charged_surface surface_field_and_gradient i i d2 d3 d2 d2 d2 d3 d4
 map.reduced_iron tangent_factor d1 d2 f2 d1 i1 i1 d1 d2 d2 d1
 growing_cholesky append d2 i d1 d
 growing_cholesky solve_lower d2 i d1
 growing_cholesky solve_upper d2 i d1
 growing_cholesky remove d2 i i
-iron.sample_gradients point_moments d1 d2 d1 i1 i1 d1 d2 d1
+iron.sample_gradients point_moments i i d1 d2 d1 i1 i1 d1 d2 d1 d2
 map.map_block contract d1 i d1 d1
 map.lookup evaluate d1 d2 d2 d3
 map.solid_harmonics regular_table i d2

@@ -6,12 +6,9 @@ it shapes are checked, batches are shared among threads, and points outside the 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, partial
-from itertools import pairwise
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numba
@@ -32,6 +29,7 @@ from fieldmap.field import (
     refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
+from fieldmap.kernels.in_threads import in_pieces
 from fieldmap.kernels.map import lookup as kernels
 from fieldmap.kernels.map.constant_field import evaluate_one_beside_constant
 from fieldmap.kernels.map.dipole_wrench import sum_wrench_at, wrench_at
@@ -44,7 +42,6 @@ if TYPE_CHECKING:
 
 # Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
 CHUNK = 16384
-_PIECES_PER_THREAD = 4
 # What takes points of any leading shape by itself, so that nothing stands before it where one point is asked for.
 ONE_POINT = ("field", "gradient", "field_and_gradient", "wrench")
 _ONE = np.ones((1, 1))
@@ -235,35 +232,14 @@ def result_array(out: Array | None, shape: tuple[int, ...]) -> Array:
 def in_chunks(evaluate: Callable[..., int], points: Array, others: Sequence[Array], box: Box) -> None:
     """evaluate(points[a:b], *(other[a:b])) over all points, on several threads if there are many.
 
-    Arrays of another length than the points are passed whole. Kernels release the interpreter's lock and
-    write to disjoint rows, so plain threads do. They are kept between calls and the caller sleeps meanwhile: a thread
-    that is new, or woken by one that goes on running, begins on the same processor and waits there for milliseconds.
+    Arrays of another length than the points are passed whole.
     """
     n = len(points)
-    workers = max(1, min(box.threads, n // CHUNK))
 
     def part(a: int, b: int) -> int:
         return evaluate(points[a:b], *(other[a:b] if len(other) == n else other for other in others))
 
-    if workers == 1:
-        box.check(points, part(0, n))
-        return
-    # More pieces than threads, which each takes when it has done one: who is held up leaves the rest to the others.
-    count = min(_PIECES_PER_THREAD * workers, n // CHUNK)
-    pieces = iter(list(pairwise(n * w // count for w in range(count + 1))))
-    waiting = [_pool().submit(lambda: sum(part(a, b) for a, b in pieces)) for _ in range(workers)]
-    box.check(points, sum(future.result() for future in waiting))
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    """The threads of all lookups of this process; made when first needed."""
-    return ThreadPoolExecutor(os.cpu_count(), "fieldmap lookup")
-
-
-# Threads do not survive a fork: the child makes its own.
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)
+    box.check(points, sum(in_pieces(part, n, CHUNK, box.threads)))
 
 
 def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> OutsideMapError:

@@ -161,14 +161,9 @@ def _in_this_thread(
 
 
 def threads_of_kernels() -> int:
-    """How many threads may call kernels at the same time: the processors of this process, where the layer by which
-    kernels divide their own work allows it, else 1."""
-    try:
-        safe = numba.threading_layer() in ("omp", "tbb")
-    except ValueError:
-        # No kernel has divided its work yet.
-        return 1
-    return int(numba.config.NUMBA_NUM_THREADS) if safe else 1  # type: ignore[attr-defined]
+    """How many threads may call kernels at the same time: the processors of this process, or what
+    `numba.set_num_threads` has left of them."""
+    return int(numba.get_num_threads())
 
 
 def threads_of_linear_algebra() -> int:

@@ -77,7 +77,7 @@ def solved_on(mesh, key, value, linear_iron, monkeypatch):
     monkeypatch.setattr(module, "generate_mesh", lambda *_: mesh)
     device = fm.read_device(text(), {key: value})
     if linear_iron:
-        return fm.solve_linear(device, tolerance=1e-9).at(CURRENTS)
+        return fm.solve_linear(device, tolerance=1e-12).at(CURRENTS)
     return NonlinearSolver(device).solve(CURRENTS, tolerance=1e-8)
 
 

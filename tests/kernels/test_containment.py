@@ -13,7 +13,11 @@ CORNERS = np.array(
 
 
 def find(points):
-    return find_tetrahedron(np.array(points), CORNERS, CORNERS.min(axis=1), CORNERS.max(axis=1))
+    found = np.full(len(points), -1)
+    find_tetrahedron(
+        0, len(points), np.array(points), CORNERS, CORNERS.min(axis=1), CORNERS.max(axis=1), found
+    )
+    return found
 
 
 def test_points_in_each_and_outside():

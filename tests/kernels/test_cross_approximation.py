@@ -42,25 +42,24 @@ def test_recompression_finds_the_rank_and_loses_nothing():
 
 def test_too_low_a_limit_is_reported():
     points, _ = far_sets(distance=1.5)
-    ranks = approximate_far_blocks(
-        np.array([[0, 9, 9, 20]]), np.array([0]), 2, *points, 1e-9, 1, np.empty(2 * 20)
-    )
+    block, ranks = np.array([[0, 9, 9, 20]]), np.zeros(1, np.int64)
+    approximate_far_blocks(0, 1, block, np.array([0]), 2, *points, 1e-9, 1, np.empty(2 * 20), ranks)
     assert ranks[0] == -1
 
 
 def test_products_of_blocks():
     points, exact = far_sets()
     block, place = np.array([[9, 20, 0, 9]]), np.array([0])
-    scratch = np.empty(9 * 20)
-    ranks = approximate_far_blocks(block, place, 9, *points, 1e-7, 1, scratch)
+    scratch, ranks = np.empty(9 * 20), np.zeros(1, np.int64)
+    approximate_far_blocks(0, 1, block, place, 9, *points, 1e-7, 1, scratch, ranks)
     data = np.empty(ranks[0] * 20, np.float32)
-    pack_factors(block, place, 9, ranks, np.array([0, data.size]), scratch, data)
+    pack_factors(0, 1, block, place, 9, ranks, np.array([0, data.size]), scratch, data)
     rng = np.random.default_rng(2)
     charge, own = rng.random((2, 20, 4)), rng.random((9, 9)).astype(np.float32)
     own = own + own.T
     sums = np.zeros((2, 2, 20, 4))
-    add_far_product(block, ranks, np.array([0, data.size]), data, charge, sums)
-    add_near_product(np.array([[0, 9, 0, 9]]), np.array([0, 81]), own.ravel(), charge, sums)
+    add_far_product(0, 2, block, ranks, np.array([0, data.size]), data, charge, sums)
+    add_near_product(0, 2, np.array([[0, 9, 0, 9]]), np.array([0, 81]), own.ravel(), charge, sums)
     whole = np.zeros((20, 20))
     whole[:9, :9], whole[:9, 9:], whole[9:, :9] = own, exact, exact.T
     assert sums.sum(axis=0) == pytest.approx(whole @ charge, rel=1e-5)

@@ -19,6 +19,12 @@ def by_quadrature(x, corners, normal, area):
     return area * (weights * kernel) @ barycentric
 
 
+def fill(faces, nodes, matrix):
+    of_points = np.ascontiguousarray(np.repeat(faces.normals, 3, axis=0).T)
+    geometry = faces.kernel_geometry(), nodes, faces.far_points(), of_points, NEAR_RADII
+    double_layer(0, len(matrix), *geometry, matrix)
+
+
 @pytest.mark.parametrize("x", [[0.2, 0.3, 0.7], [1.5, -0.4, -0.6], [0.3, 0.2, -4.0]])
 def test_each_corner_against_quadrature(x):
     faces = ChargedFaces.from_nodes(TETRAHEDRON, SIDES[3:])
@@ -34,7 +40,7 @@ def test_near_and_far_pairs_against_quadrature(gap):
     nodes = np.array([[0, 2, 1], [3, 4, 5]])
     faces = ChargedFaces.from_nodes(points, nodes)
     matrix = np.zeros((2, 6))
-    double_layer(faces.kernel_geometry(), nodes, faces.far_points(), NEAR_RADII, matrix)
+    fill(faces, nodes, matrix)
     barycentric, weights = triangle_rule(16)
     for one, other in ((0, 1), (1, 0)):
         exact = sum(
@@ -52,7 +58,7 @@ def geometry(faces):
 def test_constants_on_a_closed_surface():
     faces = ChargedFaces.from_nodes(TETRAHEDRON, SIDES)
     matrix = np.zeros((4, 4))
-    double_layer(faces.kernel_geometry(), SIDES, faces.far_points(), NEAR_RADII, matrix)
+    fill(faces, SIDES, matrix)
     assert matrix.sum(axis=1) == pytest.approx(np.full(4, -0.5), abs=1e-12)
 
 
@@ -61,5 +67,6 @@ def test_solid_angles_tell_inside_from_outside():
     points = np.array(
         [[0.1, 0.1, 0.1], [0.3, 0.2, 0.2], [1.0, 1.0, 1.0], [0.2, 0.2, -0.05], [9.0, -20.0, 5.0]]
     )
-    found = solid_angle_sums(points, *geometry(faces), faces.centres, faces.radii)
+    found = np.empty(len(points))
+    solid_angle_sums(0, len(points), points, *geometry(faces), faces.centres, faces.radii, found)
     assert found == pytest.approx([-1, -1, 0, 0, 0], abs=1e-2)

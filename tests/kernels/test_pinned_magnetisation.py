@@ -44,11 +44,13 @@ def vector(r):
 
 def law(h, previous, cells=CELLS, weights=WEIGHTS):
     rest = np.zeros(len(h), np.int64), *LAW
-    polarisation, packed = respond(h, previous, cells, weights, *rest)
+    polarisation, packed, moved = np.empty((len(h), 3)), np.empty((len(h), 6)), np.empty_like(previous)
+    respond(0, len(h), h, previous, cells, weights, *rest, polarisation, packed)
+    advance(0, len(h), h, previous, cells, weights, *rest, moved)
     tangent = np.empty((len(h), 3, 3))
     for k, (i, j) in enumerate(ORDER):
         tangent[:, i, j] = tangent[:, j, i] = packed[:, k]
-    return polarisation, tangent, advance(h, previous, cells, weights, *rest)
+    return polarisation, tangent, moved
 
 
 @pytest.fixture(scope="module")

@@ -123,7 +123,8 @@ def test_gradients_of_a_quadratic_function_are_exact():
     barycentric = np.ascontiguousarray(np.concatenate([-inverse.sum(axis=0, keepdims=True), inverse]))
     near = (5.0 - np.sqrt(5.0)) / 20.0
     where = near * corners.sum(axis=0) + (1.0 - 4.0 * near) * corners
-    got = sample_gradients(np.stack([values, 2 * values], axis=1), np.arange(10)[None], barycentric[None])
+    got, both = np.empty((1, 4, 3, 2)), np.stack([values, 2 * values], axis=1)
+    sample_gradients(0, 1, both, np.arange(10)[None], barycentric[None], got)
     expected = 2 * where @ matrix + linear
     np.testing.assert_allclose(got[0, :, :, 0], expected, atol=1e-13)
     np.testing.assert_allclose(got[0, :, :, 1], 2 * expected, atol=1e-13)

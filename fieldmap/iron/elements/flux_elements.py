@@ -19,10 +19,12 @@ from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.sparse_cholesky import nested_dissection
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron import linear_flux as kernel
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
+_WORK = 80.0  # of one element, as `over_rows` counts it
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
@@ -103,27 +105,38 @@ class FluxElements(Record):
     def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, 12): outward flux moments, less those of t if the iron were air."""
         law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source), *law)
-        return kernel.residual(*arguments)
+        out = np.zeros((len(material.law), 12))
+        over_rows(kernel.residual, len(out), *self._arrays(potential, field, source), *law, out, work=_WORK)
+        return out
 
     def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
         """Element matrices (e, 12, 12): minus the derivative of the outward flux moments by the potentials."""
-        arguments = (*self._arrays(potential, field, source), material.law, *material.tables.arrays)
-        return kernel.tangent(*arguments)
+        law = (material.law, *material.tables.arrays)
+        out = np.zeros((len(material.law), 12, 12))
+        over_rows(
+            kernel.tangent, len(out), *self._arrays(potential, field, source), *law, out, work=3 * _WORK
+        )
+        return out
 
     def mean_fields(
         self, potential: Array, field: Array, source: int, material: Magnetisation
     ) -> tuple[Array, Array]:
         """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for potentials (n,)."""
-        law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source), *law)
-        return kernel.mean_fields(*arguments)
+        count, tables = len(material.law), material.tables.arrays
+        h, mean, largest = np.empty((count, 4, 3)), np.zeros((count, 3)), np.zeros(count)
+        arrays = self._arrays(potential, field, source)
+        over_rows(kernel.strength, count, *arrays, material.law, *tables, h, work=_WORK)
+        law = (material.law, material.remanence[source], *tables)
+        over_rows(kernel.mean_fields, count, h, *law, mean, largest, work=_WORK)
+        return mean, largest
 
     def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
         """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
-        law, columns = (material.law, *material.tables.arrays), range(potential.shape[1])
-        arguments = [(*self._arrays(potential[:, c], field, c), *law) for c in columns]
-        return np.stack([kernel.strength(*given) for given in arguments])
+        law = (material.law, *material.tables.arrays)
+        out = np.empty((potential.shape[1], len(material.law), 4, 3))
+        for c, h in enumerate(out):
+            over_rows(kernel.strength, len(h), *self._arrays(potential[:, c], field, c), *law, h, work=_WORK)
+        return out
 
     def _arrays(self, potential, field, source):
         """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""

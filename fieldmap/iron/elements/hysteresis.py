@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.nodal_elements import WORK, CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import ElementField, LinearField
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron import hysteresis as law_kernel
 from fieldmap.kernels.iron.hysteresis import tested_matrices, tested_vectors
-from fieldmap.kernels.iron.sample_gradients import sample_gradients
 from fieldmap.typing import Array
 
 _UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
@@ -36,13 +36,18 @@ class HysteresisMagnetisation(Magnetisation):
 
     def response(self, h: Array) -> tuple[Array, Array]:
         """Polarisation (e, 4, 3), remanence of magnets included, and its derivative (e, 4, 6) at h (e, 4, 3), T."""
-        polarisation, tangent = law_kernel.respond(*self._arguments(h))
+        polarisation, tangent = np.empty((h.size // 3, 3)), np.empty((h.size // 3, 6))
+        arguments = (*self._arguments(h), polarisation, tangent)
+        over_rows(law_kernel.respond, len(tangent), *arguments, work=40.0 * self.weights.size)
         return polarisation.reshape(h.shape) + self.remanence[0][:, None], tangent.reshape(*h.shape[:2], 6)
 
     def after(self, h: Array) -> "HysteresisMagnetisation":
         """The same iron after the field h (e, 4, 3)."""
-        moved = law_kernel.advance(*self._arguments(h))
-        return replace(self, reversible=moved.reshape(self.reversible.shape))
+        moved = np.empty_like(self.reversible)
+        cells = moved.reshape(-1, *moved.shape[2:])
+        arguments = (*self._arguments(h), cells)
+        over_rows(law_kernel.advance, len(cells), *arguments, work=20.0 * self.weights.size)
+        return replace(self, reversible=moved)
 
     def dissipated(self, after: "HysteresisMagnetisation", volume: Array) -> float:
         """Loss, T^2 m^3 (over mu0: J), on the path to a later state, for volumes (e,): pinning field times the distance
@@ -78,14 +83,18 @@ class HysteresisElements(NodalElements):
         if not isinstance(material, HysteresisMagnetisation):
             return super().residual(potential, field, source, material)
         _, slope, polarisation, _ = self.evaluated(potential, field, source, material)
-        return tested_vectors(polarisation - slope, self.gradients, self.volume)
+        out = self._zeros()
+        over_rows(tested_vectors, len(out), polarisation - slope, self.gradients, self.volume, out, work=WORK)
+        return out
 
     def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
         if not isinstance(material, HysteresisMagnetisation):
             return super().tangent(potential, field, source, material)
         tangent = self.evaluated(potential, field, source, material)[3]
-        return tested_matrices(tangent + _UNIT, self.gradients, self.volume)
+        out = self._zeros(10)
+        over_rows(tested_matrices, len(out), tangent + _UNIT, self.gradients, self.volume, out, work=2 * WORK)
+        return out
 
     def mean_fields(
         self, potential: Array, field: CoilField, source: int, material: Magnetisation
@@ -111,7 +120,7 @@ class HysteresisElements(NodalElements):
     def strength(self, potential: Array, field: CoilField, source: int = 0) -> tuple[Array, Array]:
         """mu0 H and grad phi (e, 4, 3) at the points of every element, for phi (n,)."""
         values = np.ascontiguousarray(np.column_stack([potential, field.bubble[source]]))
-        both = sample_gradients(values, self.nodes, self.gradients)
+        both = self.gradients_at_points(values)
         slope = np.ascontiguousarray(both[..., 0])
         return field.constant[source][:, None] + both[..., 1] - slope, slope
 

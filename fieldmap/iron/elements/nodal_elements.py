@@ -21,7 +21,9 @@ from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.sparse_cholesky import nested_dissection
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron import quadratic_potential as kernel
+from fieldmap.kernels.iron.sample_gradients import sample_gradients
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -30,6 +32,9 @@ _PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Gauss points per half edge: the coil field is smooth over a few millimetres at 1 mm from a winding.
 _POINTS_PER_HALF = 4
 _BATCH = 200_000
+
+WORK = 50.0
+"""Of one element at its four points, as `over_rows` counts it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -191,14 +196,16 @@ class NodalElements(Record):
     def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, 10) of int (b(t - grad phi) + br - t) . grad N for phi (n,)."""
         law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source), self.volume, *law)
-        return kernel.residual(*arguments)
+        arguments, out = (*self._arrays(potential, field, source), self.volume, *law), self._zeros()
+        over_rows(kernel.residual, len(out), *arguments, out, work=WORK)
+        return out
 
     def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
         law = (material.law, *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source), self.volume, *law)
-        return kernel.tangent(*arguments)
+        arguments, out = (*self._arrays(potential, field, source), self.volume, *law), self._zeros(10)
+        over_rows(kernel.tangent, len(out), *arguments, out, work=2 * WORK)
+        return out
 
     def source_response(
         self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, number: int
@@ -208,7 +215,9 @@ class NodalElements(Record):
         law = (material.law, *material.tables.arrays)
         changed = (np.ascontiguousarray(change.constant[number]), change.bubble[number])
         arguments = (*self._arrays(potential, field, 0), self.volume, *law, *changed)
-        return kernel.source_response(*arguments)
+        out = self._zeros()
+        over_rows(kernel.source_response, len(out), *arguments, out, work=WORK)
+        return out
 
     def mean_fields(
         self, potential: Array, field: CoilField, source: int, material: Magnetisation
@@ -216,7 +225,20 @@ class NodalElements(Record):
         """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
         law = (material.law, material.remanence[source], *material.tables.arrays)
         arguments = (*self._arrays(potential, field, source), *law)
-        return kernel.mean_fields(*arguments)
+        mean, largest = np.zeros((len(self.volume), 3)), np.zeros(len(self.volume))
+        over_rows(kernel.mean_fields, len(mean), *arguments, mean, largest, work=WORK)
+        return mean, largest
+
+    def _zeros(self, *more: int) -> Array:
+        """Vectors (e, 10) or matrices (e, 10, 10) of elements, for kernels that add to them."""
+        return np.zeros((len(self.volume), 10, *more))
+
+    def gradients_at_points(self, values: Array) -> Array:
+        """Gradients (e, 4, 3, r) of functions (n, r) at the four points of every element."""
+        out = np.empty((len(self.volume), 4, 3, values.shape[1]))
+        arguments = (np.ascontiguousarray(values), self.nodes, self.gradients, out)
+        over_rows(sample_gradients, len(out), *arguments, work=WORK * values.shape[1])
+        return out
 
     def coil_field_at_points(self, field: CoilField) -> Array:
         """t (c, e, 4, 3) at the four points of every element."""

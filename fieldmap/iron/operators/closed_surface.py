@@ -23,6 +23,7 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.iron.operators.mutual import DenseMutualPotential
 from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.double_layer import double_layer
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -53,7 +54,9 @@ class ClosedSurface(Record):
         local = number.reshape(-1, 3).astype(np.int64)
         faces = ChargedFaces.from_nodes(points, triangles)
         double = np.zeros((len(triangles), len(nodes)))
-        double_layer(faces.kernel_geometry(), local, faces.far_points(), NEAR_RADII, double)
+        of_points = np.ascontiguousarray(np.repeat(faces.normals, 3, axis=0).T)
+        geometry = (faces.kernel_geometry(), local, faces.far_points(), of_points, NEAR_RADII)
+        over_rows(double_layer, len(double), *geometry, double, work=9.0 * len(double))
         return cls(nodes, local, faces, DenseMutualPotential(faces.mutual_potential()), double)
 
     def part(self, chosen: Index) -> ClosedSurface:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from fieldmap.iron.operators.clusters import BlockPartition, Clusters
 from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.block_product import add_far_product, add_near_product
 from fieldmap.kernels.iron.cross_approximation import approximate_far_blocks, pack_factors
 from fieldmap.kernels.iron.mutual_potential import fill_near_blocks
@@ -120,7 +121,8 @@ def inverse_factor(
     order = farthest_first(x, y, z)
     columns, filled = earlier_neighbours(order, centres, width)
     values = np.zeros(columns.shape, np.float32)
-    inverse_rows(columns, filled, leaf, clusters.offset[-1], block_of_leaves, offset, data, *far, values)
+    blocks = (leaf, clusters.offset[-1], block_of_leaves, offset, data)
+    over_rows(inverse_rows, len(values), columns, filled, *blocks, *far, values, work=width**3 / 6.0)
     used = np.arange(width) < filled[:, None]
     pointer = np.concatenate([[0], np.cumsum(filled)])
     shape = (len(leaf), len(leaf))
@@ -242,9 +244,14 @@ class CompressedMutualPotential:
         padded[:, :columns] = charge
         x = np.ascontiguousarray(padded.reshape(count, groups, 4).swapaxes(0, 1))
         y = np.zeros((get_num_threads(), *x.shape))
-        add_near_product(self._near, self._near_offset, self._near_data, x, y)
+        # A part of every stored number: four columns at once.
+        work = self._near_data.size * groups / len(y)
+        over_rows(add_near_product, len(y), self._near, self._near_offset, self._near_data, x, y, work=work)
         for part in self._far:
-            add_far_product(part.blocks, part.ranks, part.offset, part.data, x, y)
+            work = part.data.size * groups / len(y)
+            over_rows(
+                add_far_product, len(y), part.blocks, part.ranks, part.offset, part.data, x, y, work=work
+            )
         return y.sum(axis=0).swapaxes(0, 1).reshape(count, 4 * groups)[:, :columns]
 
     def _diagonal_of_leaves(self) -> Array:
@@ -284,7 +291,8 @@ def _near_blocks(
     rows, columns = _sides(blocks)
     offset = np.concatenate([[0], np.cumsum(rows * columns)])
     data = np.empty(offset[-1], np.float32)
-    fill_near_blocks(blocks, offset, order, faces.kernel_geometry(), *points, NEAR_RADII, data)
+    given = (blocks, offset, order, faces.kernel_geometry(), *points, NEAR_RADII, data)
+    over_rows(fill_near_blocks, len(blocks), *given, work=10.0 * len(data) / max(len(blocks), 1))
     return offset, data
 
 
@@ -310,14 +318,16 @@ def _approximated(blocks: Index, points: Coordinates, tolerance: float) -> tuple
     rows, columns = _sides(blocks)
     place = np.concatenate([[0], np.cumsum(_RANK_LIMIT * (rows + columns))])
     scratch = np.empty(place[-1])
-    slots = 8 * get_num_threads()
-    ranks = approximate_far_blocks(blocks, place, _RANK_LIMIT, *points, tolerance, slots, scratch)
+    slots, ranks = 8 * get_num_threads(), np.zeros(len(blocks), np.int64)
+    given = (blocks, place, _RANK_LIMIT, *points, tolerance, slots, scratch, ranks)
+    over_rows(approximate_far_blocks, slots, *given, work=len(scratch) / slots)
     good = ranks >= 0
     accepted, place = blocks[good], place[:-1][good]
     rows, columns = _sides(accepted)
     offset = np.concatenate([[0], np.cumsum(ranks[good] * (rows + columns))])
     data = np.empty(offset[-1], np.float32)
-    pack_factors(accepted, place, _RANK_LIMIT, ranks[good], offset, scratch, data)
+    packed = (accepted, place, _RANK_LIMIT, ranks[good], offset, scratch, data)
+    over_rows(pack_factors, len(accepted), *packed, work=0.5 * len(data) / max(len(accepted), 1))
     return _FarBlocks(accepted, ranks[good], offset, data), blocks[~good]
 
 

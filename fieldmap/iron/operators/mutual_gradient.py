@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.surface import NEAR_DEGREE, NEAR_RADII, TOUCH_DEGREE, ChargedFaces
 from fieldmap.iron.operators.symmetric_mutual import face_images
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.mutual_gradient import close_gradient, far_pulls
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.typing import Array, Index
@@ -48,9 +49,10 @@ def mutual_gradient(
     near, touch = (triangle_rule(degree)[0] for degree in (NEAR_DEGREE, TOUCH_DEGREE))
     parts = np.zeros((_SHARES, count, len(others), 3))
     any_moves = moves.any(axis=0)
-    close_gradient(
-        geometry, spheres, near, touch, NEAR_RADII, nodes, first, any_moves, charges, of_others, places, matrices, parts
-    )  # fmt: skip
+    given = (geometry, spheres, near, touch, NEAR_RADII, nodes, first, any_moves)
+    # The pairs of a share, each with a few of its own.
+    work = 10.0 * np.count_nonzero(first == np.arange(len(first))) * len(first) / _SHARES
+    over_rows(close_gradient, _SHARES, *given, charges, of_others, places, matrices, parts, work=work)
     out = np.ascontiguousarray(parts.sum(axis=0).transpose(1, 0, 2))
     rows = np.flatnonzero(any_moves & (first == np.arange(len(first))))
     used = np.flatnonzero(moves[:, rows].any(axis=1))
@@ -76,7 +78,7 @@ def _of_far_pairs(
         here = slice(start, start + _ROWS)
         chosen = rows[here]
         block = pulls[: len(chosen)]
-        far_pulls(chosen, points, spheres, NEAR_RADII, block)
+        over_rows(far_pulls, len(chosen), chosen, points, spheres, NEAR_RADII, block, work=9.0 * len(columns))
         sums = (block.reshape(-1, len(columns)) @ columns).reshape(len(chosen), 3, 3, *every.shape[:2])
         pull = np.einsum("qc,rqdgk->rcgkd", shapes, sums) / (36 * np.pi)
         own = every[:, :, chosen].transpose(2, 0, 1)[:, None, :, :, None]

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
 from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
-from fieldmap.kernels.iron.mutual_potential import mutual_potential
+from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -75,7 +76,10 @@ class ChargedFaces(Record):
         one, other = self.kernel_geometry(), others.kernel_geometry()
         # NumPy asks for large pages, numba does not.
         block = np.empty((len(self.areas),) * 2) if out is None else out
-        mutual_potential(one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
+        given = (one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
+        over_rows(mutual_potential, (len(block) + 1) // 2, *given, work=20.0 * len(block))
+        if symmetric:
+            over_rows(copy_lower, len(block), block, work=len(block))
         return block
 
     def kernel_geometry(self) -> tuple[Array, ...]:
@@ -101,18 +105,27 @@ class ChargedFaces(Record):
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
         at = _for_kernels(points)
-        return surface_field(at, self.corners, self.normals, self._as_charges(), density)
+        out = np.empty((len(density), len(at), 3))
+        given = (at, self.corners, self.normals, self._as_charges(), density, out)
+        over_rows(surface_field, len(at), *given, work=len(self.areas))
+        return out
 
     def field_and_gradient(self, points: Array, density: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
         at = _for_kernels(points)
-        return surface_field_and_gradient(at, self.corners, self.normals, self._as_charges(), density)
+        field, gradient = np.empty((len(density), len(at), 3)), np.empty((len(density), len(at), 3, 3))
+        given = (at, self.corners, self.normals, self._as_charges(), density, field, gradient)
+        over_rows(surface_field_and_gradient, len(at), *given, work=len(self.areas))
+        return field, gradient
 
     def weights(self, points: Array, by_field: Array, by_gradient: Array) -> Array:
         """What a unit density on each face counts in sums over points (n, 3), (k, m): those of by_field (k, n, 3) times
         the field and by_gradient (k, n, 3, 3) times the gradient. The transpose of `field_and_gradient`."""
         entries = _entries(by_field, by_gradient)
-        return surface_weights(points, self.corners, self.normals, self._as_charges(), entries)
+        out = np.zeros((len(entries), len(self.areas)))
+        given = (points, self.corners, self.normals, self._as_charges(), entries, out)
+        over_rows(surface_weights, len(self.areas), *given, work=2.0 * len(points))
+        return out
 
     def gradient(
         self, points: Array, by_field: Array, by_gradient: Array, charge: Array, moving: NDArray[np.bool_]
@@ -120,7 +133,10 @@ class ChargedFaces(Record):
         """How the sums of `weights` for charges (n,) follow the corners of the triangles marked as moving (n,):
         (n, k, 3, 3)."""
         entries, (shapes, _) = _entries(by_field, by_gradient), triangle_rule(2)
-        return surface_gradient(points, self.corners, self._as_charges(), shapes, charge, moving, entries)
+        out = np.zeros((len(self.areas), len(entries), 3, 3))
+        given = (points, self.corners, self._as_charges(), shapes, charge, moving, entries, out)
+        over_rows(surface_gradient, len(self.areas), *given, work=10.0 * len(points))
+        return out
 
     def _as_charges(self) -> Array:
         """Of every triangle the points that replace it, a third of its area, its centre and the squared distance

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.containment import find_tetrahedron
 from fieldmap.typing import Array
 
@@ -18,7 +19,9 @@ def containing_element(mesh: IronMesh, points: Array) -> NDArray[np.int64]:
     element = np.full(len(points), -1)
     candidates = ((points >= lower.min(axis=0)) & (points <= upper.max(axis=0))).all(axis=1)
     if candidates.any():
-        element[candidates] = find_tetrahedron(points[candidates], corners, lower, upper)
+        chosen, found = points[candidates], element[candidates]
+        over_rows(find_tetrahedron, len(chosen), chosen, corners, lower, upper, found, work=len(corners))
+        element[candidates] = found
     return element
 
 

@@ -14,7 +14,8 @@ from scipy.linalg import qr, solve_triangular
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.iron.sample_gradients import point_moments, sample_gradients
+from fieldmap.kernels.in_threads import over_rows
+from fieldmap.kernels.iron.sample_gradients import point_moments
 from fieldmap.kernels.map.reduced_iron import newton, tangent_factor
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -108,7 +109,10 @@ class GalerkinModel(Record):
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
         laws = (self.weights, self.law, *self.tables.arrays)
-        return point_moments(self.applied(currents), self.gradients, *laws, amplitude)
+        out = np.empty((len(self.weights), 3))
+        given = (self.applied(currents), self.gradients, *laws, amplitude, out)
+        over_rows(point_moments, len(out), *given, work=amplitude.size)
+        return out
 
     def residual(self, moments: Array) -> Array:
         """What moments (p, 3) add to the residual (r,)."""
@@ -160,11 +164,10 @@ def project(
     """Project the potential form on nodal potentials `basis` (n, r); of_air (n, r): what the air makes of them; `unit`:
     field of one ampere in every coil; background: one source, if there is any."""
     elements = form.elements
-    values = np.ascontiguousarray(basis)
-    gradients = sample_gradients(values, elements.nodes, elements.gradients)
+    gradients = elements.gradients_at_points(basis)
 
     def at_points(field: CoilField) -> Array:
-        bubble = sample_gradients(np.ascontiguousarray(field.bubble.T), elements.nodes, elements.gradients)
+        bubble = elements.gradients_at_points(field.bubble.T)
         return bubble + np.moveaxis(field.constant, 0, 2)[:, None]
 
     source = at_points(unit)
@@ -173,7 +176,7 @@ def project(
     weights = np.repeat(0.25 * elements.volume, 4)
     weighted = np.repeat(weights, 3)[:, None] * gradients
     remanence = np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
-    air = gradients.T @ weighted + values.T @ of_air
+    air = gradients.T @ weighted + basis.T @ of_air
     return GalerkinModel(
         gradients,
         source.reshape(3 * points, -1),

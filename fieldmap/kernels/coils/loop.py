@@ -12,6 +12,7 @@ import numpy as np
 from fieldmap.kernels.coils.elliptic import complete_integrals
 from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
 from fieldmap.kernels.constants import MU0_OVER_2PI
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
 
 
@@ -67,12 +68,10 @@ def _loop_gradient_block(
         radial[i], axial[i], dz[i], drho[i] = loop_meridian_gradient(a, rho[i], z[i])
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def loop_flux_density(points: Array, radius: float) -> Array:
-    """B (n, 3) in T/A at points (n, 3) in m."""
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _loop_flux_density_rows(begin, end, points, radius, field):
     count = len(points)
-    field = np.empty((count, 3))
-    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+    for block in range(begin, end):
         first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
         here, B = points[first:last], field[first:last]
         work = np.empty((4, last - first))
@@ -81,15 +80,20 @@ def loop_flux_density(points: Array, radius: float) -> Array:
         _loop_block(radius, rho, z, radial, axial)
         for i in range(last - first):
             set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
+
+
+def loop_flux_density(points: Array, radius: float) -> Array:
+    """B (n, 3) in T/A at points (n, 3) in m."""
+    count = len(points)
+    field = np.empty((count, 3))
+    over_rows(_loop_flux_density_rows, (count + BLOCK - 1) // BLOCK, points, radius, field, work=20.0 * BLOCK)
     return field
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def loop_flux_density_and_gradient(points: Array, radius: float) -> tuple[Array, Array]:
-    """B (n, 3) in T/A at points (n, 3) in m and its gradient (n, 3, 3) in T/(m A)."""
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _loop_flux_density_and_gradient_rows(begin, end, points, radius, field, gradient):
     count = len(points)
-    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
-    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+    for block in range(begin, end):
         first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
         here, B, G = points[first:last], field[first:last], gradient[first:last]
         work = np.empty((6, last - first))
@@ -99,4 +103,19 @@ def loop_flux_density_and_gradient(points: Array, radius: float) -> tuple[Array,
         for i in range(last - first):
             set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
             set_gradient(G[i], here[i, 0], here[i, 1], radial[i], dz[i], drho[i], 0.0)
+
+
+def loop_flux_density_and_gradient(points: Array, radius: float) -> tuple[Array, Array]:
+    """B (n, 3) in T/A at points (n, 3) in m and its gradient (n, 3, 3) in T/(m A)."""
+    count = len(points)
+    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
+    over_rows(
+        _loop_flux_density_and_gradient_rows,
+        (count + BLOCK - 1) // BLOCK,
+        points,
+        radius,
+        field,
+        gradient,
+        work=30.0 * BLOCK,
+    )
     return field, gradient

@@ -16,9 +16,10 @@ from fieldmap.kernels.coils.filament import far_arc, far_bar, far_distance
 from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.kernels.coils.quadrature import rule_limits
 from fieldmap.kernels.constants import MU0_OVER_4PI
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
 
-_CHUNK = 32  # points that share one work array
+_WORK = 400.0  # of one point: some microseconds
 _SEAM = 1e-9  # overlap of the pieces, so that no point inside the winding falls between two of them
 
 
@@ -250,79 +251,100 @@ def _scale(vector: Array, factor: float) -> None:
         vector[k] *= factor
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _path_flux_density_rows(begin, end, points, arcs, bars, thickness, height, digits, field):
+    factor = MU0_OVER_4PI / (thickness * height)
+    limits, even = rule_limits(digits), _even_tables(arcs)
+    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
+    far = far_distance(size, thickness * height * quarter, digits)
+    azimuths, unused = np.empty((3, MOST_AZIMUTHS)), np.empty((3, 3))
+    for i in range(begin, end):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        h1, h2 = z + 0.5 * height, z - 0.5 * height
+        distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
+        if distance > far:
+            gap = distance - size
+            add_far(
+                field[i],
+                unused,
+                arcs,
+                bars,
+                0.5 * thickness,
+                x,
+                y,
+                h1,
+                h2,
+                gap,
+                even,
+                limits,
+                azimuths,
+                digits,
+            )
+            _scale(field[i], factor)
+            continue
+        for k in range(len(arcs)):
+            add_arc(field[i], _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
+        for k in range(len(bars)):
+            add_bar(field[i], _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
+        _scale(field[i], factor)
+
+
 def path_flux_density(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
 ) -> Array:
     """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
     count = len(points)
     field = np.zeros((count, 3))
+    over_rows(
+        _path_flux_density_rows, count, points, arcs, bars, thickness, height, digits, field, work=_WORK
+    )
+    return field
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _path_flux_density_and_gradient_rows(
+    begin, end, points, arcs, bars, thickness, height, digits, field, gradient
+):
     factor = MU0_OVER_4PI / (thickness * height)
     limits, even = rule_limits(digits), _even_tables(arcs)
     mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
     far = far_distance(size, thickness * height * quarter, digits)
-    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
-        azimuths, unused = np.empty((3, MOST_AZIMUTHS)), np.empty((3, 3))
-        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            h1, h2 = z + 0.5 * height, z - 0.5 * height
-            distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
-            if distance > far:
-                gap = distance - size
-                add_far(
-                    field[i],
-                    unused,
-                    arcs,
-                    bars,
-                    0.5 * thickness,
-                    x,
-                    y,
-                    h1,
-                    h2,
-                    gap,
-                    even,
-                    limits,
-                    azimuths,
-                    digits,
-                )
-                _scale(field[i], factor)
-                continue
+    azimuths = np.empty((3, MOST_AZIMUTHS))
+    for i in range(begin, end):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        h1, h2 = z + 0.5 * height, z - 0.5 * height
+        B, G = field[i], gradient[i]
+        distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
+        if distance > far:
+            gap = distance - size
+            add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, gap, even, limits, azimuths, digits)
+        else:
             for k in range(len(arcs)):
-                add_arc(field[i], _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
+                add_arc_gradient(B, G, _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
             for k in range(len(bars)):
-                add_bar(field[i], _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
-            _scale(field[i], factor)
-    return field
+                add_bar_gradient(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
+        _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
+        _scale(B, factor)
+        for row in range(3):
+            _scale(G[row], factor)
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
 def path_flux_density_and_gradient(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
 ) -> tuple[Array, Array]:
     """B (n, 3) in T and its gradient (n, 3, 3) in T/m per ampere-turn."""
-    count = len(points)
-    field, gradient = np.zeros((count, 3)), np.zeros((count, 3, 3))
-    factor = MU0_OVER_4PI / (thickness * height)
-    limits, even = rule_limits(digits), _even_tables(arcs)
-    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
-    far = far_distance(size, thickness * height * quarter, digits)
-    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
-        azimuths = np.empty((3, MOST_AZIMUTHS))
-        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            h1, h2 = z + 0.5 * height, z - 0.5 * height
-            B, G = field[i], gradient[i]
-            distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
-            if distance > far:
-                gap = distance - size
-                add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, gap, even, limits, azimuths, digits)
-            else:
-                for k in range(len(arcs)):
-                    add_arc_gradient(B, G, _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
-                for k in range(len(bars)):
-                    add_bar_gradient(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
-            _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
-            _scale(B, factor)
-            for row in range(3):
-                _scale(G[row], factor)
+    field, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+    over_rows(
+        _path_flux_density_and_gradient_rows,
+        len(points),
+        points,
+        arcs,
+        bars,
+        thickness,
+        height,
+        digits,
+        field,
+        gradient,
+        work=_WORK,
+    )
     return field, gradient

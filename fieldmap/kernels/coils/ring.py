@@ -17,9 +17,10 @@ from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
 
-_CHUNK = 32  # points that share one work array
+_WORK = 400.0  # of one point: some microseconds
 _NEAREST = 1e-9  # of the outer radius
 _MOST_EQUAL = 24
 
@@ -88,60 +89,79 @@ def ring_azimuths(
     return _opposite_panel(azimuths, n, digits)
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def ring_flux_density(points: Array, inner: float, outer: float, height: float, digits: float) -> Array:
-    """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
-    count, half = len(points), 0.5 * height
-    field = np.empty((count, 3))
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _ring_flux_density_rows(begin, end, points, inner, outer, height, digits, field):
+    half = 0.5 * height
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
     limits, tables = rule_limits(digits), _equal_tables()
     size = math.sqrt(outer * outer + half * half)
     far = far_distance(size, (outer - inner) * height * outer * outer, digits)
-    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
-        azimuths = np.empty((3, MOST_AZIMUTHS))
-        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            rho = math.sqrt(x * x + y * y)
-            distance = math.sqrt(rho * rho + z * z)
-            h1, h2 = z + half, z - half
-            n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-            if distance > far:
-                radial, _, axial, _, _, _, _, _, _ = far_arc(
-                    azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits
-                )
-            else:
-                radial, _, axial = arc_sum(azimuths, n, rho, 0.0, inner, outer, h1, h2)
-            set_field(field[i], x, y, factor * radial / max(rho, 1e-300), factor * axial)
+    azimuths = np.empty((3, MOST_AZIMUTHS))
+    for i in range(begin, end):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        rho = math.sqrt(x * x + y * y)
+        distance = math.sqrt(rho * rho + z * z)
+        h1, h2 = z + half, z - half
+        n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
+        if distance > far:
+            radial, _, axial, _, _, _, _, _, _ = far_arc(
+                azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits
+            )
+        else:
+            radial, _, axial = arc_sum(azimuths, n, rho, 0.0, inner, outer, h1, h2)
+        set_field(field[i], x, y, factor * radial / max(rho, 1e-300), factor * axial)
+
+
+def ring_flux_density(points: Array, inner: float, outer: float, height: float, digits: float) -> Array:
+    """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
+    count = len(points)
+    field = np.empty((count, 3))
+    over_rows(_ring_flux_density_rows, count, points, inner, outer, height, digits, field, work=_WORK)
     return field
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _ring_flux_density_and_gradient_rows(begin, end, points, inner, outer, height, digits, field, gradient):
+    half = 0.5 * height
+    factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
+    limits, tables = rule_limits(digits), _equal_tables()
+    size = math.sqrt(outer * outer + half * half)
+    far = far_distance(size, (outer - inner) * height * outer * outer, digits)
+    azimuths = np.empty((3, MOST_AZIMUTHS))
+    for i in range(begin, end):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        rho = math.sqrt(x * x + y * y)
+        distance = math.sqrt(rho * rho + z * z)
+        h1, h2 = z + half, z - half
+        n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
+        if distance > far:
+            r = far_arc(azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits)
+        else:
+            r = arc_sum_gradient(azimuths, n, rho, 0.0, inner, outer, h1, h2)
+        within = inner < rho < outer and h1 > 0.0 and h2 < 0.0
+        curl = 2.0 * math.pi if within else 0.0
+        around = factor * r[7]  # B_rho / rho, also on the axis
+        set_field(field[i], x, y, factor * r[0] / max(rho, 1e-300), factor * r[2])
+        dz = -factor * (r[3] + r[7])
+        set_gradient(gradient[i], x, y, around, dz, factor * (r[5] - curl), factor * curl)
+
+
 def ring_flux_density_and_gradient(
     points: Array, inner: float, outer: float, height: float, digits: float
 ) -> tuple[Array, Array]:
     """B (n, 3) in T and its gradient (n, 3, 3) in T/m, per ampere-turn, at points (n, 3) in m."""
-    count, half = len(points), 0.5 * height
+    count = len(points)
     field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
-    factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
-    limits, tables = rule_limits(digits), _equal_tables()
-    size = math.sqrt(outer * outer + half * half)
-    far = far_distance(size, (outer - inner) * height * outer * outer, digits)
-    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
-        azimuths = np.empty((3, MOST_AZIMUTHS))
-        for i in range(chunk * _CHUNK, min(count, (chunk + 1) * _CHUNK)):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            rho = math.sqrt(x * x + y * y)
-            distance = math.sqrt(rho * rho + z * z)
-            h1, h2 = z + half, z - half
-            n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-            if distance > far:
-                r = far_arc(azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits)
-            else:
-                r = arc_sum_gradient(azimuths, n, rho, 0.0, inner, outer, h1, h2)
-            within = inner < rho < outer and h1 > 0.0 and h2 < 0.0
-            curl = 2.0 * math.pi if within else 0.0
-            around = factor * r[7]  # B_rho / rho, also on the axis
-            set_field(field[i], x, y, factor * r[0] / max(rho, 1e-300), factor * r[2])
-            dz = -factor * (r[3] + r[7])
-            set_gradient(gradient[i], x, y, around, dz, factor * (r[5] - curl), factor * curl)
+    over_rows(
+        _ring_flux_density_and_gradient_rows,
+        count,
+        points,
+        inner,
+        outer,
+        height,
+        digits,
+        field,
+        gradient,
+        work=_WORK,
+    )
     return field, gradient

@@ -17,6 +17,7 @@ from fieldmap.kernels.coils.loop import loop_meridian_gradient
 from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
+from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
 
 _LOST = 2e3  # rounding errors that closed form may lose by cancellation
@@ -100,12 +101,10 @@ def _sheet_gradient_block(
         radial[i], axial[i], dz[i], drho[i] = sheet_meridian_gradient(a, half, rho[i], z[i])
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def sheet_flux_density(points: Array, radius: float, height: float) -> Array:
-    """B (n, 3) in T per ampere-turn at points (n, 3) in m."""
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sheet_flux_density_rows(begin, end, points, radius, height, field):
     count, half = len(points), 0.5 * height
-    field = np.empty((count, 3))
-    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+    for block in range(begin, end):
         first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
         here, B = points[first:last], field[first:last]
         work = np.empty((4, last - first))
@@ -118,15 +117,28 @@ def sheet_flux_density(points: Array, radius: float, height: float) -> Array:
                 radial[i], axial[i], _, _ = far_sheet(radius, half, rho[i], z[i], n)
         for i in range(last - first):
             set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
+
+
+def sheet_flux_density(points: Array, radius: float, height: float) -> Array:
+    """B (n, 3) in T per ampere-turn at points (n, 3) in m."""
+    count = len(points)
+    field = np.empty((count, 3))
+    over_rows(
+        _sheet_flux_density_rows,
+        (count + BLOCK - 1) // BLOCK,
+        points,
+        radius,
+        height,
+        field,
+        work=40.0 * BLOCK,
+    )
     return field
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def sheet_flux_density_and_gradient(points: Array, radius: float, height: float) -> tuple[Array, Array]:
-    """B (n, 3) in T and its gradient (n, 3, 3) in T/m, per ampere-turn, at points (n, 3) in m."""
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sheet_flux_density_and_gradient_rows(begin, end, points, radius, height, field, gradient):
     count, half = len(points), 0.5 * height
-    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
-    for block in numba.prange((count + BLOCK - 1) // BLOCK):
+    for block in range(begin, end):
         first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
         here, B, G = points[first:last], field[first:last], gradient[first:last]
         work = np.empty((6, last - first))
@@ -140,4 +152,20 @@ def sheet_flux_density_and_gradient(points: Array, radius: float, height: float)
         for i in range(last - first):
             set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
             set_gradient(G[i], here[i, 0], here[i, 1], radial[i], dz[i], drho[i], 0.0)
+
+
+def sheet_flux_density_and_gradient(points: Array, radius: float, height: float) -> tuple[Array, Array]:
+    """B (n, 3) in T and its gradient (n, 3, 3) in T/m, per ampere-turn, at points (n, 3) in m."""
+    count = len(points)
+    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
+    over_rows(
+        _sheet_flux_density_and_gradient_rows,
+        (count + BLOCK - 1) // BLOCK,
+        points,
+        radius,
+        height,
+        field,
+        gradient,
+        work=60.0 * BLOCK,
+    )
     return field, gradient

@@ -5,7 +5,7 @@ used four times: charge and potential are arrays (groups, n, 4).
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
@@ -54,13 +54,14 @@ def _dense(values, r0, c0, x, y):
             _add_rows(values[i], x[r0 + i, 0], x[r0 + i, 1], x[r0 + i, 2], x[r0 + i, 3], y, c0)
 
 
-@njit(cache=True, parallel=True)
-def add_far_product(blocks, ranks, offset, data, x, y):
-    """y[t] += matrix x for the low-rank blocks of `fieldmap.kernels.iron.cross_approximation.pack_factors`;
-    x (g, n, 4); y (t, g, n, 4): one sum for each of t threads."""
-    threads = y.shape[0]
-    for t in prange(threads):
-        for k in range(t, blocks.shape[0], threads):
+@njit(cache=True, nogil=True)
+def add_far_product(begin, end, blocks, ranks, offset, data, x, y):
+    """y[t] += matrix x, for t from begin to end, of the low-rank blocks of
+    `fieldmap.kernels.iron.cross_approximation.pack_factors`; x (g, n, 4); y (t, g, n, 4): a part of the sum for each t.
+    """
+    parts = y.shape[0]
+    for t in range(begin, end):
+        for k in range(t, blocks.shape[0], parts):
             r0, c0 = blocks[k, 0], blocks[k, 2]
             m, n, r = blocks[k, 1] - r0, blocks[k, 3] - c0, ranks[k]
             left = data[offset[k] : offset[k] + r * m].reshape(r, m)
@@ -69,12 +70,12 @@ def add_far_product(blocks, ranks, offset, data, x, y):
                 _low_rank(left, right, r0, c0, x[g], y[t, g])
 
 
-@njit(cache=True, parallel=True)
-def add_near_product(blocks, offset, data, x, y):
+@njit(cache=True, nogil=True)
+def add_near_product(begin, end, blocks, offset, data, x, y):
     """As `add_far_product`, for dense blocks (rows, columns) from data[offset[k]] on."""
-    threads = y.shape[0]
-    for t in prange(threads):
-        for k in range(t, blocks.shape[0], threads):
+    parts = y.shape[0]
+    for t in range(begin, end):
+        for k in range(t, blocks.shape[0], parts):
             r0, c0 = blocks[k, 0], blocks[k, 2]
             m, n = blocks[k, 1] - r0, blocks[k, 3] - c0
             values = data[offset[k] : offset[k] + m * n].reshape(m, n)

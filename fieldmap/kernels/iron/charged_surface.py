@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.charged_triangle import triangle_field, triangle_field_and_gradient
 
@@ -183,33 +183,33 @@ def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sum
                 _add_gradient_sums(rows, last - first, of_block, sums[k])
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def surface_field(points, corners, normals, far, density):
-    """Field (c, n, 3) at points (n, 3) of triangles corners (m, 3, 3), normals (m, 3), for c densities (c, m).
+@njit(cache=True, nogil=True, error_model="numpy")
+def surface_field(begin, end, points, corners, normals, far, density, out):
+    """Fill out (c, n, 3) with the field at points (n, 3) of triangles corners (m, 3, 3), normals (m, 3), for c
+    densities (c, m).
 
     far (14, m): x, y and z of the three points of the degree-2 rule, a third of the area, the centre, and the squared
     distance from it within which the closed form is used. The factor 1/(4 pi) is included, so a density in tesla gives
     a flux density in tesla.
     """
-    n, c = points.shape[0], density.shape[0]
-    out = np.empty((c, n, 3))
-    for i in prange(n):
-        sums, (rows, work) = np.zeros((c, 3)), _rows()
+    c = density.shape[0]
+    rows, work = _rows()
+    for i in range(begin, end):
+        sums = np.zeros((c, 3))
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         _add_sums(x, y, z, corners, normals, far, density, False, work, rows, sums)
         for k in range(c):
             for a in range(3):
                 out[k, i, a] = _INVERSE_4PI * sums[k, a]
-    return out
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def surface_field_and_gradient(points, corners, normals, far, density):
-    """Field (c, n, 3) and gradient (c, n, 3, 3), symmetric and free of trace; arguments as for `surface_field`."""
-    n, c = points.shape[0], density.shape[0]
-    field, gradient = np.empty((c, n, 3)), np.empty((c, n, 3, 3))
-    for i in prange(n):
-        sums, (rows, work) = np.zeros((c, 8)), _rows()
+@njit(cache=True, nogil=True, error_model="numpy")
+def surface_field_and_gradient(begin, end, points, corners, normals, far, density, field, gradient):
+    """Fill field (c, n, 3) and gradient (c, n, 3, 3), symmetric and free of trace; otherwise as `surface_field`."""
+    c = density.shape[0]
+    rows, work = _rows()
+    for i in range(begin, end):
+        sums = np.zeros((c, 8))
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         _add_sums(x, y, z, corners, normals, far, density, True, work, rows, sums)
         for k in range(c):
@@ -221,4 +221,3 @@ def surface_field_and_gradient(points, corners, normals, far, density):
             gradient[k, i, 0, 1] = gradient[k, i, 1, 0] = s[4]
             gradient[k, i, 0, 2] = gradient[k, i, 2, 0] = s[5]
             gradient[k, i, 1, 2] = gradient[k, i, 2, 1] = s[7]
-    return field, gradient

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.iron.charged_triangle import triangle_field_and_gradient
@@ -53,20 +53,19 @@ def _add_far(x, y, z, w, far, j, shapes, strength, out):
             out[c, 2] -= shapes[q, c] * gz
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def surface_gradient(points, corners, far, shapes, charge, moving, weights):
-    """Derivatives (m, k, 3, 3) by the corners (m, 3, 3) of the triangles that are moving (m,), of k sums over points
-    (n, 3) with weights (k, n, 8), as in `fieldmap.kernels.iron.charged_surface_weights`, for charges (m,).
+@njit(cache=True, nogil=True, error_model="numpy")
+def surface_gradient(begin, end, points, corners, far, shapes, charge, moving, weights, out):
+    """Add to out (m, k, 3, 3) the derivatives by the corners (m, 3, 3) of the triangles that are moving (m,), of k sums
+    over points (n, 3) with weights (k, n, 8), as in `fieldmap.kernels.iron.charged_surface_weights`, for charges (m,).
 
     far (14, m): as there; shapes (3, 3): of the corners at its three points. Where the closed form is used, its central
     differences.
     """
-    count, rows, m = points.shape[0], weights.shape[0], corners.shape[0]
-    out = np.zeros((m, rows, 3, 3))
-    for j in prange(m):
+    count, rows = points.shape[0], weights.shape[0]
+    ahead, behind, moved = np.empty(8), np.empty(8), np.empty((3, 3))
+    for j in range(begin, end):
         if not moving[j]:
             continue
-        ahead, behind, moved = np.empty(8), np.empty(8), np.empty((3, 3))
         step = _STEP * math.sqrt(far[9, j])
         for i in range(count):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -89,4 +88,3 @@ def surface_gradient(points, corners, far, shapes, charge, moving, weights):
                         for b in range(8):
                             total += weights[k, i, b] * (ahead[b] - behind[b])
                         out[j, k, c, a] += _INVERSE_4PI * charge[j] * total / (2.0 * step)
-    return out

@@ -4,7 +4,7 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.charged_triangle import triangle_field_and_gradient
 
@@ -31,16 +31,14 @@ def _far(x, y, z, far, j, out):
         out[7] -= slope * dy * dz
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def surface_weights(points, corners, normals, far, weights):
-    """Share (k, m) of a unit density on every triangle in k sums over points (n, 3): sum of weights (k, n, 8) times
-    Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for
+@njit(cache=True, nogil=True, error_model="numpy")
+def surface_weights(begin, end, points, corners, normals, far, weights, out):
+    """Add to out (k, m) the share of a unit density on every triangle in k sums over points (n, 3): sum of weights (k,
+    n, 8) times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for
     `fieldmap.kernels.iron.charged_surface.surface_field`."""
     count, rows = points.shape[0], weights.shape[0]
-    m = normals.shape[0]
-    out = np.zeros((rows, m))
-    for j in prange(m):
-        one = np.empty(8)
+    one = np.empty(8)
+    for j in range(begin, end):
         for i in range(count):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             dx, dy, dz = x - far[10, j], y - far[11, j], z - far[12, j]
@@ -55,4 +53,3 @@ def surface_weights(points, corners, normals, far, weights):
                 for a in range(8):
                     total += weights[k, i, a] * one[a]
                 out[k, j] += _INVERSE_4PI * total
-    return out

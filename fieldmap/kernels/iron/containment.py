@@ -2,8 +2,7 @@
 
 import math
 
-import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.charged_triangle import solid_angle
 
@@ -28,14 +27,14 @@ def _contains(p, x, y, z):
     )
 
 
-@njit(cache=True, parallel=True)
-def find_tetrahedron(points, corners, lower, upper):
-    """Index (n,) of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3), or -1.
+@njit(cache=True, nogil=True)
+def find_tetrahedron(begin, end, points, corners, lower, upper, out):
+    """Fill out (n,) with the index of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3); where
+    none does, it stays as it is.
 
     lower, upper (m, 3): bounding boxes.
     """
-    out = np.full(points.shape[0], -1, np.int64)
-    for i in prange(points.shape[0]):
+    for i in range(begin, end):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for e in range(corners.shape[0]):
             if (
@@ -46,19 +45,17 @@ def find_tetrahedron(points, corners, lower, upper):
             ):
                 out[i] = e
                 break
-    return out
 
 
 # A triangle further away than this many radii is one dipole: good to a few percent, where half is asked for.
 _FAR_RADII = 3.0
 
 
-@njit(cache=True, parallel=True, fastmath=True)
-def solid_angle_sums(points, corners, normals, areas, centres, radii):
-    """Solid angle (n,) over 4 pi of triangles corners (m, 3, 3) seen from points (n, 3): of a closed surface with
-    outward normals close to -1 inside, to 0 outside, to two digits."""
-    out = np.zeros(points.shape[0])
-    for i in prange(points.shape[0]):
+@njit(cache=True, nogil=True, fastmath=True)
+def solid_angle_sums(begin, end, points, corners, normals, areas, centres, radii, out):
+    """Fill out (n,) with the solid angle over 4 pi of triangles corners (m, 3, 3) seen from points (n, 3): of a closed
+    surface with outward normals close to -1 inside, to 0 outside, to two digits."""
+    for i in range(begin, end):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         total = 0.0
         for j in range(corners.shape[0]):
@@ -70,4 +67,3 @@ def solid_angle_sums(points, corners, normals, areas, centres, radii):
             else:
                 total += solid_angle(x, y, z, corners[j])
         out[i] = total / (4.0 * math.pi)
-    return out

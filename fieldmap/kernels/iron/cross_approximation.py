@@ -8,7 +8,7 @@ and then cut down to the rank that the tolerance needs by a singular value decom
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 _INVERSE_36PI = 1.0 / (36.0 * math.pi)
 
@@ -150,15 +150,14 @@ def recompress(left, right, rank, tolerance):
     return kept
 
 
-@njit(cache=True, parallel=True)
-def approximate_far_blocks(blocks, place, cap, x, y, z, tolerance, slots, scratch):
-    """Ranks (b,) of far blocks (b, 4), -1 where more than `cap` terms are needed; factors of block k as two arrays
+@njit(cache=True, nogil=True)
+def approximate_far_blocks(begin, end, blocks, place, cap, x, y, z, tolerance, slots, scratch, ranks):
+    """Fill ranks (b,) of far blocks (b, 4), -1 where more than `cap` terms are needed; factors of block k as two arrays
     (rank, rows) and (rank, columns) from scratch[place[k]] on, cap (rows + columns) numbers apart.
 
-    Large blocks first: the threads take them in turn from `slots` heaps.
+    Large blocks first: they are dealt in turn to `slots` heaps, of which those from begin to end are done.
     """
-    ranks = np.zeros(blocks.shape[0], np.int64)
-    for slot in prange(slots):
+    for slot in range(begin, end):
         for k in range(slot, blocks.shape[0], slots):
             m, n = blocks[k, 1] - blocks[k, 0], blocks[k, 3] - blocks[k, 2]
             start = place[k]
@@ -169,14 +168,13 @@ def approximate_far_blocks(blocks, place, cap, x, y, z, tolerance, slots, scratc
             if rank > 0:
                 rank = recompress(left, right, rank, tolerance * (2.0 / 3.0))
             ranks[k] = rank
-    return ranks
 
 
-@njit(cache=True, parallel=True)
-def pack_factors(blocks, place, cap, ranks, offset, scratch, data):
+@njit(cache=True, nogil=True)
+def pack_factors(begin, end, blocks, place, cap, ranks, offset, scratch, data):
     """Copy the factors that `approximate_far_blocks` left in scratch to data (single precision), block k from
     offset[k] on: left (rank, rows), then right (rank, columns)."""
-    for k in prange(blocks.shape[0]):
+    for k in range(begin, end):
         m, n = blocks[k, 1] - blocks[k, 0], blocks[k, 3] - blocks[k, 2]
         rank = ranks[k]
         for i in range(rank * m):

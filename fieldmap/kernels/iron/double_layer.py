@@ -14,9 +14,8 @@ In the plane of the triangle it is zero, half way between the values on its two 
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.iron.charged_triangle import solid_angle
 from fieldmap.kernels.iron.mutual_potential import separation
 
@@ -94,20 +93,19 @@ def _far_row(i, far, normals, sums):
             sums[q] += (dx * nx[q] + dy * ny[q] + dz * nz[q]) * inverse * inverse * inverse
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def double_layer(faces, nodes, far, reach, out):
-    """Add to out (n, v), without unit, the mean over triangle i of the potential of the double layer that is 1 at node
-    k and linear on the triangles around it: 1/(4 pi A_i) int_i dS int dS' lambda_k n' . (x - x') / |x - x'|^3.
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def double_layer(begin, end, faces, nodes, far, of_points, reach, out):
+    """Add to out (n, v), triangle i by triangle, without unit, the mean over triangle i of the potential of the double
+    layer that is 1 at node k and linear on the triangles around it: 1/(4 pi A_i) int_i dS int dS' lambda_k n' . (x -
+    x') / |x - x'|^3.
 
     faces: as in `fieldmap.kernels.iron.mutual_potential`; nodes (n, 3): numbers of the triangles' corners; far (3, 3 n)
-    as there. The sum of a row is -1/2 for a closed surface with outward normals, up to the quadrature.
+    as there; of_points (3, 3 n): normals of the points' triangles. The sum of a row is -1/2 for a closed surface with
+    outward normals, up to the quadrature.
     """
     corners, normals, areas, _, radii, near, near_weights, touch, touch_weights = faces
-    of_points = np.empty((3, 3 * areas.size))
-    for q in range(3 * areas.size):
-        copy_vector(normals[q // 3], of_points[:, q])
-    for i in prange(areas.size):
-        sums, here = np.empty(3 * areas.size), np.empty(3)
+    sums, here = np.empty(3 * areas.size), np.empty(3)
+    for i in range(begin, end):
         _far_row(i, far, of_points, sums)
         for j in range(areas.size):
             if i == j:

@@ -6,39 +6,37 @@ Points, nodes and shape functions are those of `fieldmap.kernels.iron.quadratic_
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 from fieldmap.kernels.iron.quadratic_potential import _shape_gradients
 
 
-@njit(cache=True, parallel=True)
-def tested_vectors(values, gradients, volume):
-    """Element vectors (e, 10) of int v . grad N_i for v = `values` (e, 4, 3) at the points.
+@njit(cache=True, nogil=True)
+def tested_vectors(begin, end, values, gradients, volume, out):
+    """Add to out (e, 10) the element vectors of int v . grad N_i for v = `values` (e, 4, 3) at the points.
 
     gradients (e, 4, 3) of the barycentric coordinates; volume (e,).
     """
-    out = np.zeros((len(values), 10))
-    for e in prange(len(values)):
-        d = np.empty((10, 3))
+    d = np.empty((10, 3))
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             w = 0.25 * volume[e]
             x, y, z = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
             for i in range(10):
                 out[e, i] += d[i, 0] * x + d[i, 1] * y + d[i, 2] * z
-    return out
 
 
-@njit(cache=True, parallel=True)
-def tested_matrices(values, gradients, volume):
-    """Element matrices (e, 10, 10) of int grad N_i . D grad N_j for symmetric D = `values` (e, 4, 6) at the points.
+@njit(cache=True, nogil=True)
+def tested_matrices(begin, end, values, gradients, volume, out):
+    """Add to out (e, 10, 10) the element matrices of int grad N_i . D grad N_j for symmetric D = `values` (e, 4, 6) at
+    the points.
 
     The six numbers are xx, xy, xz, yy, yz, zz; otherwise as `tested_vectors`.
     """
-    out = np.zeros((len(values), 10, 10))
-    for e in prange(len(values)):
-        d, image = np.empty((10, 3)), np.empty((10, 3))
+    d, image = np.empty((10, 3)), np.empty((10, 3))
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             w = 0.25 * volume[e]
@@ -54,7 +52,6 @@ def tested_matrices(values, gradients, volume):
         for i in range(10):
             for j in range(i):
                 out[e, j, i] = out[e, i, j]
-    return out
 
 
 _STEPS, _INNER_STEPS = 60, 60
@@ -239,30 +236,28 @@ def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, po
                 place += 1
 
 
-@njit(cache=True, parallel=True)
-def respond(h, previous, pinning, weights, law, offset, knots, coefficients):
-    """Polarisation (p, 3) in T and its derivative (p, 6) by h at points that remember `previous` (p, k, 3).
+@njit(cache=True, nogil=True)
+def respond(
+    begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent
+):
+    """Fill polarisation (p, 3) in T and tangent (p, 6), its derivative by h, at points that remember `previous` (p, k,
+    3).
 
     h (p, 3), mu0 H in T. pinning (l, k): pinning fields of the cells in each law, T; weights (k,), their sum 1; law
     (p,) and the tables of `fieldmap.kernels.iron.magnetisation_law`. Derivatives in the order xx, xy, xz, yy, yz, zz.
     """
-    count = len(h)
-    polarisation, tangent = np.empty((count, 3)), np.empty((count, 6))
-    for i in prange(count):
-        r = np.empty(3)
+    r = np.empty(3)
+    for i in range(begin, end):
         kappa = pinning[law[i]]
         _respond(
             h[i], previous[i], kappa, weights, law[i], offset, knots, coefficients, polarisation[i], tangent[i], r
         )  # fmt: skip
-    return polarisation, tangent
 
 
-@njit(cache=True, parallel=True)
-def advance(h, previous, pinning, weights, law, offset, knots, coefficients):
-    """What the cells remember (p, k, 3) after h (p, 3); arguments as for `respond`."""
-    out = np.empty_like(previous)
-    for i in prange(len(h)):
+@njit(cache=True, nogil=True)
+def advance(begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, out):
+    """Fill out (p, k, 3) with what the cells remember after h (p, 3); arguments as for `respond`."""
+    for i in range(begin, end):
         for k in range(weights.size):
             kappa = pinning[law[i], k]
             _moved(h[i], previous[i, k], kappa, law[i], offset, knots, coefficients, out[i, k])
-    return out

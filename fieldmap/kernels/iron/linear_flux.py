@@ -16,7 +16,7 @@ with the p that makes div B = 0, that is sum_q D_q . b(h_q) = 0: one equation wi
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 
@@ -139,18 +139,19 @@ def _solenoidal(t, d, out):
             out[q, k] = t[q, k] - total / square * d[q, k]
 
 
-@njit(cache=True, parallel=True)
-def residual(potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients):
-    """Element vectors (e, 12): outward moments of the flux density, less those of the coil field if the iron were air.
+@njit(cache=True, nogil=True)
+def residual(
+    begin, end, potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients, out
+):
+    """Add to out (e, 12), element by element, outward moments of the flux density, less those of the coil field if the
+    iron were air.
 
     potential (n,): values of the face potentials at the faces' corners; t (e, 4, 3): coil field at the points;
     shape: `SHAPE`; area (e, 4, 3), volume (e,); dofs (e, 12): numbers of the elements' potentials; law (e,),
     remanence (e, 3) and the tables of `fieldmap.kernels.iron.magnetisation_law`.
     """
-    count = dofs.shape[0]
-    out = np.zeros((count, 12))
-    for e in prange(count):
-        d, h, air = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    d, h, air = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    for e in range(begin, end):
         _strength(
             potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
         )
@@ -166,25 +167,23 @@ def residual(potential, t, shape, area, volume, dofs, law, remanence, offset, kn
                 flow = area[e, f, 0] * bx + area[e, f, 1] * by + area[e, f, 2] * bz
                 for i in range(3 * f, 3 * f + 3):
                     out[e, i] += shape[i, q] * flow
-    return out
 
 
-@njit(cache=True, parallel=True)
-def tangent(potential, t, shape, area, volume, dofs, law, offset, knots, coefficients):
-    """Element matrices (e, 12, 12): minus the derivative of the outward moments by the face potentials.
+@njit(cache=True, nogil=True)
+def tangent(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
+    """Fill out (e, 12, 12), zeros before, element by element: minus the derivative of the outward moments by the face
+    potentials.
 
     Symmetric; zero for equal potentials on all faces, positive otherwise. Arguments as for `residual`.
     """
-    count = dofs.shape[0]
-    out = np.zeros((count, 12, 12))
-    for e in prange(count):
-        d, h = np.empty((4, 3)), np.empty((4, 3))
+    d, h = np.empty((4, 3)), np.empty((4, 3))
+    pair = np.empty((4, 4))
+    along = np.empty(4)
+    for e in range(begin, end):
         _strength(
             potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
         )
         scale = 4.0 / volume[e]
-        pair = np.empty((4, 4))
-        along = np.empty(4)
         for q in range(4):
             size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
             b, slope = flux_density(size, law[e], offset, knots, coefficients)
@@ -204,7 +203,6 @@ def tangent(potential, t, shape, area, volume, dofs, law, offset, knots, coeffic
                 for j in range(12):
                     out[e, i, j] += shape[i, q] * shape[j, q] * pair[i // 3, j // 3]
         _remove_net_flux(out[e])
-    return out
 
 
 @njit(cache=True, inline="always")
@@ -221,13 +219,11 @@ def _remove_net_flux(matrix):
             matrix[i, j] -= row[i] * row[j] / total
 
 
-@njit(cache=True, parallel=True)
-def strength(potential, t, shape, area, volume, dofs, law, offset, knots, coefficients):
-    """Field strength mu0 H (e, 4, 3) at the points of every element; arguments as for `residual`."""
-    count = dofs.shape[0]
-    out = np.empty((count, 4, 3))
-    for e in prange(count):
-        d = np.empty((4, 3))
+@njit(cache=True, nogil=True)
+def strength(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
+    """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element; arguments as for `residual`."""
+    d = np.empty((4, 3))
+    for e in range(begin, end):
         _strength(
             potential,
             dofs[e],
@@ -242,16 +238,13 @@ def strength(potential, t, shape, area, volume, dofs, law, offset, knots, coeffi
             knots,
             coefficients,
         )
-    return out
 
 
-@njit(cache=True, parallel=True)
-def mean_fields(potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients):
-    """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points."""
-    h = strength(potential, t, shape, area, volume, dofs, law, offset, knots, coefficients)
-    count = dofs.shape[0]
-    mean, largest = np.zeros((count, 3)), np.zeros(count)
-    for e in prange(count):
+@njit(cache=True, nogil=True)
+def mean_fields(begin, end, h, law, remanence, offset, knots, coefficients, mean, largest):
+    """Add to mean (e, 3) the mean flux density of every element, and to largest (e,) the largest mu0 H at its points;
+    both are zeros before. h (e, 4, 3): as of `strength`."""
+    for e in range(begin, end):
         for q in range(4):
             size = math.sqrt(h[e, q, 0] ** 2 + h[e, q, 1] ** 2 + h[e, q, 2] ** 2)
             b, slope = flux_density(size, law[e], offset, knots, coefficients)
@@ -259,4 +252,3 @@ def mean_fields(potential, t, shape, area, volume, dofs, law, remanence, offset,
             largest[e] = max(largest[e], size)
             for k in range(3):
                 mean[e, k] += 0.25 * (m * h[e, q, k] + remanence[e, k])
-    return mean, largest

@@ -12,7 +12,7 @@ along the normal n by a double layer,
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.charged_triangle import solid_angle
 from fieldmap.kernels.iron.mutual_potential import row_beyond, separation
@@ -170,12 +170,26 @@ def _add_turned(share, matrix, by_corner, corners, places, out):
                 out[at, k, a] += share[k] * turned
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def close_gradient(
-    faces, spheres, near_shapes, touch_shapes, reach, nodes, first, moving, charge, others, places, matrices, parts
-):  # fmt: skip
-    """Add to parts (t, p, k, 3), whose sum over t it is, the derivative of others (k, n) . W charge (n,) by p nodes:
-    what the close pairs make of it of which a triangle is moving (n,).
+    begin,
+    end,
+    faces,
+    spheres,
+    near_shapes,
+    touch_shapes,
+    reach,
+    nodes,
+    first,
+    moving,
+    charge,
+    others,
+    places,
+    matrices,
+    parts,
+):
+    """Add to parts (t, p, k, 3), t from begin to end, whose sum over t it is, the derivative of others (k, n) . W
+    charge (n,) by p nodes: what the close pairs make of it of which a triangle is moving (n,).
 
     faces, spheres (4, n) and reach: as in `mutual_potential`; near_shapes, touch_shapes (q, 3): of the corners at the
     points of the outer rules; nodes (n, 3): numbers of the corners. The pairs of one chamber stand for those that g
@@ -183,11 +197,11 @@ def close_gradient(
     there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n): those of each triangle's images.
     """
     n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[1]
-    for t in prange(shares):
-        by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
-        field, by_corner = np.empty(3), np.empty((3, 3))
-        beyond, share = np.empty(n), np.empty(rows)
-        for i in range(np.int64(t), n, shares):
+    by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
+    field, by_corner = np.empty(3), np.empty((3, 3))
+    beyond, share = np.empty(n), np.empty(rows)
+    for t in range(begin, end):
+        for i in range(t, n, shares):
             if first[i] != i:
                 continue
             row_beyond(i, spheres, spheres, reach, beyond)
@@ -235,14 +249,15 @@ def _pulls(px, py, pz, x, y, z, beyond, gx, gy, gz):
         gx[j], gy[j], gz[j] = far * sx, far * sy, far * sz
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def far_pulls(chosen, far, spheres, reach, out):
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def far_pulls(begin, end, chosen, far, spheres, reach, out):
     """Fill out (c, 3, 3, n) with the sums of (q - p)/|q - p|^3 over the three points q of each of n triangles, for the
     three points p of c chosen ones, and x, y and z; 0 for close pairs. far (3, 3, n): x, y and z of the points;
     spheres (4, n): centres and radii."""
     n = spheres.shape[1]
-    for r in prange(chosen.size):
-        i, beyond = chosen[r], np.empty(n)
+    beyond = np.empty(n)
+    for r in range(begin, end):
+        i = chosen[r]
         row_beyond(i, spheres, spheres, reach, beyond)
         for p in range(3):
             at = out[r, p]

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.charged_triangle import triangle_potential
 
@@ -95,33 +95,35 @@ def _fill_row(i, one, other, sums, beyond, row):
             row[j] = close_pair(i, j, distance2 > size * size, one, other) * _INVERSE_4PI
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def mutual_potential(one, far, other, other_far, reach, symmetric, w):
-    """Fill w (n, n), 1/m, with W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the
-    one set of unit charge on triangle j of the other; for one set symmetric, positive definite.
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def mutual_potential(begin, end, one, far, other, other_far, reach, symmetric, w):
+    """Fill rows k and n - 1 - k of w (n, n), 1/m, for k from begin to end, at most (n + 1)/2, with W_ij = 1/(4 pi A_i
+    A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set of unit charge on triangle j of the
+    other; for one set symmetric, positive definite.
 
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
     pairs whose inner integral is done in closed form. far, other_far: x, y and z (3, 3 n) of the points of the degree-2
     rule, triangle by triangle, and those of the centres with the radii (4, n). Pairs closer than `reach` times the sum
     of their radii are near; pairs whose circles overlap use the `touch` rule, whose outer integrand has a kink.
-    symmetric: the lower triangle is computed and copied.
+    symmetric: only the lower triangle, which costs the same for every such pair of rows; `copy_lower` fills the rest.
     """
     n = one[2].size
-    # Rows k and n - 1 - k together cost the same for every k, so the threads share a triangle evenly.
-    for k in prange((n + 1) // 2):
-        sums, beyond = np.empty(3 * n), np.empty(n)
-        # The loop's own index is unsigned; its difference from n would be a float.
-        low = np.int64(k)
-        for i in (low, n - 1 - low):
+    sums, beyond = np.empty(3 * n), np.empty(n)
+    for k in range(begin, end):
+        for i in (k, n - 1 - k):
             stop = i + 1 if symmetric else n
             _far_row(i, far[0], other_far[0], sums[: 3 * stop])
             row_beyond(i, far[1], other_far[1], reach, beyond[:stop])
             _fill_row(i, one, other, sums, beyond, w[i, :stop])
-    if symmetric:
-        for i in prange(n):
-            for j in range(i + 1, n):
-                w[i, j] = w[j, i]
+
+
+@njit(cache=True, nogil=True)
+def copy_lower(begin, end, w):
+    """Fill what is above the diagonal of w (n, n), in the rows from begin to end, with what is below it."""
+    for i in range(begin, end):
+        for j in range(i + 1, w.shape[0]):
+            w[i, j] = w[j, i]
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
@@ -135,12 +137,12 @@ def _far_pair(i, j, x, y, z):
     return total
 
 
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def fill_near_blocks(blocks, offset, number, faces, x, y, z, reach, data):
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def fill_near_blocks(begin, end, blocks, offset, number, faces, x, y, z, reach, data):
     """data[offset[k] + ...] = block k (rows, columns) of W in 1/m. blocks (b, 4): first and last + 1 of rows and
     columns; number (n,): of the faces in the whole matrix, which then has the same entries; x, y, z (3, n): points of
     the degree-2 rule; faces: a set of triangles as in `mutual_potential`, and reach."""
-    for k in prange(blocks.shape[0]):
+    for k in range(begin, end):
         place = offset[k]
         for i in range(blocks[k, 0], blocks[k, 1]):
             for j in range(blocks[k, 2], blocks[k, 3]):
@@ -168,25 +170,3 @@ def entry(i, j, leaf, start, block_of_leaves, offset, data, x, y, z):
         return _INVERSE_36PI * _far_pair(a, b, x, y, z)
     columns = start[leaf[b] + 1] - start[leaf[b]]
     return float(data[offset[k] + (a - start[leaf[a]]) * columns + b - start[leaf[b]]])
-
-
-@njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def mutual_product(one, far, reach, first, charge, parts):
-    """Fill parts (t, n), whose sum over t is W q for charges q (n,), without the pairs of which both triangles are
-    before `first`; W is never in memory. Otherwise as `mutual_potential`."""
-    n, shares = one[2].size, parts.shape[0]
-    for t in prange(shares):
-        sums, beyond, row = np.empty(3 * n), np.empty(n), np.empty(n)
-        part = parts[t]
-        for j in range(n):
-            part[j] = 0.0
-        for i in range(first + np.int64(t), n, shares):
-            stop = i + 1
-            _far_row(i, far[0], far[0], sums[: 3 * stop])
-            row_beyond(i, far[1], far[1], reach, beyond[:stop])
-            _fill_row(i, one, one, sums, beyond, row[:stop])
-            total = row[i] * charge[i]
-            for j in range(i):
-                total += row[j] * charge[j]
-                part[j] += row[j] * charge[i]
-            part[i] += total

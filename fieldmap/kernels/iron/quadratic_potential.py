@@ -8,7 +8,7 @@ barycentric coordinates l and their gradients g (4, 3), the shape functions have
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 
@@ -56,21 +56,33 @@ def _strength(potential, bubble, nodes, source, d, h):
     return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def residual(
-    potential, source, bubble, nodes, gradients, volume, law, remanence, offset, knots, coefficients
+    begin,
+    end,
+    potential,
+    source,
+    bubble,
+    nodes,
+    gradients,
+    volume,
+    law,
+    remanence,
+    offset,
+    knots,
+    coefficients,
+    out,
 ):
-    """Element vectors (e, 10) of int (b(h) + br - t) . grad N_i, with h = t - grad potential, t = source + grad bubble.
+    """Add to out (e, 10) the element vectors of int (b(h) + br - t) . grad N_i, with h = t - grad potential and
+    t = source + grad bubble.
 
     potential, bubble (n,); source (e, 3) and remanence (e, 3), constant per element; nodes (e, 10);
     gradients (e, 4, 3) of the barycentric coordinates; volume (e,); law (e,) and the tables of
     `fieldmap.kernels.iron.magnetisation_law`.
     """
-    count = nodes.shape[0]
-    out = np.zeros((count, 10))
-    for e in prange(count):
-        d = np.empty((10, 3))
-        h, g = np.empty(3), np.empty(3)
+    d = np.empty((10, 3))
+    h, g = np.empty(3), np.empty(3)
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
@@ -84,21 +96,20 @@ def residual(
             rz = w * (m * h[2] + remanence[e, 2] - g[2])
             for i in range(10):
                 out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
-    return out
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, knots, coefficients):
-    """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j; arguments as for `residual`.
+@njit(cache=True, nogil=True)
+def tangent(
+    begin, end, potential, source, bubble, nodes, gradients, volume, law, offset, knots, coefficients, out
+):
+    """Add to out (e, 10, 10) the element matrices of int grad N_i . (db/dh) grad N_j; arguments as for `residual`.
 
     db/dh = (b/h) 1 + (b' - b/h) h h^T / h^2: symmetric and positive definite where b' > 0.
     """
-    count = nodes.shape[0]
-    out = np.zeros((count, 10, 10))
-    for e in prange(count):
-        d = np.empty((10, 3))
-        along = np.empty(10)
-        h = np.empty(3)
+    d = np.empty((10, 3))
+    along = np.empty(10)
+    h = np.empty(3)
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
@@ -115,11 +126,12 @@ def tangent(potential, source, bubble, nodes, gradients, volume, law, offset, kn
         for i in range(10):
             for j in range(i):
                 out[e, j, i] = out[e, i, j]
-    return out
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, nogil=True)
 def source_response(
+    begin,
+    end,
     potential,
     source,
     bubble,
@@ -132,14 +144,13 @@ def source_response(
     coefficients,
     by_source,
     by_bubble,
+    out,
 ):
-    """Element vectors (e, 10) of int (db/dh - 1) t' . grad N_i: how the residual follows a change of the coils' field,
-    t' = by_source + grad by_bubble; the other arguments as for `residual`."""
-    count = nodes.shape[0]
-    out = np.zeros((count, 10))
-    for e in prange(count):
-        d = np.empty((10, 3))
-        h, t = np.empty(3), np.empty(3)
+    """Add to out (e, 10) the element vectors of int (db/dh - 1) t' . grad N_i: how the residual follows a change of the
+    coils' field, t' = by_source + grad by_bubble; the other arguments as for `residual`."""
+    d = np.empty((10, 3))
+    h, t = np.empty(3), np.empty(3)
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
@@ -159,18 +170,30 @@ def source_response(
             )
             for i in range(10):
                 out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
-    return out
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def mean_fields(potential, source, bubble, nodes, gradients, law, remanence, offset, knots, coefficients):
-    """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points."""
-    count = nodes.shape[0]
-    mean = np.zeros((count, 3))
-    largest = np.zeros(count)
-    for e in prange(count):
-        d = np.empty((10, 3))
-        h = np.empty(3)
+@njit(cache=True, nogil=True)
+def mean_fields(
+    begin,
+    end,
+    potential,
+    source,
+    bubble,
+    nodes,
+    gradients,
+    law,
+    remanence,
+    offset,
+    knots,
+    coefficients,
+    mean,
+    largest,
+):
+    """Add to mean (e, 3) the mean flux density of every element, and to largest (e,) the largest mu0 H at its points;
+    both are zeros before."""
+    d = np.empty((10, 3))
+    h = np.empty(3)
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
@@ -179,4 +202,3 @@ def mean_fields(potential, source, bubble, nodes, gradients, law, remanence, off
             largest[e] = max(largest[e], size)
             for k in range(3):
                 mean[e, k] += 0.25 * (m * h[k] + remanence[e, k])
-    return mean, largest

@@ -4,39 +4,37 @@ the magnetisation there."""
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 from fieldmap.kernels.iron.quadratic_potential import _gradient, _shape_gradients
 
 
-@njit(cache=True, parallel=True)
-def sample_gradients(values, nodes, gradients):
-    """Gradients (e, 4, 3, r) of nodal functions `values` (n, r) at the points of `quadratic_potential.residual`.
+@njit(cache=True, nogil=True)
+def sample_gradients(begin, end, values, nodes, gradients, out):
+    """Fill out (e, 4, 3, r) with the gradients of nodal functions `values` (n, r) at the points of
+    `quadratic_potential.residual`.
 
     nodes (e, 10); gradients (e, 4, 3) of the barycentric coordinates.
     """
-    count, functions = nodes.shape[0], values.shape[1]
-    out = np.empty((count, 4, 3, functions))
-    for e in prange(count):
-        d = np.empty((10, 3))
-        one = np.empty(3)
+    functions = values.shape[1]
+    d = np.empty((10, 3))
+    one = np.empty(3)
+    for e in range(begin, end):
         for q in range(4):
             _shape_gradients(q, gradients[e], d)
             for j in range(functions):
                 _gradient(values[:, j], nodes[e], d, one)
                 out[e, q, 0, j], out[e, q, 1, j], out[e, q, 2, j] = one[0], one[1], one[2]
-    return out
 
 
-@njit(cache=True, parallel=True, nogil=True, fastmath=True)
-def point_moments(source, gradients, weights, law, offset, knots, coefficients, amplitude):
-    """w (b/h - 1) h of every point (p, 3), T m^3: mu0 times the magnetic moment that it stands for, at
+@njit(cache=True, nogil=True, fastmath=True)
+def point_moments(begin, end, source, gradients, weights, law, offset, knots, coefficients, amplitude, out):
+    """Fill out (p, 3) with w (b/h - 1) h of every point, T m^3: mu0 times the magnetic moment that it stands for, at
     h = source - G a: source (3 p,), G = gradients (3 p, r), w = weights (p,), law (p,) and tables of
     `fieldmap.kernels.iron.magnetisation_law`, a = amplitude (r,)."""
-    points, modes = weights.size, amplitude.size
-    out = np.empty((points, 3))
-    for p in prange(points):
+    modes = amplitude.size
+    for p in range(begin, end):
         gx, gy, gz = gradients[3 * p], gradients[3 * p + 1], gradients[3 * p + 2]
         x = y = z = 0.0
         for j in range(modes):
@@ -48,4 +46,3 @@ def point_moments(source, gradients, weights, law, offset, knots, coefficients, 
         b, _ = flux_density(h, law[p], offset, knots, coefficients)
         m = weights[p] * (b / h - 1.0)
         out[p, 0], out[p, 1], out[p, 2] = m * x, m * y, m * z
-    return out

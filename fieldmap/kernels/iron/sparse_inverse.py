@@ -13,7 +13,7 @@ definite whatever the rows leave out.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fieldmap.kernels.iron.mutual_potential import entry
 
@@ -74,14 +74,14 @@ def solve_for_last(matrix, count):
             out[q] -= matrix[i, q] * out[i]
 
 
-@njit(cache=True, parallel=True)
-def inverse_rows(columns, filled, leaf, start, block_of_leaves, offset, data, x, y, z, values):
+@njit(cache=True, nogil=True)
+def inverse_rows(begin, end, columns, filled, leaf, start, block_of_leaves, offset, data, x, y, z, values):
     """Fill values (n, k), single precision, with the rows of G. columns (n, k): the faces of every row in its first
     filled[i] places, the row's own face last; the other arrays as in `fieldmap.kernels.iron.mutual_potential.entry`."""
-    rows, width = columns.shape
-    for i in prange(rows):
+    width = columns.shape[1]
+    matrix = np.empty((width + 1, width))
+    for i in range(begin, end):
         count = filled[i]
-        matrix = np.empty((width + 1, width))
         for p in range(count):
             for q in range(p + 1):
                 matrix[p, q] = entry(
