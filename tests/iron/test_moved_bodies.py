@@ -38,7 +38,8 @@ KEYS = {
     "body.plate.size_mm.2": (10.0, 0.02, "plate", lambda x, v: x * [1, v / 10, 1]),
     "body.plate.position_mm.3": (42.0, 0.02, "plate", lambda x, v: x + [0, 0, 1e-3 * (v - 42)]),
     "body.magnet.position_mm.1": (12.0, 0.02, "magnet", lambda x, v: x + [1e-3 * (v - 12), 0, 0]),
-    "body.block.rotation_deg.3": (0.0, 0.1, "block", turned),
+    # Of its linkage, a difference over a smaller step is noise: it changes by 5e-5 of itself.
+    "body.block.rotation_deg.3": (0.0, 0.15, "block", turned),
 }
 
 
@@ -77,7 +78,7 @@ def solved_on(mesh, key, value, linear_iron, monkeypatch):
     monkeypatch.setattr(module, "generate_mesh", lambda *_: mesh)
     device = fm.read_device(text(), {key: value})
     if linear_iron:
-        return fm.solve_linear(device, tolerance=1e-12).at(CURRENTS)
+        return fm.solve_linear(device, tolerance=1e-9).at(CURRENTS)
     return NonlinearSolver(device).solve(CURRENTS, tolerance=1e-8)
 
 
