@@ -4,6 +4,7 @@ Whoever computes, the last bits are the same: linear algebra sums in an order th
 """
 
 import itertools
+import sys
 import traceback
 import uuid
 from collections import deque
@@ -15,7 +16,7 @@ from time import monotonic, process_time, thread_time
 from typing import Any, Generic, TypeVar, cast
 
 import numba
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from fieldmap.errors import FieldmapError
 from fieldmap.records import Record
@@ -28,8 +29,23 @@ def same_arithmetic() -> Iterator[None]:
     Our own kernels keep theirs: each of their threads has its own rows of the result, in whatever number. A state of
     the drive unit takes no longer for it (docs/cluster.md).
     """
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _thread_pools().limit(limits=1, user_api="blas"):
         yield
+
+
+# The modules that were loaded when the thread pools were looked for, and what was found.
+_FOUND: "tuple[tuple[str, ...], ThreadpoolController] | None" = None
+
+
+def _thread_pools() -> ThreadpoolController:
+    """The BLAS and OpenMP libraries that are loaded now. To look through all libraries takes a hundred times as long as
+    to limit those found; a further one comes with a module that needs it."""
+    global _FOUND
+    # Before the look: what is loaded meanwhile is looked for next time.
+    modules = tuple(sys.modules)
+    if _FOUND is None or _FOUND[0] != modules:
+        _FOUND = (modules, ThreadpoolController())
+    return _FOUND[1]
 
 
 T = TypeVar("T")
@@ -168,7 +184,9 @@ def threads_of_kernels() -> int:
 
 def threads_of_linear_algebra() -> int:
     """How many threads BLAS and LAPACK take for one product, here and now."""
-    return max((pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"), default=1)
+    return max(
+        (pool["num_threads"] for pool in _thread_pools().info() if pool["user_api"] == "blas"), default=1
+    )
 
 
 def _attempt(

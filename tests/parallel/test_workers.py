@@ -186,6 +186,29 @@ def test_the_arithmetic_has_one_thread_and_then_as_many_as_before():
     assert threads() == before
 
 
+LOADED_LATER = """
+from threadpoolctl import threadpool_info, threadpool_limits
+from fieldmap.parallel import same_arithmetic, threads_of_linear_algebra
+
+def threads():
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+with same_arithmetic():
+    first = threads()
+import scipy.linalg
+assert len(threads()) > len(first), "scipy has no BLAS of its own here"
+threadpool_limits(2, user_api="blas")
+assert set(threads()) == {threads_of_linear_algebra()} == {2}, threads()
+with same_arithmetic():
+    assert set(threads()) == {threads_of_linear_algebra()} == {1}, threads()
+assert set(threads()) == {2}, threads()
+"""
+
+
+def test_a_library_that_is_loaded_later_has_one_thread_as_well():
+    subprocess.run([sys.executable, "-c", LOADED_LATER], check=True)
+
+
 INTERRUPTED = """
 import os, signal, time
 from fieldmap.parallel import Workers
