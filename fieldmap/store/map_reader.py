@@ -57,17 +57,30 @@ class Refused(Exception):  # noqa: N818 - internal, turned into MapFileError by 
 
 def hard(file: h5py.Group, path: str) -> h5py.Group | h5py.Dataset:
     """The object at a path of hard links: nothing is taken from elsewhere."""
-    here: h5py.Group | h5py.Dataset = file
-    for name in path.strip("/").split("/"):
-        if not is_hard(here, name):
-            raise Refused(f"{path} inside the file", f"a link, or nothing, at {here.name}", REMAKE)
-        here = here[name]
-    return here
+    # From the root on, so that no link is followed before it is known to be hard. Only the object at the end is opened:
+    # to open all groups on the way, for every array, takes most of the time of reading a map.
+    names = path.strip("/").split("/")
+    for depth in range(len(names)):
+        if not is_hard(file, "/".join(names[: depth + 1])):
+            at = "/" + "/".join(names[:depth])
+            raise Refused(f"{path} inside the file", f"a link, or nothing, at {at}", REMAKE)
+    found = h5py.h5o.open(file.id, path.encode())
+    if isinstance(found, h5py.h5g.GroupID):
+        return h5py.Group(found)
+    return h5py.Dataset(found) if isinstance(found, h5py.h5d.DatasetID) else h5py.Datatype(found)
 
 
-def is_hard(group: h5py.Group | h5py.Dataset, name: str) -> bool:
-    """Whether a group has an object of its own by that name; does not follow links to find out."""
-    return isinstance(group, h5py.Group) and isinstance(group.get(name, getlink=True), h5py.HardLink)
+def is_hard(group: h5py.Group | h5py.Dataset, path: str) -> bool:
+    """Whether a group has an object of its own by that name, or by a path of which all but the last name is known to be
+    hard; does not follow the last link to find out."""
+    if not isinstance(group, h5py.Group):
+        return False
+    links, name = group.id.links, path.encode()
+    try:
+        return bool(links.exists(name)) and links.get_info(name).type == h5py.h5l.TYPE_HARD
+    except RuntimeError:
+        # There are numbers where a group should be.
+        return False
 
 
 def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
@@ -78,19 +91,19 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
     that stand in several places (those of one component in that of another).
     """
     data = hard(file, path)
-    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in kinds or data.dtype.hasobject:
+    if not isinstance(data, h5py.Dataset) or (dtype := data.dtype).kind not in kinds or dtype.hasobject:
         raise Refused(f"{path}: {_NAMES[kinds]}", _kind_of(data), REMAKE)
-    if data.is_virtual or data.external:
+    created = data.id.get_create_plist()
+    if created.get_layout() == h5py.h5d.VIRTUAL or created.get_external_count():
         raise Refused(f"{path} inside the file", "numbers kept in another file", REMAKE)
     if h5py.h5o.get_info(data.id).rc != 1:
         raise Refused(f"{path}: numbers of its own", "numbers that have another name as well", REMAKE)
-    plist = data.id.get_create_plist()
-    filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
+    filters = {created.get_filter(k)[0] for k in range(created.get_nfilters())}
     if not filters <= {h5py.h5z.FILTER_FLETCHER32}:
         raise Refused(
             f"{path}: stored as it is, with checksums at most", "a compressed or filtered array", REMAKE
         )
-    if data.shape is None or data.nbytes > data.id.get_storage_size():
+    if data.shape is None or data.size * dtype.itemsize > data.id.get_storage_size():
         received = f"shape {data.shape} with {data.id.get_storage_size()} bytes stored"
         raise Refused(f"{path}: all of its numbers stored", received, REMAKE)
     return data
@@ -222,17 +235,15 @@ def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
 
 def _components(file: h5py.File, paths: list[list[str]], info: MapInfo, tail: tuple[int, ...]) -> Array:
     """(n_fields, nx, ny, nz, *tail) per ampere, or at weight 1."""
-    for components in paths:
-        for path in components:
-            check_numbers(file, path, info.grid)
+    checked = [[check_numbers(file, path, info.grid) for path in components] for components in paths]
     needed = len(paths) * int(np.prod(tail)) * info.grid.size * 8
     if needed > file.id.get_filesize():
         received = f"a file of {file.id.get_filesize()} bytes"
         raise Refused(f"{needed} bytes of numbers, each stored once", received, REMAKE)
     values = np.empty((len(paths), *info.grid.shape, int(np.prod(tail))))
-    for number, (components, scale) in enumerate(zip(paths, info.field_scale, strict=True)):
-        for c, path in enumerate(components):
-            values[number, ..., c] = read_numbers(file, path, info.grid)
+    for number, (components, scale) in enumerate(zip(checked, info.field_scale, strict=True)):
+        for c, data in enumerate(components):
+            values[number, ..., c] = _finite(data)
         values[number] /= scale
     return values.reshape(len(paths), *info.grid.shape, *tail)
 
@@ -258,9 +269,13 @@ def check_numbers(file: h5py.File, path: str, grid: Grid) -> h5py.Dataset:
 
 def read_numbers(file: h5py.File, path: str, grid: Grid) -> Array:
     """One component at every node, finite."""
-    values = check_numbers(file, path, grid)[()]
+    return _finite(check_numbers(file, path, grid))
+
+
+def _finite(data: h5py.Dataset) -> Array:
+    values = data[()]
     if not np.isfinite(values).all():
-        raise Refused(f"{path}: finite numbers", "NaN or infinity", REMAKE)
+        raise Refused(f"{data.name}: finite numbers", "NaN or infinity", REMAKE)
     return values
 
 

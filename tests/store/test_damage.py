@@ -197,6 +197,31 @@ def test_numbers_are_not_taken_from_another_file(path, tmp_path, make_map):
         refused(path, "B_1/x inside the file; received a link")
 
 
+@pytest.mark.parametrize(
+    "group", ["/fieldmap", "/fieldmap/completion", "/data", "/data/0/meshes", "/data/0/meshes/B_1"]
+)
+def test_no_group_on_the_way_is_a_link(path, tmp_path, make_map, group):
+    other = write_map(tmp_path / "other.h5", make_map(title="other"))
+    words = (
+        "without the group"
+        if group == "/fieldmap"
+        else f"received a link, or nothing, at {group.rpartition('/')[0]}"
+    )
+    raw = path.read_bytes()
+    edited(path, lambda f: (f.move(group, "/moved"), f.__setitem__(group, h5py.SoftLink("/moved"))))
+    refused(path, words)
+    path.write_bytes(raw)
+    edited(path, replace(group, lambda f: f.__setitem__(group, h5py.ExternalLink(str(other), group))))
+    refused(path, words)
+
+
+@pytest.mark.parametrize("group", ["/data", "/data/0/meshes"])
+@pytest.mark.parametrize("instead", [np.zeros(3), np.dtype("f8")])
+def test_numbers_or_a_type_in_the_place_of_a_group(path, group, instead):
+    edited(path, replace(group, lambda f: f.__setitem__(group, instead)))
+    refused(path, f"received a link, or nothing, at {group};")
+
+
 def test_numbers_are_not_taken_from_virtual_or_raw_files(path, tmp_path, make_map):
     other = write_map(tmp_path / "other.h5", make_map(title="other"))
     raw = path.read_bytes()
