@@ -20,22 +20,18 @@ from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
 from fieldmap.store.map_data import FieldError, MapData, MapInfo
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
-    MESHES,
     OWN,
     PARAMETRISATION,
     REDUCED_MODEL,
-    VECTOR,
     Chunk,
     chunks_of,
-    component_paths,
     format_of,
     header_of,
-    record_names,
     report_of,
     to_json,
     write_text,
 )
-from fieldmap.store.openpmd import create_skeleton, fixed
+from fieldmap.store.openpmd import fixed, write_openpmd
 from fieldmap.store.reduced_model import OPTIONAL, ReducedModel
 from fieldmap.store.seal import seal_map
 from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
@@ -74,7 +70,7 @@ def write_map(target: PathLike, data: MapData) -> Path:
 
 
 def _write(file: h5py.File, data: MapData) -> None:
-    create_skeleton(file, data)
+    write_openpmd(file, data)
     own = file.create_group(OWN)
     own.attrs["format_version"] = np.int64(format_of(data))
     write_text(file, "header", to_json(header_of(data)))
@@ -84,30 +80,7 @@ def _write(file: h5py.File, data: MapData) -> None:
     completion = own.create_group("completion")
     completion.attrs["complete"] = np.uint8(1)
     completion["chunks"] = np.ones(len(chunks_of(data.grid)), dtype=np.uint8)
-    _write_numbers(file, data)
     write_text(file, "report", to_json(report_of(data)))
-
-
-def _write_numbers(file: h5py.File, data: MapData) -> None:
-    """Every field at its reference current, and their sum."""
-    total = np.zeros((len(VECTOR), *data.grid.shape))
-    each = zip(
-        record_names(data.field_names),
-        data.field_scale,
-        data.reference_weights,
-        data.flux_density,
-        data.gradient.reshape(*data.gradient.shape[:-2], 9),
-        strict=True,
-    )
-    for record, scale, weight, flux, tensor in each:
-        paths = component_paths(record)
-        for values, where in ((flux, paths["flux_density"]), (tensor, paths["gradient"])):
-            for c, path in enumerate(where):
-                file[path][...] = values[..., c] * scale
-        for c in range(len(VECTOR)):
-            total[c] += weight * (flux[..., c] * scale)
-    for c, name in enumerate(VECTOR):
-        file[f"{MESHES}/B/{name}"][...] = total[c]
 
 
 def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:

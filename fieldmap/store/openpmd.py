@@ -1,16 +1,17 @@
-"""The part of a map file that any openPMD 1.1 reader understands, without its numbers.
+"""The part of a map file that any openPMD 1.1 reader understands.
 
 Standard: openPMD 1.1.0 (doi:10.5281/zenodo.1167843); external fields as openPMD-beamphysics reads them.
 All strings are of fixed length.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import h5py
 import numpy as np
 
-from fieldmap.store.grid import Grid
-from fieldmap.store.map_data import NO_CURRENT, MapInfo
+from fieldmap.store.grid import Array, Grid
+from fieldmap.store.map_data import NO_CURRENT, MapData, MapInfo
 from fieldmap.store.map_format import MESHES, TENSOR, VECTOR, planes_per_chunk, record_names
 
 # Powers of length, mass, time, current, temperature, amount, luminous intensity.
@@ -18,25 +19,45 @@ TESLA = np.array([0.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
 TESLA_PER_METRE = np.array([-1.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
 
 
-def create_skeleton(file: h5py.File, info: MapInfo) -> None:
-    """Write all groups, attributes and data sets of a map; every number is NaN so far."""
-    planes = planes_per_chunk(info.grid)
-    _write_root(file, info)
+def write_openpmd(file: h5py.File, map_data: MapData) -> None:
+    """Write every field at its reference current and their sum, with all groups and attributes around them."""
+    grid = map_data.grid
+    _write_root(file, map_data)
     iteration = file.create_group("/data/0")
     iteration.attrs.update(time=np.float64(0), dt=np.float64(0), timeUnitSI=np.float64(1))
-    _create_record(file, "B", VECTOR, TESLA, info.grid, planes, "total, every coil at its reference current")
-    file[f"{MESHES}/B"].attrs["referenceCurrent"] = info.reference_current
-    records = record_names(info.field_names)
-    for name, record, scale in zip(info.field_names, records, info.field_scale, strict=True):
-        of = _source(info, name, scale)
-        _create_record(file, f"B_{record}", VECTOR, TESLA, info.grid, planes, f"flux density of {of}")
+    comment = "total, every coil at its reference current"
+    record = _write_record(file, "B", VECTOR, TESLA, grid, comment, _total(map_data))
+    record.attrs["referenceCurrent"] = map_data.reference_current
+    names = record_names(map_data.field_names)
+    each = zip(
+        map_data.field_names,
+        names,
+        map_data.field_scale,
+        map_data.flux_density,
+        map_data.gradient.reshape(*map_data.gradient.shape[:-2], 9),
+        strict=True,
+    )
+    for name, part, scale, flux, tensor in each:
+        of = _source(map_data, name, scale)
+        comment = f"flux density of {of}"
+        pair = [_write_record(file, f"B_{part}", VECTOR, TESLA, grid, comment, flux, scale)]
         comment = f"gradient of the flux density of {of}; component xy is dB_x/dy"
-        _create_record(file, f"gradB_{record}", TENSOR, TESLA_PER_METRE, info.grid, planes, comment)
-        for path in (f"{MESHES}/B_{record}", f"{MESHES}/gradB_{record}"):
-            file[path].attrs.update(coilName=fixed(name), referenceCurrent=np.float64(scale))
-    for number, record in enumerate(records, start=1):
-        driven = info.field_names[number - 1] != NO_CURRENT
-        _link_external_field(file, number, record, info.grid, f"I_{record}" if driven else "none")
+        pair += [_write_record(file, f"gradB_{part}", TENSOR, TESLA_PER_METRE, grid, comment, tensor, scale)]
+        for record in pair:
+            _describe(record.id, coilName=fixed(name), referenceCurrent=np.float64(scale))
+    for number, part in enumerate(names, start=1):
+        driven = map_data.field_names[number - 1] != NO_CURRENT
+        _link_external_field(file, number, part, grid, f"I_{part}" if driven else "none")
+
+
+def _total(map_data: MapData) -> Array:
+    """(nx, ny, nz, 3): the sum of the fields at their reference currents, T."""
+    total = np.zeros((*map_data.grid.shape, 3))
+    for weight, scale, flux in zip(
+        map_data.reference_weights, map_data.field_scale, map_data.flux_density, strict=True
+    ):
+        total += weight * (flux * scale)
+    return total
 
 
 def _source(info: MapInfo, name: str, scale: float) -> str:
@@ -74,17 +95,20 @@ def _write_root(file: h5py.File, info: MapInfo) -> None:
     file.attrs["openPMDextension"] = np.uint32(0)
 
 
-def _create_record(
+def _write_record(
     file: h5py.File,
     name: str,
     components: Sequence[str],
     unit: np.ndarray,
     grid: Grid,
-    planes: int,
     comment: str,
-) -> None:
+    values: Array,
+    scale: float = 1.0,
+) -> h5py.Group:
+    """values: (nx, ny, nz, n components), in the file times scale."""
     record = file.create_group(f"{MESHES}/{name}")
-    record.attrs.update(
+    _describe(
+        record.id,
         geometry=fixed("cartesian"),
         dataOrder=fixed("C"),
         axisLabels=np.array([b"x", b"y", b"z"]),
@@ -95,27 +119,39 @@ def _create_record(
         timeOffset=np.float64(0),
         comment=fixed(comment),
     )
-    # By chunks: h5py writes a number that is given for a whole data set row by row, which takes most of the time.
-    nothing = np.full((planes, *grid.shape[1:]), np.nan)
-    for component in components:
-        data = record.create_dataset(
-            component,
-            shape=grid.shape,
-            dtype="<f8",
-            chunks=(planes, *grid.shape[1:]),
-            fletcher32=True,
-            fillvalue=np.nan,
-        )
-        # Allocated now: the numbers lie beside what describes them, not all of them behind all descriptions.
-        for first in range(0, grid.shape[0], planes):
-            data[first : first + planes] = nothing[: grid.shape[0] - first]
-        data.attrs.update(unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
+    # By HDF5's own calls: what h5py does around them for every data set takes longer than they do.
+    kind, space, created = h5py.h5t.IEEE_F64LE, h5py.h5s.create_simple(grid.shape), _storage(grid)
+    for c, component in enumerate(components):
+        data = h5py.h5d.create(record.id, component.encode(), kind, space, dcpl=created)
+        data.write(h5py.h5s.ALL, h5py.h5s.ALL, values[..., c] * scale)
+        _describe(data, unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
+    return record
+
+
+def _storage(grid: Grid) -> h5py.h5p.PropDCID:
+    """How every component is stored: by chunks with checksums, NaN where one is missing, no time of its making."""
+    created = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    created.set_chunk((planes_per_chunk(grid), *grid.shape[1:]))
+    created.set_fletcher32()
+    created.set_fill_value(np.array(np.nan))
+    created.set_obj_track_times(False)
+    return created
+
+
+def _describe(target: h5py.h5g.GroupID | h5py.h5d.DatasetID, **attributes: Any) -> None:
+    """Write attributes that are not there yet: arrays, numbers, texts of fixed length."""
+    for name, value in attributes.items():
+        values = np.asarray(value)
+        kind = h5py.h5t.py_create(values.dtype)
+        space = h5py.h5s.create_simple(values.shape)
+        h5py.h5a.create(target, name.encode(), kind, space).write(values, mtype=kind)
 
 
 def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid, master: str) -> None:
     """Entry that openPMD-beamphysics FieldMesh reads: attributes, and a soft link to the numbers."""
     group = file.create_group(f"/ExternalFieldPath/{number}")
-    group.attrs.update(
+    _describe(
+        group.id,
         eleAnchorPt=fixed("beginning"),
         gridGeometry=fixed("rectangular"),
         axisLabels=np.array([b"x", b"y", b"z"]),
