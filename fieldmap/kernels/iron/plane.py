@@ -19,19 +19,11 @@ _POINTS = 4
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _once(d: complex, turn: complex) -> complex:
-    """Antiderivative of log d; the branch of the logarithm is cut opposite to conj(turn)."""
+def _log(d: complex, turn: complex) -> complex:
+    """log d, its branch cut opposite to conj(turn); 0 at 0, where only products with d are wanted."""
     if d == 0:
         return 0j
-    return d * (np.log(d * turn) - 1.0)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _twice(d: complex, turn: complex) -> complex:
-    """Antiderivative of `_once`."""
-    if d == 0:
-        return 0j
-    return d * d * (0.5 * np.log(d * turn) - 0.75)
+    return np.log(d * turn)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -43,10 +35,15 @@ def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, fl
     # The differences of two segments that do not cross form a convex set without 0 inside: the ray away from its
     # centre never meets it, and the logarithm may be cut there.
     turn = centre.conjugate() / abs(centre)
-    double = -(_twice(p2 - q2, turn) - _twice(p2 - q1, turn) - _twice(p1 - q2, turn) + _twice(p1 - q1, turn))
+    d11, d12, d21, d22 = p1 - q1, p1 - q2, p2 - q1, p2 - q2
+    log11, log12, log21, log22 = _log(d11, turn), _log(d12, turn), _log(d21, turn), _log(d22, turn)
+    # The antiderivative of log d is d (log d - 1), and that of it d^2 (log(d)/2 - 3/4).
+    double = d21 * d21 * (0.5 * log21 - 0.75) - d22 * d22 * (0.5 * log22 - 0.75)
+    double += d12 * d12 * (0.5 * log12 - 0.75)
+    double -= d11 * d11 * (0.5 * log11 - 0.75)
     double /= e * f
-    at_first = (_once(p2 - q1, turn) - _once(p1 - q1, turn)) / e
-    at_last = (_once(p2 - q2, turn) - _once(p1 - q2, turn)) / e
+    at_first = (d21 * (log21 - 1.0) - d11 * (log11 - 1.0)) / e
+    at_last = (d22 * (log22 - 1.0) - d12 * (log12 - 1.0)) / e
     mean = double.imag / length_q
     return double.real, mean - at_first.imag, at_last.imag - mean
 
@@ -56,19 +53,22 @@ def _distant(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float,
     """The same with Gauss points along p."""
     length_p, length_q = abs(p2 - p1), abs(q2 - q1)
     f = (q2 - q1) / length_q
-    centre = p1 + p2 - q1 - q2
-    turn = centre.conjugate() / abs(centre)
     start = gauss_start(_POINTS)
     total, first, last = 0.0, 0.0, 0.0
     for k in range(_POINTS):
         weight = 0.5 * length_p * GAUSS_WEIGHTS[start + k]
         here = 0.5 * (p1 + p2) + 0.5 * GAUSS_NODES[start + k] * (p2 - p1)
         d1, d2 = here - q1, here - q2
-        log1, log2 = np.log(d1 * turn), np.log(d2 * turn)
-        along = -(d2 * (log2 - 1.0) - d1 * (log1 - 1.0)) / f
-        total += weight * along.real
-        first += weight * (along.imag / length_q - log1.imag)
-        last += weight * (log2.imag - along.imag / length_q)
+        square1, square2 = d1.real * d1.real + d1.imag * d1.imag, d2.real * d2.real + d2.imag * d2.imag
+        # log d2 - log d1: seen from far away both ends are on one side, so that no branch matters.
+        turned = d2 * d1.conjugate()
+        angle = math.atan2(turned.imag, turned.real)
+        # The integral of log d along q, without L (log d1 - 1).
+        along = -d2 * complex(0.5 * math.log(square2 / square1), angle) * f.conjugate()
+        mean = along.imag / length_q
+        total += weight * (along.real + length_q * (0.5 * math.log(square1) - 1.0))
+        first += weight * mean
+        last += weight * (angle - mean)
     return total, first, last
 
 
