@@ -34,28 +34,32 @@ class AxisymmetricField:
         t[2, 2, 0] += 3 / 4 * c4
         self.amperes, self.potentials, self.derived = np.ones(1), t[None], {}
 
-    def derivative(self, points, axes):
-        """Each derivative's polynomial once, whatever the order of its axes."""
-        key = tuple(sorted(axes))
-        if key not in self.derived:
-            t = self.potentials
-            for axis in key:
-                t = polynomial.polyder(t, axis=axis + 1)
-            self.derived[key] = t
-        return polynomial.polyval3d(
-            *np.atleast_2d(points).T, np.tensordot(self.amperes, self.derived[key], 1)
-        )
+    def derivatives(self, points, order):
+        """(n, 3, ..., 3), all of an order in one pass; their polynomials are made once."""
+        coefficients = np.tensordot(self.amperes, self._polynomials(order), 1)
+        values = polynomial.polyval3d(*np.atleast_2d(points).T, coefficients)
+        return np.moveaxis(values, -1, 0)
+
+    def _polynomials(self, order):
+        """Coefficients (coils, x, y, z, 3, ..., 3), the last index that of the derivative taken last."""
+        if order == 0:
+            return self.potentials
+        if order not in self.derived:
+            before = self._polynomials(order - 1)
+            self.derived[order] = np.zeros((*before.shape, 3))
+            for axis in range(3):
+                slope = polynomial.polyder(before, axis=axis + 1)
+                self.derived[order][..., axis][tuple(map(slice, slope.shape))] = slope
+        return self.derived[order]
 
     def field(self, points, currents):
-        return currents[0] * np.stack([self.derivative(points, [i]) for i in range(3)], axis=-1)
+        return currents[0] * self.derivatives(points, 1)
 
     def gradient(self, points, currents):
-        rows = [[self.derivative(points, [i, j]) for j in range(3)] for i in range(3)]
-        return currents[0] * np.moveaxis(np.array(rows), -1, 0)
+        return currents[0] * self.derivatives(points, 2)
 
     def second_gradient(self, points, currents):
-        rows = [[[self.derivative(points, [i, j, k]) for k in range(3)] for j in range(3)] for i in range(3)]
-        return currents[0] * np.moveaxis(np.array(rows), -1, 0)
+        return currents[0] * self.derivatives(points, 3)
 
 
 @pytest.fixture
