@@ -19,12 +19,16 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py", "netgen-mesher", "pydantic", "py
 def library_versions(*more: str) -> dict[str, str]:
     """Versions of fieldmap, of Python, of every library that decides numbers, and of `more` distributions."""
     versions = {"fieldmap": __version__, "python": platform.python_version()}
-    for name in (*LIBRARIES, *more):
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "not installed"
-    return versions
+    return versions | {name: _installed(name) for name in (*LIBRARIES, *more)}
+
+
+@cache
+def _installed(name: str) -> str:
+    """Version of a distribution. Asked once: its metadata are read and parsed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def fingerprint(settings: Iterable[str], packages: Iterable[str]) -> str:

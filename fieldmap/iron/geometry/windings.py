@@ -47,8 +47,7 @@ def workspace_solid(workspace: WorkspaceBox | WorkspaceCylinder) -> occ.TopoDS_S
 def _wound(path: WindingPath) -> occ.TopoDS_Shape:
     """The winding in its local frame, mm."""
     if path.is_circle:
-        inner, outer = path.arcs[0, 5:7]
-        return ring(inner, outer, -path.height / 2, path.height)
+        return _wound_in_circles(*path.arcs[0, 5:7], path.height)
     _, height = positive(thickness=path.thickness, height=path.height)
     if not (np.isfinite(path.arcs).all() and np.isfinite(path.bars).all()):
         raise ValueError("the dimensions of a winding must be finite numbers")
@@ -60,9 +59,20 @@ def _wound(path: WindingPath) -> occ.TopoDS_Shape:
     ):
         if polygon_fault(_corners(path, offset).tolist()) is not None:
             raise ValueError(fault)
-    up = occ.Vec(0.0, 0.0, float(height))
-    right, left = (occ.Prism(_face(path, side * half, -height / 2), up) for side in (1.0, -1.0))
-    return right - left if path.turning > 0 else left - right
+    right, left = (_face(path, side * half, -height / 2) for side in (1.0, -1.0))
+    # Cut in the plane, then drawn up: to cut one solid from another takes six times as long.
+    face = right - left if path.turning > 0 else left - right
+    return occ.Prism(face, occ.Vec(0.0, 0.0, float(height)))
+
+
+def _wound_in_circles(inner: float, outer: float, height: float) -> occ.TopoDS_Shape:
+    if not 0.0 < inner < outer:
+        # Full, or refused.
+        return ring(inner, outer, -height / 2, height)
+    r_inner, r_outer, h = positive(inner=inner, outer=outer, height=height)
+    base = point(0.0, 0.0, -h / 2)
+    hole, disc = (occ.Face(occ.Wire([occ.Circle(base, occ.Z, r)])) for r in (r_inner, r_outer))
+    return occ.Prism(disc - hole, occ.Vec(0.0, 0.0, float(h)))
 
 
 def _corners(path: WindingPath, offset: float) -> Array:
