@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -34,9 +35,9 @@ class NamedSolid(Record):
     def __str__(self) -> str:
         return f"{self.kind} '{self.name}'" if self.name else self.kind
 
-    @property
+    @cached_property
     def volume(self) -> float:
-        """Volume, mm^3."""
+        """Volume, mm^3. The kernel integrates it anew whenever it is asked."""
         return float(self.solid.mass)
 
 
