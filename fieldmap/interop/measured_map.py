@@ -225,13 +225,14 @@ def _standard_error(
     length_of = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     factor = np.linalg.inv(np.linalg.qr(design / length_of, mode="r")) / length_of[:, None]
     size = factor.shape[0] // len(amperes)
+    # A row times the rows of a coil's coefficients is as long as times a triangle with the same products of these rows.
+    parts = [np.linalg.qr(factor[c * size : (c + 1) * size].T, mode="r").T for c in range(len(amperes))]
     flux, slope = np.zeros(len(nodes)), np.zeros(len(nodes))
     for some in _parts(len(nodes)):
         of_field = field_matrix(degree, nodes[some])[..., 1:].reshape(-1, size)
         of_slope = gradient_matrix(degree, nodes[some])[..., 1:].reshape(-1, size) / length
         count = len(flux[some])
-        for c, ampere in enumerate(amperes):
-            part = factor[c * size : (c + 1) * size]
+        for part, ampere in zip(parts, amperes, strict=True):
             flux[some] += ampere * np.linalg.norm((of_field @ part).reshape(count, -1), axis=1)
             slope[some] += ampere * np.linalg.norm((of_slope @ part).reshape(count, -1), axis=1)
     return FieldError(scatter * float(flux.max()), scatter * float(slope.max()))
