@@ -8,6 +8,7 @@ Both stand in one module of `fieldmap.device.coils`; nothing else names them. Th
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, ValidationInfo
@@ -77,18 +78,23 @@ class Coil(Movable):
         Raises InputError for dimensions that make no closed winding.
         """
 
+    @cached_property
+    def _path(self) -> WindingPath:
+        """`winding()`: the field is asked for at one point after the other, and to make the path takes as long."""
+        return self.winding()
+
     def unit_flux_density(self, points: Array, digits: float) -> Array:
         """B (n, 3) in T per ampere-turn at points (n, 3) in m, local frame, to about `digits` digits."""
         from fieldmap.kernels.coils.path import path_flux_density
 
-        path = self.winding()
+        path = self._path
         return path_flux_density(points, path.arcs, path.bars, path.thickness, path.height, digits)
 
     def unit_flux_density_and_gradient(self, points: Array, digits: float) -> tuple[Array, Array]:
         """B (n, 3) and its gradient (n, 3, 3) per ampere-turn, as `unit_flux_density`."""
         from fieldmap.kernels.coils.path import path_flux_density_and_gradient
 
-        path = self.winding()
+        path = self._path
         return path_flux_density_and_gradient(
             points, path.arcs, path.bars, path.thickness, path.height, digits
         )

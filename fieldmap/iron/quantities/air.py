@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,15 +17,39 @@ from fieldmap.typing import Array
 
 def containing_element(mesh: IronMesh, points: Array) -> NDArray[np.int64]:
     """Element (n,) that contains each point (n, 3), -1 in the air. Points on a surface may fall on either side."""
-    corners = mesh.points[mesh.tets]
-    lower, upper = corners.min(axis=1), corners.max(axis=1)
+    boxes = _boxes(mesh)
     element = np.full(len(points), -1)
-    candidates = ((points >= lower.min(axis=0)) & (points <= upper.max(axis=0))).all(axis=1)
+    candidates = ((points >= boxes.least) & (points <= boxes.largest)).all(axis=1)
     if candidates.any():
         chosen, found = points[candidates], element[candidates]
-        over_rows(find_tetrahedron, len(chosen), chosen, corners, lower, upper, found, work=len(corners))
+        arrays = (chosen, boxes.corners, boxes.lower, boxes.upper, found)
+        over_rows(find_tetrahedron, len(chosen), *arrays, work=len(boxes.corners))
         element[candidates] = found
     return element
+
+
+class _Boxes(NamedTuple):
+    """Corners (m, 4, 3) of the elements, the boxes around them, lower and upper (m, 3), and around all, (3,)."""
+
+    corners: Array
+    lower: Array
+    upper: Array
+    least: Array
+    largest: Array
+
+
+# A field is asked for at one point after the other, and the boxes take longer than the field. They do not travel with
+# the mesh to other processes.
+_KNOWN_BOXES: WeakKeyDictionary[IronMesh, _Boxes] = WeakKeyDictionary()
+
+
+def _boxes(mesh: IronMesh) -> _Boxes:
+    known = _KNOWN_BOXES.get(mesh)
+    if known is None:
+        corners = mesh.points[mesh.tets]
+        lower, upper = corners.min(axis=1), corners.max(axis=1)
+        known = _KNOWN_BOXES[mesh] = _Boxes(corners, lower, upper, lower.min(axis=0), upper.max(axis=0))
+    return known
 
 
 def checked_points(points: ArrayLike) -> tuple[Array, bool]:
