@@ -16,6 +16,7 @@ from fieldmap.device.model import (
     Placement,
 )
 from fieldmap.errors import FieldmapError, GeometryError, InputError
+from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.quantities.air import containing_element
 from fieldmap.sources import unit_flux_density
 
@@ -104,6 +105,19 @@ def test_flux_density_inside_is_continuous_with_outside():
     mean = solution.flux_density("block", [1.0])
     assert mean[2] > 0
     assert abs(mean[2]) < np.abs(inside).max() * 3
+
+
+def test_elements_are_those_of_the_mesh_that_is_asked():
+    """Two meshes at once, each asked twice: what is known of one says nothing about the other."""
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    inner = np.array([[0.1, 0.2, 0.3]])
+    meshes = [
+        IronMesh(corners + shift, np.array([[0, 1, 2, 3]]), np.zeros(1, dtype=np.int64), ("one",))
+        for shift in (0.0, 0.4)
+    ]
+    for _ in range(2):
+        found = [[containing_element(mesh, inner + shift)[0] for shift in (0.0, 0.4)] for mesh in meshes]
+        assert found == [[0, -1], [-1, 0]]
 
 
 def test_assumptions_and_counts_are_reported(solution):
