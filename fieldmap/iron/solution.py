@@ -394,6 +394,15 @@ class LinearSolution(BaseField):
         """Gradient (n, 3, 3) at points (n, 3), or (3, 3) at (3,); see `SolvedState.gradient`."""
         return self.at(currents).gradient(points)
 
+    def field_and_gradient(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array]:
+        """`field` and `gradient`, whose points must lie outside the iron, in one pass."""
+        x, single = checked_points(points)
+        refuse_inside(self.mesh, x)
+        weights = self.at(currents).weights
+        columns = zip(self._fields_and_gradients(x), ("c,cnd->nd", "c,cnij->nij"), strict=True)
+        b, g = (np.einsum(product, weights, of_columns) for of_columns, product in columns)
+        return (b[0], g[0]) if single else (b, g)
+
     def flux_density(self, body: str, currents: Currents) -> Array:
         """See `SolvedState.flux_density`."""
         return self.at(currents).flux_density(body)

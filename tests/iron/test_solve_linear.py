@@ -107,6 +107,16 @@ def test_flux_density_inside_is_continuous_with_outside():
     assert abs(mean[2]) < np.abs(inside).max() * 3
 
 
+@pytest.mark.parametrize("points", [BELOW[0], BELOW, np.stack([BELOW, 1.5 * BELOW])])
+def test_both_in_one_pass_are_those_one_by_one(solution, points):
+    apart = solution.field(points, [2.0]), solution.gradient(points, [2.0])
+    for found, wanted in zip(solution.field_and_gradient(points, [2.0]), apart, strict=True):
+        assert found.shape == wanted.shape
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+    with pytest.raises(InputError):
+        solution.field_and_gradient([[0.0, 0.0, 0.005]], [2.0])
+
+
 def test_elements_are_those_of_the_mesh_that_is_asked():
     """Two meshes at once, each asked twice: what is known of one says nothing about the other."""
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
