@@ -226,7 +226,8 @@ def _standard_error(
     factor = np.linalg.inv(np.linalg.qr(design / length_of, mode="r")) / length_of[:, None]
     size = factor.shape[0] // len(amperes)
     # A row times the rows of a coil's coefficients is as long as times a triangle with the same products of these rows.
-    parts = [np.linalg.qr(factor[c * size : (c + 1) * size].T, mode="r").T for c in range(len(amperes))]
+    of_coils = np.split(factor, len(amperes))
+    parts = [np.transpose(np.linalg.qr(of_coil.T, mode="r")) for of_coil in of_coils]
     flux, slope = np.zeros(len(nodes)), np.zeros(len(nodes))
     for some in _parts(len(nodes)):
         of_field = field_matrix(degree, nodes[some])[..., 1:].reshape(-1, size)

@@ -47,7 +47,8 @@ def workspace_solid(workspace: WorkspaceBox | WorkspaceCylinder) -> occ.TopoDS_S
 def _wound(path: WindingPath) -> occ.TopoDS_Shape:
     """The winding in its local frame, mm."""
     if path.is_circle:
-        return _wound_in_circles(*path.arcs[0, 5:7], path.height)
+        inner, outer = path.arcs[0, 5:7]
+        return _wound_in_circles(inner, outer, path.height)
     _, height = positive(thickness=path.thickness, height=path.height)
     if not (np.isfinite(path.arcs).all() and np.isfinite(path.bars).all()):
         raise ValueError("the dimensions of a winding must be finite numbers")
