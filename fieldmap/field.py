@@ -392,7 +392,7 @@ class BaseField(TakesPoints, ABC):
         refuse_orientations(orientations)
         where = np.asarray(positions, dtype=float)
         points = np.atleast_2d(where)
-        result = dipole_wrench(*self.field_and_gradient(points, currents), moments)
+        result = dipole_wrench(self.field(points, currents), self.gradient(points, currents), moments)
         return result[0] if where.ndim == 1 else result
 
     def at(self, currents: Any) -> FieldAtCurrents:

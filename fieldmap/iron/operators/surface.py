@@ -1,6 +1,7 @@
 """The iron's charged faces as triangles: geometry for the kernels, and the field they make in the air."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +107,7 @@ class ChargedFaces(Record):
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
         at = _for_kernels(points)
         out = np.empty((len(density), len(at), 3))
-        given = (at, self.corners, self.normals, self._as_charges(), density, out)
+        given = (at, self.corners, self.normals, self._as_charges, density, out)
         over_rows(surface_field, len(at), *given, work=len(self.areas))
         return out
 
@@ -114,7 +115,7 @@ class ChargedFaces(Record):
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
         at = _for_kernels(points)
         field, gradient = np.empty((len(density), len(at), 3)), np.empty((len(density), len(at), 3, 3))
-        given = (at, self.corners, self.normals, self._as_charges(), density, field, gradient)
+        given = (at, self.corners, self.normals, self._as_charges, density, field, gradient)
         over_rows(surface_field_and_gradient, len(at), *given, work=len(self.areas))
         return field, gradient
 
@@ -123,7 +124,7 @@ class ChargedFaces(Record):
         the field and by_gradient (k, n, 3, 3) times the gradient. The transpose of `field_and_gradient`."""
         entries = _entries(by_field, by_gradient)
         out = np.zeros((len(entries), len(self.areas)))
-        given = (points, self.corners, self.normals, self._as_charges(), entries, out)
+        given = (points, self.corners, self.normals, self._as_charges, entries, out)
         over_rows(surface_weights, len(self.areas), *given, work=2.0 * len(points))
         return out
 
@@ -134,13 +135,14 @@ class ChargedFaces(Record):
         (n, k, 3, 3)."""
         entries, (shapes, _) = _entries(by_field, by_gradient), triangle_rule(2)
         out = np.zeros((len(self.areas), len(entries), 3, 3))
-        given = (points, self.corners, self._as_charges(), shapes, charge, moving, entries, out)
+        given = (points, self.corners, self._as_charges, shapes, charge, moving, entries, out)
         over_rows(surface_gradient, len(self.areas), *given, work=10.0 * len(points))
         return out
 
+    @cached_property
     def _as_charges(self) -> Array:
         """Of every triangle the points that replace it, a third of its area, its centre and the squared distance
-        beyond which they do: (14, n)."""
+        beyond which they do: (14, n). Made once: at a single point it takes longer than the field."""
         charges, _ = self.rule_points(2)
         limit = (_FAR_RADII * self.radii) ** 2
         rows = [charges.reshape(-1, 9).T, self.areas / 3, self.centres.T, limit]
