@@ -18,12 +18,14 @@ from typing import Any, NamedTuple
 
 import numba
 from numba import types
+from numba.core.caching import FunctionCache
 
-from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, SolverState
+from fieldmap.kernels.late_call import LateFunctions
+from fieldmap.kernels.map.current_solver import DOMAIN, MODEL, STATE
 
-# Module, kernel, and the types of its arguments: d, f, i, b for float64, float32, int64 and bool; with a number, an
-# array of that many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. In the
-# order in which they are compiled.
+# Module, kernel, and the types of its arguments: d, f, i for float64, float32 and int64; with a number, an array of that
+# many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. Without arguments: a
+# function that kernels call late. In the order in which they are compiled.
 KERNELS = """
 coils.path _path_flux_density_rows i i d2 d2 d2 d d d d2
 coils.path _path_flux_density_and_gradient_rows i i d2 d2 d2 d d d d2 d3
@@ -41,18 +43,15 @@ map.solid_harmonics regular_table i d2
 map.solid_harmonics derivative_matrix i i
 map.global_harmonics expand d1 i d1
 map.lookup evaluate_with d1 d2 d2 d2 d3
+map.current_solver SOLVER
 map.current_solver solve model state d1 d
 map.current_solver signals_of domain d1 d1
 map.current_solver products_of_terms i2 d1 domain
 map.lookup second_gradient d1 d2 d2 d4
 """
 
-_NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64, "b": types.boolean}
-_TUPLES = {
-    "domain": (SignalDomain, "i d d2 d2 d1 d1 d d b"),
-    "model": (CompiledModel, "d2 d1 f2 d1 i1 i1 d1 d2 d2 d1 d2 i2 f2 domain d"),
-    "state": (SolverState, "d2 d2 d2 d1 i1 d1 d1"),
-}
+_NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64}
+_TUPLES = {"domain": DOMAIN, "model": MODEL, "state": STATE}
 _PATIENCE = 10  # added to the niceness of the process: the run itself comes first
 
 
@@ -65,9 +64,17 @@ class Entry(NamedTuple):
     @property
     def is_cached(self) -> bool:
         """Whether a file says that it has been compiled, by this version of the source or an earlier one."""
-        function = self.kernel.py_func
+        late = isinstance(self.kernel, LateFunctions)
+        function = self.kernel.functions[0] if late else self.kernel.py_func
         stem = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}-"
-        return any(Path(self.kernel.stats.cache_path).glob(f"{stem}*.nbi"))
+        return any(Path(FunctionCache(function).cache_path).glob(f"{stem}*.nbi"))
+
+    def compile(self) -> None:
+        """Compile it, and leave its file."""
+        if isinstance(self.kernel, LateFunctions):
+            self.kernel.find()
+        else:
+            self.kernel.compile(self.arguments)
 
 
 def listed() -> Iterator[Entry]:
@@ -80,8 +87,7 @@ def listed() -> Iterator[Entry]:
 
 def _type_of(text: str) -> Any:
     if text in _TUPLES:
-        kind, fields = _TUPLES[text]
-        return types.NamedTuple(tuple(_type_of(field) for field in fields.split()), kind)
+        return _TUPLES[text]
     number = _NUMBERS[text[0]]
     return number if len(text) == 1 else types.Array(number, int(text[1]), "C")
 
@@ -113,11 +119,11 @@ def _compile_all() -> None:
     started_by = os.getppid()
     if hasattr(os, "nice"):
         os.nice(_PATIENCE)
-    for kernel, arguments in listed():
+    for entry in listed():
         # Nobody waits for the rest of a run that was killed.
         if os.getppid() != started_by:
             return
-        kernel.compile(arguments)
+        entry.compile()
 
 
 if __name__ == "__main__":

@@ -14,9 +14,10 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import cfunc, config, types
+from numba import cfunc, config, njit, types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.core.imputils import impl_ret_borrowed
+from numba.extending import intrinsic, overload
 from numba.np.arrayobj import populate_array
 
 
@@ -25,7 +26,9 @@ class LateFunctions:
 
     name: of the symbols, for the whole process. functions: their bodies as `numba.cfunc` takes them, with the arguments
     of the C function. returns, arguments: types of numba; an array stands for the address of its first number, and
-    must be contiguous. options: those of `numba.cfunc`.
+    must be contiguous, and one that may be written to unless the type is of those that may not; a tuple travels as it
+    is, with the arrays in it, which the function is lent, and whose types must be the same. options: those of
+    `numba.cfunc`.
 
     `call(number, (...))`: for compiled code, with the arguments in a tuple. Raises IndexError for a number that no
     function has, RuntimeError if the function could not be compiled.
@@ -39,29 +42,59 @@ class LateFunctions:
         functions: Sequence[Callable[..., Any]],
         **options: Any,
     ) -> None:
-        self.name, self._functions, self._options = name, tuple(functions), options
+        self.name, self.functions, self._options = name, tuple(functions), options
+        self._arguments = arguments
         places = [types.CPointer(t.dtype) if isinstance(t, types.Array) else t for t in arguments]
         self._signature = returns(*places)
         self._compiled: dict[int, Any] = {}
         self._lock = RLock()
         # Both live as long as the process, as the symbols do.
-        self._cells = (ctypes.c_void_p * len(self._functions))()
+        self._cells = (ctypes.c_void_p * len(self.functions))()
         self._finder = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t)(self.find)
         llvm.add_symbol(name, ctypes.addressof(self._cells))
         address = ctypes.cast(self._finder, ctypes.c_void_p).value
         llvm.add_symbol(f"{name}_find", 0 if address is None else address)
-        self.call: Any = _call(name, len(self._functions), self._signature, arguments)
+        self.call: Any = _call(name, len(self.functions), self._signature, arguments)
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
-            self.call = lambda number, given: self._functions[number](*given)
+            self.call = lambda number, given: self.functions[number](*given)
 
     def __repr__(self) -> str:
-        return f"LateFunctions({self.name}, {len(self._functions)})"
+        return f"LateFunctions({self.name}, {len(self.functions)})"
+
+    def called_or_linked(self) -> Any:
+        """The only function, for compiled code: called late, and for arguments of other types compiled into the caller
+        as any other."""
+        (function,) = self.functions
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return function
+        call = self.call
+        # Without a cache of its own, in which it would lie beside the late one.
+        linked = njit(**{**self._options, "cache": False})(function)
+
+        def chosen(*arguments: Any) -> Any:
+            return function(*arguments)
+
+        @overload(chosen, strict=False)
+        def choose(*arguments: Any) -> Any:
+            if len(arguments) == len(self._arguments) and all(map(_fits, arguments, self._arguments)):
+                return lambda *arguments: call(0, arguments)
+            return lambda *arguments: linked(*arguments)
+
+        return chosen
+
+    @property
+    def found(self) -> bool:
+        """Whether every function has been compiled or read from its file."""
+        return len(self._compiled) == len(self.functions)
 
     def find(self, number: int = 0) -> None:
-        """Compile a function unless it has been. `call` does so by itself, but cannot pass an interrupt on."""
+        """Compile a function unless it has been. `call` does so by itself, but cannot pass an interrupt on, and must not
+        be the first to do so in a thread for which one waits that holds the interpreter's lock."""
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return
         with self._lock:
             if number not in self._compiled:
-                self._compiled[number] = cfunc(self._signature, **self._options)(self._functions[number])
+                self._compiled[number] = cfunc(self._signature, **self._options)(self.functions[number])
                 self._cells[number] = self._compiled[number].address
 
 
@@ -93,6 +126,8 @@ def _call(name: str, functions: int, c_signature: Any, arguments: tuple[types.Ty
             places = [
                 target.make_array(t)(target, builder, value=value).data
                 if isinstance(t, types.Array)
+                else value
+                if isinstance(t, types.BaseTuple)
                 else target.cast(builder, value, t, wanted)
                 for t, wanted, value in parts
             ]
@@ -104,13 +139,13 @@ def _call(name: str, functions: int, c_signature: Any, arguments: tuple[types.Ty
 
 
 def _fits(given: Any, wanted: Any) -> bool:
+    if isinstance(wanted, types.BaseTuple):
+        return bool(given == wanted)
     if not isinstance(wanted, types.Array):
         return isinstance(given, types.Number)
-    return isinstance(given, types.Array) and (given.dtype, given.ndim, given.layout) == (
-        wanted.dtype,
-        wanted.ndim,
-        "C",
-    )
+    if not isinstance(given, types.Array) or (wanted.mutable and not given.mutable):
+        return False
+    return (given.dtype, given.ndim, given.layout, given.aligned) == (wanted.dtype, wanted.ndim, "C", True)
 
 
 def _external(module: Any, kind: Any, name: str) -> Any:
@@ -124,6 +159,10 @@ def _external(module: Any, kind: Any, name: str) -> Any:
 def _array_at(context, address, shape):
     """A contiguous array of a shape, a tuple, whose first number is at a pointer; for functions without counts of
     references, in which `numba.carray` is not allowed."""
+    if isinstance(address, types.Array):
+        return address(address, shape), lambda target, builder, signature, values: impl_ret_borrowed(
+            target, builder, address, values[0]
+        )
     kind = types.Array(address.dtype, len(shape.types), "C")
 
     def generate(target, builder, signature, values):
@@ -142,5 +181,5 @@ def _array_at(context, address, shape):
 
 
 array_at: Any = (lambda array, _: array) if config.DISABLE_JIT else _array_at  # type: ignore[attr-defined]
-"""`array_at(pointer, shape)`, in the body of a late function. Nothing is compiled there with NUMBA_DISABLE_JIT, and
-arrays are given as they are."""
+"""`array_at(pointer, shape)`, in the body of a late function. An array is given as it is: nothing is compiled with
+NUMBA_DISABLE_JIT, and a linked function gets arrays."""

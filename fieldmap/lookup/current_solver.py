@@ -33,6 +33,7 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
     domain.
     """
+    kernels.SOLVER.find()
     free = CompiledModel(
         _own(model.source),
         _own(model.fixed),

@@ -28,7 +28,7 @@ from fieldmap.field import (
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
 from fieldmap.kernels.map.constant_field import with_constant
-from fieldmap.kernels.map.current_solver import solved_at_currents
+from fieldmap.kernels.map.current_solver import SLOPES, solved_at_currents
 from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
@@ -322,6 +322,8 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
             return tabulated_at_currents, (self._form.unit, self._table.arrays)
         if currents is None and self._model is not None:
             (_, block), model = self._evaluator.compiled(), self._model.compiled
+            # Not by the caller: it may be a thread of a loop that holds the interpreter's lock until all are done.
+            SLOPES.find()
             return solved_at_currents, (block, model, new_state(model))
         if currents is None:
             function, data = self._evaluator.compiled()

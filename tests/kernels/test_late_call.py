@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -12,9 +13,43 @@ from numba.core.errors import NumbaError
 from fieldmap.kernels.late_call import LateFunctions, array_at
 
 COMPILED = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
-VECTOR, MATRIX = types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
+VECTOR, MATRIX = types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C", readonly=True)
+
+
+class Pair(NamedTuple):
+    """A tuple in a tuple, as models have their domains."""
+
+    values: Any
+    switch: Any
+
+
+class Whole(NamedTuple):
+    """Arrays of two kinds, a number, and a tuple of them."""
+
+    table: Any
+    pair: Pair
+    factor: Any
+
+
+PAIR = types.NamedTuple((types.Array(types.int64, 1, "C"), types.boolean), Pair)
+WHOLE = types.NamedTuple((types.Array(types.float32, 2, "C"), PAIR, types.float64), Whole)
+
+
+def whole():
+    return Whole(np.arange(6, dtype=np.float32).reshape(2, 3), Pair(np.array([2, 3]), True), 0.5)
+
+
+def late_of_whole(whole, vector, size):
+    """A sum over everything; the first integer is counted up."""
+    whole.pair.values[0] += 1
+    last = array_at(vector, (size,))[size - 1]
+    return whole.factor * whole.table[0, 2] + whole.pair.values[0] + last + 100.0 * whole.pair.switch
+
 
 MODULE = """
+from typing import NamedTuple
+
+import numpy as np
 from numba import njit, types
 from numba.core import event
 from fieldmap.kernels.late_call import LateFunctions
@@ -31,9 +66,24 @@ _call = LATE.call
 def of(number, x):
     return _call(number, (x,))
 
+class Row(NamedTuple):
+    values: np.ndarray
+    factor: float
+
+def late_sum(row):
+    return row.factor * row.values.sum()
+
+ROW = types.NamedTuple((types.Array(types.float64, 1, "C"), types.float64), Row)
+sum_of = LateFunctions("late_sum", types.float64, (ROW,), [late_sum], cache=True).called_or_linked()
+
+@njit(cache=True)
+def of_row(row):
+    return sum_of(row)
+
 def main():
+    rows = Row(np.array([1.0, 2.0]), 3.0), Row(np.arange(4.0)[::2], 5.0)
     with event.install_recorder("numba:compile") as recorder:
-        print(of(0, 7.0), of(1, 7.0), of(0, 8.0), len(recorder.buffer))
+        print(of(0, 7.0), of(1, 7.0), of(0, 8.0), *map(of_row, rows), len(recorder.buffer))
 """
 
 
@@ -87,6 +137,79 @@ def test_arrays_that_a_pointer_cannot_stand_for_are_refused_by_the_compiler():
 
 
 @COMPILED
+def test_arrays_that_are_written_to_must_be_of_those_that_may_be():
+    """A caller that lends what may not be written to is told so, as numba tells callers of any function."""
+
+    def put(x):
+        array_at(x, (1,))[0] = 3.0
+        return 0.0
+
+    call = LateFunctions("late_put", types.float64, (VECTOR,), [put]).call
+
+    @njit
+    def of(x):
+        return call(0, (x,))
+
+    x = np.zeros(1)
+    of(x)
+    assert x[0] == 3.0
+    x.flags.writeable = False
+    with pytest.raises(NumbaError):
+        of(x)
+
+
+def test_tuples_travel_as_they_are_and_their_arrays_are_lent():
+    late = LateFunctions("late_whole", types.float64, (WHOLE, VECTOR, types.intp), [late_of_whole])
+    function = late.called_or_linked()
+
+    @njit
+    def of(given, vector):
+        return function(given, vector, vector.size)
+
+    @njit
+    def made(vector):
+        table = np.zeros((2, 3), np.float32)
+        table[0, 2] = 2.0
+        given, total = Whole(table, Pair(np.array([2, 3]), True), 0.5), 0.0
+        for _ in range(3):
+            total += function(given, vector, vector.size)
+        return total, given.pair.values[0]
+
+    given, vector = whole(), np.array([10.0, 20.0])
+    counts = [sys.getrefcount(a) for a in (given.table, given.pair.values, vector)]
+    assert of(given, vector) == 1.0 + 3.0 + 20.0 + 100.0
+    assert given.pair.values[0] == 3
+    assert of(given._replace(pair=Pair(given.pair.values, False)), vector) == 1.0 + 4.0 + 20.0
+    assert [sys.getrefcount(a) for a in (given.table, given.pair.values, vector)] == counts
+    # Arrays that compiled code made itself, and a constant in the place of a number.
+    assert made(vector) == (3 * (1.0 + 120.0) + 3.0 + 4.0 + 5.0, 5)
+    if not config.DISABLE_JIT:
+        assert "late_whole" in next(iter(of.inspect_llvm().values()))
+        assert "late_whole" in next(iter(made.inspect_llvm().values()))
+
+
+def test_arguments_of_other_types_are_served_by_a_function_of_theirs():
+    late = LateFunctions("late_other", types.float64, (WHOLE, VECTOR, types.intp), [late_of_whole])
+    function = late.called_or_linked()
+
+    @njit
+    def of(given, vector):
+        return function(given, vector, vector.size)
+
+    vector, frozen = np.array([10.0, 20.0]), whole()
+    frozen.table.flags.writeable = False
+    others = [
+        (whole(), np.array([10.0, 0.0, 20.0])[::2]),
+        (frozen, vector),
+        (whole()._replace(table=np.asfortranarray(whole().table)), vector),
+    ]
+    for given, row in others:
+        assert of(given, row) == 1.0 + 3.0 + 20.0 + 100.0
+    if not config.DISABLE_JIT:
+        assert not any("late_other" in text for text in of.inspect_llvm().values())
+
+
+@COMPILED
 def test_a_number_that_no_function_has_is_an_error():
     late = LateFunctions("late_same", types.float64, (types.float64,), [lambda x: x])
     call = late.call
@@ -129,6 +252,6 @@ def test_another_process_takes_caller_and_functions_from_files(tmp_path):
         subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
         for _ in range(2)
     ]
-    assert found[0][:3] == found[1][:3] == ["14.0", "21.0", "16.0"]
-    assert int(found[0][3]) > 0
-    assert int(found[1][3]) == 0
+    assert found[0][:5] == found[1][:5] == ["14.0", "21.0", "16.0", "9.0", "10.0"]
+    assert int(found[0][5]) > 0
+    assert int(found[1][5]) == 0

@@ -20,7 +20,8 @@ pytestmark = pytest.mark.skipif(
 
 def test_what_is_listed_is_what_a_map_calls(request):
     """Types that no run asks for would be compiled in vain, and those that it asks for by the run itself."""
-    before = {entry.kernel: set(entry.kernel.signatures) for entry in listed()}
+    entries = [entry for entry in listed() if entry.arguments]
+    before = {entry.kernel: set(entry.kernel.signatures) for entry in entries}
     # Here, unless a test before this one has asked for the map.
     opened = open_map(request.getfixturevalue("few_states_map").path)
     coil = read_device("drive_unit").coils[0]
@@ -30,37 +31,42 @@ def test_what_is_listed_is_what_a_map_calls(request):
     opened.field(middle, [1.0, 0.5])
     opened.gradient(middle, [1.0, 0.5])
     opened.second_gradient(middle, [1.0, 0.5])
-    calls = {entry: set(entry.kernel.signatures) for entry in listed()}
+    calls = {entry: set(entry.kernel.signatures) for entry in entries}
     assert [entry.kernel.py_func.__name__ for entry, used in calls.items() if not used] == []
     for (kernel, arguments), used in calls.items():
         # Tests before this one may have called it with others.
         if not before[kernel]:
             assert used == {arguments}
         assert arguments in used
+    late = [entry.kernel for entry in listed() if not entry.arguments]
+    assert late
+    assert all(each.found for each in late)
 
 
 def test_a_process_leaves_what_another_finds(tmp_path):
-    """The list itself, cut to one kernel, in an empty cache."""
-    one = "\nmap.map_block contract d1 i d1 d1\n"
-    of_one = f"from fieldmap.kernels import compile_ahead as c\nc.KERNELS = {one!r}\n"
+    """The list itself, cut to a kernel and to the solver, which kernels call late, in an empty cache."""
+    two = "\nmap.map_block contract d1 i d1 d1\nmap.current_solver SOLVER\n"
+    of_two = f"from fieldmap.kernels import compile_ahead as c\nc.KERNELS = {two!r}\n"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
 
     def run(code):
         done = subprocess.run(
-            [sys.executable, "-c", of_one + code], env=environment, capture_output=True, text=True, check=True
+            [sys.executable, "-c", of_two + code], env=environment, capture_output=True, text=True, check=True
         )
         return done.stdout.split()
 
     ask = "print(*[entry.is_cached for entry in c.listed()])"
-    assert run(ask) == ["False"]
+    assert run(ask) == ["False", "False"]
     run("c._compile_all()")
-    assert run(ask) == ["True"]
+    assert run(ask) == ["True", "True"]
     use = (
-        "import numpy as np\n(entry,) = c.listed()\nout = np.empty(25)\n"
-        "entry.kernel(np.arange(26.0), 1, np.array([2.0, 3.0]), out)\n"
-        "print(out[24], sum(entry.kernel.stats.cache_hits.values()), len(entry.kernel.stats.cache_misses))"
+        "import numpy as np\nfrom numba.core import event\nentry, solver = c.listed()\nout = np.empty(25)\n"
+        "with event.install_recorder('numba:compile') as recorder:\n"
+        "    entry.kernel(np.arange(26.0), 1, np.array([2.0, 3.0]), out)\n    solver.compile()\n"
+        "print(out[24], sum(entry.kernel.stats.cache_hits.values()), len(entry.kernel.stats.cache_misses))\n"
+        "print(len(recorder.buffer))"
     )
-    assert run(use) == ["123.0", "1", "0"]
+    assert run(use) == ["123.0", "1", "0", "0"]
 
 
 def test_no_process_starts_where_all_is_compiled_nor_outlives_the_block(monkeypatch):

@@ -10,9 +10,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 from numpy.typing import NDArray
 
+from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.continuation import continued
 from fieldmap.kernels.map.lift_and_directions import signals
 from fieldmap.kernels.map.lookup import at_currents
@@ -51,6 +52,7 @@ _SINGLE, _TINY = 1e-6, 1e-14
 # Without counts of references (map_block.PLAIN).
 _PLAIN: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy"}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
+_LATE: dict[str, Any] = {"cache": True, "error_model": "numpy"}
 
 
 class SignalDomain(NamedTuple):
@@ -108,6 +110,29 @@ class SolverState(NamedTuple):
     piece: NDArray[np.int64]
     numbers: NDArray[np.float64]
     weights: NDArray[np.float64]
+
+
+# What numba makes of them. Arrays of other types, such as those that may not be written to, are others to it.
+_VECTOR, _MATRIX, _WORDS, _TERMS, _SINGLES = (
+    types.Array(number, dimensions, "C")
+    for number, dimensions in (
+        (types.float64, 1),
+        (types.float64, 2),
+        (types.int64, 1),
+        (types.int64, 2),
+        (types.float32, 2),
+    )
+)
+_READ = types.Array(types.float64, 1, "C", readonly=True)
+_ENDS = types.float64, _MATRIX, _MATRIX, _VECTOR, _VECTOR, types.float64, types.float64, types.boolean
+DOMAIN = types.NamedTuple((types.int64, *_ENDS), SignalDomain)
+_LAW = _VECTOR, _WORDS, _WORDS, _VECTOR, _MATRIX
+_EXPANSION = _TERMS, _SINGLES
+MODEL = types.NamedTuple(
+    (_MATRIX, _VECTOR, _SINGLES, *_LAW, _MATRIX, _VECTOR, _MATRIX, *_EXPANSION, DOMAIN, types.float64),
+    CompiledModel,
+)
+STATE = types.NamedTuple((_MATRIX, _MATRIX, _MATRIX, _VECTOR, _WORDS, _VECTOR, _VECTOR), SolverState)
 
 
 @njit(cache=True, error_model="numpy")
@@ -394,14 +419,8 @@ def _begin(model, state, currents, values, a):
     return near
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def solve(model, state, currents, tolerance):
-    """Amplitudes at currents (c,), left in state; FOUND, BEYOND the domain, NOT_CONVERGED or NOT_FINITE.
-
-    tolerance: share of the state that it may leave. A state that was not found forgets what it
-    passed. Currents as those of before, solved as exactly, cost nothing.
-    """
-    coils, r, n = currents.size, model.constant.size, 3 * model.weights.size
+def _late_solve(model, state, amperes, coils, tolerance):
+    currents, r, n = array_at(amperes, (coils,)), model.constant.size, 3 * model.weights.size
     for k in range(coils):
         if not math.isfinite(currents[k]):
             return NOT_FINITE
@@ -518,6 +537,27 @@ def _remember(model, state, currents, a, near):
         state.weights[coils + fields] = 1.0
 
 
+# Compiled once: it is large, and linked into every loop that solves, users' own among them.
+SOLVER = LateFunctions(
+    "fieldmap_solve_for_currents",
+    types.intp,
+    (MODEL, STATE, _READ, types.intp, types.float64),
+    [_late_solve],
+    **_LATE,
+)
+_solve = SOLVER.called_or_linked()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve(model, state, currents, tolerance):
+    """Amplitudes at currents (c,), left in state; FOUND, BEYOND the domain, NOT_CONVERGED or NOT_FINITE.
+
+    tolerance: share of the state that it may leave. A state that was not found forgets what it
+    passed. Currents as those of before, solved as exactly, cost nothing.
+    """
+    return _solve(model, state, currents, currents.size, tolerance)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def current_weights(model, state, currents, out):
     """Fill out (f,) with the weights of a map's fields at currents (c,): the currents, then those of the iron's fields,
@@ -559,18 +599,16 @@ def _left_of_slope(model, h, isotropic, along, coil, column, out):
             out[j] += x * gx[j] + y * gy[j] + z * gz[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def current_slopes(model, state, currents, out, slopes):
-    """`current_weights`, and slopes (f, c): their derivatives by the currents, 1/A, of the model itself. Both are as
-    exact as a hundredth of the tolerance makes them: slopes follow the state to first order. The tangent is summed in
-    single precision, which leaves some 1e-6 of them; below a tolerance of 1e-9 they are corrected in double."""
+def _late_slopes(model, state, amperes, weights, derivatives, coils, fields, shape):
+    currents, out = array_at(amperes, (coils,)), array_at(weights, (fields,))
+    slopes = array_at(derivatives, shape)
     status = _weights(model, state, currents, _FOR_SLOPES * model.tolerance, out)
     for f in range(out.size):
         for c in range(currents.size):
             slopes[f, c] = 0.0 if status == FOUND else np.nan
     if status != FOUND:
         return status
-    coils, newest = currents.size, state.amplitudes[PASSED - 1]
+    newest = state.amplitudes[PASSED - 1]
     # h of the last step, not of the one before it.
     _field_at(_applied(model, currents), model.gradients, newest, state.h)
     isotropic, along = np.empty(model.weights.size), np.empty(model.weights.size)
@@ -591,6 +629,24 @@ def current_slopes(model, state, currents, out, slopes):
                 total += model.output[f, j] * column[j]
             slopes[coils + f, c] = total
     return status
+
+
+SLOPES = LateFunctions(
+    "fieldmap_slopes_by_currents",
+    types.intp,
+    (MODEL, STATE, _READ, _VECTOR, _MATRIX, types.intp, types.intp, types.UniTuple(types.intp, 2)),
+    [_late_slopes],
+    **_LATE,
+)
+_slopes = SLOPES.called_or_linked()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def current_slopes(model, state, currents, out, slopes):
+    """`current_weights`, and slopes (f, c): their derivatives by the currents, 1/A, of the model itself. Both are as
+    exact as a hundredth of the tolerance makes them: slopes follow the state to first order. The tangent is summed in
+    single precision, which leaves some 1e-6 of them; below a tolerance of 1e-9 they are corrected in double."""
+    return _slopes(model, state, currents, out, slopes, currents.size, out.size, slopes.shape)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -120,11 +120,12 @@ def _late_table(
 
 
 # By an address: in a loop that superposes nothing of the table is compiled, and in others it is compiled once.
-_VECTOR, _STACK, _SLOPES = (types.Array(types.float64, n, "C") for n in (1, 4, 5))
+_VECTOR, _STACK, _SLOPES = (types.Array(types.float64, n, "C", readonly=True) for n in (1, 4, 5))
+_WEIGHTS = types.Array(types.float64, 1, "C")
 _LATE_TABLE = LateFunctions(
     "fieldmap_table_weights",
     types.intp,
-    (*7 * (_VECTOR,), _STACK, *3 * (_VECTOR,), _SLOPES, *2 * (_VECTOR,), *5 * (types.intp,)),
+    (*7 * (_VECTOR,), _STACK, *3 * (_VECTOR,), _SLOPES, _VECTOR, _WEIGHTS, *5 * (types.intp,)),
     [_late_table],
     **PLAIN,
 )

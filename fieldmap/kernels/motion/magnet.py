@@ -134,8 +134,9 @@ def _late_wrench(kind: int) -> Callable[..., Any]:
     return late_wrench
 
 
-_VECTOR, _WORDS = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
-_ARRAYS = _VECTOR, _VECTOR, _WORDS, types.Array(types.float64, 2, "C"), _VECTOR, _VECTOR, _VECTOR
+_READ, _WORDS = types.Array(types.float64, 1, "C", readonly=True), types.Array(types.int64, 1, "C")
+_KEPT, _LOAD = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
+_ARRAYS = _READ, _READ, _WORDS, _KEPT, _READ, _READ, _LOAD
 LATE_WRENCHES = LateFunctions(
     "fieldmap_magnet_wrench",
     types.intc,
