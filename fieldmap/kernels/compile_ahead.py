@@ -23,9 +23,9 @@ from numba.core.caching import FunctionCache
 from fieldmap.kernels.late_call import LateFunctions
 from fieldmap.kernels.map.current_solver import DOMAIN, MODEL, STATE
 
-# Module, kernel, and the types of its arguments: d, f, i for float64, float32 and int64; with a number, an array of that
-# many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. Without arguments: a
-# function that kernels call late. In the order in which they are compiled.
+# Module, kernel, and the types of its arguments: d, f, i for float64, float32 and int64; with a number, an array of
+# that many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. Without
+# arguments: a function that kernels call late. In the order in which they are compiled.
 KERNELS = """
 coils.path _path_flux_density_rows i i d2 d2 d2 d d d d2
 coils.path _path_flux_density_and_gradient_rows i i d2 d2 d2 d d d d2 d3

@@ -88,8 +88,8 @@ class LateFunctions:
         return len(self._compiled) == len(self.functions)
 
     def find(self, number: int = 0) -> None:
-        """Compile a function unless it has been. `call` does so by itself, but cannot pass an interrupt on, and must not
-        be the first to do so in a thread for which one waits that holds the interpreter's lock."""
+        """Compile a function unless it has been. `call` does so by itself, but cannot pass an interrupt on, and must
+        not be the first to do so in a thread for which one waits that holds the interpreter's lock."""
         if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return
         with self._lock:

@@ -299,7 +299,8 @@ def currents_of_signals(
     the power of the currents where each follows one signal. Raises Infeasible, also where the currents that are found
     are beyond the limits or the domain.
     """
-    made, lower, upper = model.model.parametrisation, model.model.lower, model.model.upper
+    # Copies, as in `checked_limits`: those of a model may not be written to.
+    made, lower, upper = model.model.parametrisation, np.array(model.model.lower), np.array(model.model.upper)
     begin = np.clip(made.nearest(first).values, lower, upper)
     typical = np.maximum(np.abs(made.nearest(model.model.known_currents).values).max(axis=0), 1e-12)
     cost = weight @ made.derivative(begin) ** 2

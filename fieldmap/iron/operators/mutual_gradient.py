@@ -41,7 +41,8 @@ def mutual_gradient(
     if symmetry is None:
         images, places, matrices = np.arange(len(charge))[None], np.arange(count)[None], np.eye(3)[None]
     else:
-        images, places = face_images(symmetry, nodes), symmetry.node_images
+        # Row by row: of columns numba would compile another kernel.
+        images, places = face_images(symmetry, nodes), np.ascontiguousarray(symmetry.node_images)
         matrices = symmetry.group.matrices
     first, moves = images.min(axis=0), moving[images]
     charges, of_others = charge[images], np.ascontiguousarray(others[:, images].swapaxes(0, 1))
