@@ -20,6 +20,9 @@ from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic, overload
 from numba.np.arrayobj import populate_array
 
+_NAMED: list[Any] = []
+"""What symbols stand for: all lives as long as the process, as they do."""
+
 
 class LateFunctions:
     """C functions of equal arguments, of which a caller names one by its number: often one alone.
@@ -48,9 +51,9 @@ class LateFunctions:
         self._signature = returns(*places)
         self._compiled: dict[int, Any] = {}
         self._lock = RLock()
-        # Both live as long as the process, as the symbols do.
         self._cells = (ctypes.c_void_p * len(self.functions))()
         self._finder = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t)(self.find)
+        _NAMED.append(self)
         llvm.add_symbol(name, ctypes.addressof(self._cells))
         address = ctypes.cast(self._finder, ctypes.c_void_p).value
         llvm.add_symbol(f"{name}_find", 0 if address is None else address)

@@ -1,8 +1,10 @@
 """Compiled functions called by addresses that are found late."""
 
+import gc
 import os
 import subprocess
 import sys
+import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,6 +136,21 @@ def test_arrays_that_a_pointer_cannot_stand_for_are_refused_by_the_compiler():
     for other in (np.arange(6.0)[::2], np.arange(3), np.zeros((2, 2)), 1.0):
         with pytest.raises(NumbaError):
             first(other)
+
+
+@COMPILED
+def test_what_callers_name_outlives_what_made_it():
+    made = LateFunctions("late_half", types.float64, (types.float64,), [lambda x: 0.5 * x])
+    call, place = made.call, weakref.ref(made)
+
+    @njit
+    def half(x):
+        return call(0, (x,))
+
+    del made
+    gc.collect()
+    assert place() is not None
+    assert half(3.0) == 1.5
 
 
 @COMPILED
