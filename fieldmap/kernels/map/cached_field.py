@@ -4,14 +4,21 @@ field: (block, weights, places, numbers): a map's coefficients, the weights of i
 cell whose coefficients lie in its row of numbers (q, n), -1 for none. `forget` after any change of the weights.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from fieldmap.kernels.map.lookup import of_kind
-from fieldmap.kernels.map.map_block import INSIDE, PLAIN_INLINED, WHOLE, cell_number, locate
+from fieldmap.kernels.map.lookup import KERNELS, of_kind
+from fieldmap.kernels.map.map_block import (
+    INSIDE,
+    PLAIN_INLINED,
+    WHOLE,
+    InterpolantKernels,
+    cell_number,
+    locate,
+)
 
 NAN = np.nan
 _cell_size = of_kind("cell_size")
@@ -22,7 +29,7 @@ def keep_field(block, weights, count):
     """A field of `count` points, nothing kept yet."""
     places = np.empty(count, np.int64)
     places[:] = -1
-    return block, weights, places, np.empty((count, _cell_size(block)))
+    return block, weights, places, np.empty((count, _cell_size(block, ())))
 
 
 @njit(**PLAIN_INLINED)
@@ -33,13 +40,14 @@ def forget(field):
         places[p] = -1
 
 
-def kept_in(gather: Callable[..., Any], gathered: Callable[..., Any]) -> Callable[..., Any]:
-    """`kept_at` of one interpolant, by its kernels `gather` and `gathered` (`InterpolantKernels`)."""
+def kept_in(kernels: Sequence[InterpolantKernels]) -> Callable[..., Any]:
+    """`kept_at` of these interpolants."""
+    gather, gathered = of_kind("gather", kernels), of_kind("gathered", kernels)
 
     # Without caches of their own: they are compiled into what calls them.
     @njit(**{**WHOLE, "cache": False})
     def superpose_all(block, weights, i, j, k, out):
-        gather(block, weights, i, j, k, out)
+        gather(block, (weights, i, j, k, out))
 
     @njit(**{**PLAIN_INLINED, "cache": False})
     def kept(field, p, x, y, z):
@@ -52,11 +60,11 @@ def kept_in(gather: Callable[..., Any], gathered: Callable[..., Any]) -> Callabl
         if places[p] != place:
             superpose_all(block, weights, i, j, k, kept)
             places[p] = place
-        return status, gathered(block, kept, tx, ty, tz)
+        return status, gathered(block, (kept, tx, ty, tz))
 
     return kept
 
 
-kept_at = kept_in(of_kind("gather"), of_kind("gathered"))
+kept_at = kept_in(KERNELS)
 """`kept_at(field, p, x, y, z)`: (status, the three of the field, the nine of its gradient), as
 `fieldmap.kernels.map.lookup.superposed_at`, for point number p at x, y, z, of any interpolant."""

@@ -5,7 +5,7 @@ blocks: it must not change, because files for C programs hold it. After an edit 
 compiled with the old list: remove the __pycache__ of fieldmap/kernels/map and fieldmap/kernels/motion.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,28 +34,37 @@ KERNELS: tuple[InterpolantKernels, ...] = (
 NAN = np.nan
 
 
-def of_kind(name: str) -> Callable[..., Any]:
-    """A kernel (block, ...) that calls the kernel `name` of the block's interpolant."""
-    chosen = getattr(KERNELS[0], name)
-    for kind in range(len(KERNELS) - 1, 0, -1):
-        chosen = _if_kind(kind, getattr(KERNELS[kind], name), chosen)
+def of_kind(name: str, among: Sequence[InterpolantKernels] = KERNELS) -> Callable[..., Any]:
+    """A kernel (block, given) that calls the kernel `name` of the block's interpolant with the block and `given`, a
+    tuple. Inlined before types are known: its kernels are compiled in what calls it, and not here before."""
+    chosen = _first_kind(getattr(among[0], name))
+    for kind in range(len(among) - 1, 0, -1):
+        chosen = _if_kind(kind, getattr(among[kind], name), chosen)
+    return chosen
+
+
+def _first_kind(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    # Without a cache of its own: it is compiled into what calls it.
+    @njit(**{**INLINED_EARLY, "cache": False})
+    def chosen(block, given):
+        return kernel(block, *given)
+
     return chosen
 
 
 def _if_kind(kind: int, kernel: Callable[..., Any], other: Callable[..., Any]) -> Callable[..., Any]:
-    # Without a cache of its own: it is compiled into what calls it.
-    @njit(**{**INLINED, "cache": False})
-    def chosen(block, *arguments):
+    @njit(**{**INLINED_EARLY, "cache": False})
+    def chosen(block, given):
         if block[KIND] == kind:
-            return kernel(block, *arguments)
-        return other(block, *arguments)
+            return kernel(block, *given)
+        return other(block, given)
 
     return chosen
 
 
 def _superposed_of_kind() -> Callable[..., Any]:
-    """As `of_kind("superposed")`, its arguments spelled out: numba does not inline into a function of *arguments, which
-    `fieldmap.kernels.map.map_block.INLINED_EARLY` asks for."""
+    """As `of_kind("superposed")`, its arguments spelled out: numba does not inline what is called with *arguments, and
+    `fieldmap.kernels.map.map_block.INLINED_EARLY` asks for it."""
     chosen = KERNELS[0].superposed
     for kind in range(len(KERNELS) - 1, 0, -1):
         chosen = _if_kind_superposed(kind, KERNELS[kind].superposed, chosen)
@@ -84,7 +93,7 @@ def contracted_at(block, x, y, z):
     status, i, j, k, tx, ty, tz = locate(block, x, y, z)
     if status != INSIDE:
         return status, (NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
-    return status, _contracted(block, i, j, k, tx, ty, tz)
+    return status, _contracted(block, (i, j, k, tx, ty, tz))
 
 
 @njit(**INLINED_EARLY)
@@ -164,7 +173,7 @@ def evaluate_units(block, points, flux, slope):
             slope[p] = NAN
             continue
         for s in range(flux.shape[1]):
-            _store(_unit(block, s, i, j, k, tx, ty, tz), flux[p, s], slope[p, s])
+            _store(_unit(block, (s, i, j, k, tx, ty, tz)), flux[p, s], slope[p, s])
     return outside
 
 
@@ -182,7 +191,7 @@ def second_gradient(block, currents, points, second):
                 for b in range(3):
                     second[p, a, b, 0] = second[p, a, b, 1] = second[p, a, b, 2] = NAN
         else:
-            _second_gradient(block, row, i, j, k, tx, ty, tz, work, second[p])
+            _second_gradient(block, (row, i, j, k, tx, ty, tz, work, second[p]))
     return outside
 
 
@@ -195,7 +204,7 @@ def potential(block, currents, points, values):
         row = currents[p if currents.shape[0] > 1 else 0]
         status, i, j, k, tx, ty, tz = locate(block, points[p, 0], points[p, 1], points[p, 2])
         outside += status == OUTSIDE
-        values[p] = _potential(block, row, i, j, k, tx, ty, tz, work) if status == INSIDE else NAN
+        values[p] = _potential(block, (row, i, j, k, tx, ty, tz, work)) if status == INSIDE else NAN
     return outside
 
 

@@ -40,7 +40,7 @@ def _first_soft(body):
 
 def _wrench_in(kernels: InterpolantKernels) -> Callable[..., Any]:
     """`magnet_wrench` in fields of one interpolant."""
-    kept_at = kept_in(kernels.gather, kernels.gathered)
+    kept_at = kept_in((kernels,))
 
     # Without caches of their own: they are compiled into the late function.
     @njit(**{**PLAIN, "cache": False})
@@ -162,21 +162,18 @@ def magnet_wrench(field, body, state, load):
 @njit(**PLAIN)
 def magnet_energy(field, body, state):
     """Interaction energy -m . B of the dipoles and -integral of m dB of soft pieces, J, NaN outside the map."""
-    r = turn_matrix(state)
+    r, base, dipoles = turn_matrix(state), _first_soft(body), int(body[MAGNETS])
     energy = 0.0
-    for p in range(int(body[MAGNETS])):
-        at = FIRST + 6 * p
+    # One loop for both: what looks the field up is large, and would be compiled in each.
+    for p in range(field_points(body)):
+        at = FIRST + 6 * p if p < dipoles else base + 1 + SIZE * (p - dipoles) + POINT
         ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
-        mx, my, mz = to_map(r, body[at + 3], body[at + 4], body[at + 5])
         x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
         _, v = kept_at(field, p, x, y, z)
-        energy -= mx * v[0] + my * v[1] + mz * v[2]
-    base = _first_soft(body)
-    for p in range(int(body[SOFT])):
-        at = base + 1 + SIZE * p + POINT
-        ax, ay, az = to_map(r, body[at], body[at + 1], body[at + 2])
-        x, y, z = state[POSITION] + ax, state[POSITION + 1] + ay, state[POSITION + 2] + az
-        _, v = kept_at(field, int(body[MAGNETS]) + p, x, y, z)
-        bx, by, bz = to_body(r, v[0], v[1], v[2])
-        energy += induced_moment(body, base, p, bx, by, bz)[3]
+        if p < dipoles:
+            mx, my, mz = to_map(r, body[at + 3], body[at + 4], body[at + 5])
+            energy -= mx * v[0] + my * v[1] + mz * v[2]
+        else:
+            bx, by, bz = to_body(r, v[0], v[1], v[2])
+            energy += induced_moment(body, base, p - dipoles, bx, by, bz)[3]
     return energy
