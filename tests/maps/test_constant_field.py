@@ -112,16 +112,15 @@ def test_all_ways_to_look_a_field_up_agree(opened):
     assert np.array_equal(again.field(POINTS, CURRENTS), whole)
 
 
+@numba.njit
+def both(function, data, at, fixed, currents, x, y, z):
+    return function(data, currents, x, y, z), at(fixed, x, y, z)
+
+
 def test_compiled_lookups_take_the_currents_of_the_coils(opened):
-    function, data = opened.compiled()
-    at, fixed = opened.at(CURRENTS).compiled()
-
-    @numba.njit
-    def both(data, fixed, currents, x, y, z):
-        return function(data, currents, x, y, z), at(fixed, x, y, z)
-
     x, y, z = POINTS[0]
-    free, bound = both(data, fixed, np.array(CURRENTS), x, y, z)
+    pairs = *opened.compiled(), *opened.at(CURRENTS).compiled()
+    free, bound = both(*pairs, np.array(CURRENTS), x, y, z)
     flux, slope = opened.field_and_gradient(POINTS[0], CURRENTS)
     for found in (free, bound):
         assert np.array(found[0]) == pytest.approx(flux, rel=1e-12)
