@@ -27,7 +27,9 @@ def over_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, work: floa
     one thread. The rows of a piece do not depend on its size, so the number of threads changes no bit of the results.
     """
     least = max(1, round(_LEAST_WORK / max(work, 1.0)))
-    in_pieces(lambda start, stop: kernel(start, stop, *arguments), rows, least, numba.get_num_threads())
+    # Not compiled, a kernel holds the lock.
+    threads = 1 if numba.config.DISABLE_JIT else numba.get_num_threads()  # type: ignore[attr-defined]
+    in_pieces(lambda start, stop: kernel(start, stop, *arguments), rows, least, threads)
 
 
 def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: int) -> list[Any]:

@@ -16,8 +16,8 @@ from fieldmap.lookup.current_solver import compiled_model, expansion_terms, iron
 from fieldmap.store import ReducedModel
 
 # Without compilation a model's expansion takes seconds for each ten points.
-POINTS, MODES, FIELDS = 6 if config.DISABLE_JIT else 30, 5, 3
-DRAWN = 6 if config.DISABLE_JIT else 30  # currents whose equation is solved to the last digits
+POINTS, MODES, FIELDS = (3, 3, 3) if config.DISABLE_JIT else (30, 5, 3)
+DRAWN = 3 if config.DISABLE_JIT else 30  # currents whose equation is solved to the last digits
 # b = 2000 h up to 1 mT, a parabola to slope 1 at 3 mT, then slope 1.
 CURVE = np.array([[0.0, 0.0, 2000.0, 0.0], [0.0, -1999.0 / 4e-3, 2000.0, 2.0], [0.0, 0.0, 1.0, 4.001]])
 KNOTS = np.array([0.0, 1e-3, 3e-3])

@@ -42,6 +42,7 @@ def test_pieces_are_no_smaller_than_asked(two_threads):
     assert len(sizes) == 8
 
 
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="one thread does it all")
 def test_few_rows_of_little_work_stay_in_the_thread_of_the_caller(monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
 
