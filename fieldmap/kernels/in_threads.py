@@ -23,8 +23,9 @@ _PIECES_PER_THREAD = 4
 def over_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, work: float = 1.0) -> None:
     """kernel(first, last + 1, *arguments) for all of `rows` rows, in as many threads as `numba.get_num_threads` says.
 
-    work: of one row, in units of some five nanoseconds (one pair of far triangles): few rows of little work are done in
-    one thread. The rows of a piece do not depend on its size, so the number of threads changes no bit of the results.
+    work: of one row, in units of some five nanoseconds (one pair of far triangles): few rows of little work are done
+    in one thread. A row must not depend on the piece that it lies in: then the number of threads changes no bit of
+    the results.
     """
     least = max(1, round(_LEAST_WORK / max(work, 1.0)))
     # Not compiled, a kernel holds the lock.

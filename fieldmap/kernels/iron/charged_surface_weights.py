@@ -33,8 +33,8 @@ def _far(x, y, z, far, j, out):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def surface_weights(begin, end, points, corners, normals, far, weights, out):
-    """Add to out (k, m) the share of a unit density on every triangle in k sums over points (n, 3): sum of weights (k,
-    n, 8) times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for
+    """Add to out (k, m) the share of a unit density on every triangle in k sums over points (n, 3): sum of weights
+    (k, n, 8) times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for
     `fieldmap.kernels.iron.charged_surface.surface_field`."""
     count, rows = points.shape[0], weights.shape[0]
     one = np.empty(8)

@@ -95,9 +95,9 @@ def _far_row(i, far, normals, sums):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def double_layer(begin, end, faces, nodes, far, of_points, reach, out):
-    """Add to out (n, v), triangle i by triangle, without unit, the mean over triangle i of the potential of the double
-    layer that is 1 at node k and linear on the triangles around it: 1/(4 pi A_i) int_i dS int dS' lambda_k n' . (x -
-    x') / |x - x'|^3.
+    """Add to rows begin to end of out (n, v), without unit: row i is the mean over triangle i of the potential of the
+    double layer that is 1 at node k and linear on the triangles around it,
+    1/(4 pi A_i) int_i dS int dS' lambda_k n' . (x - x') / |x - x'|^3.
 
     faces: as in `fieldmap.kernels.iron.mutual_potential`; nodes (n, 3): numbers of the triangles' corners; far (3, 3 n)
     as there; of_points (3, 3 n): normals of the points' triangles. The sum of a row is -1/2 for a closed surface with

@@ -240,8 +240,8 @@ def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, po
 def respond(
     begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent
 ):
-    """Fill polarisation (p, 3) in T and tangent (p, 6), its derivative by h, at points that remember `previous` (p, k,
-    3).
+    """Fill polarisation (p, 3) in T and tangent (p, 6), its derivative by h, at points that remember `previous`
+    (p, k, 3).
 
     h (p, 3), mu0 H in T. pinning (l, k): pinning fields of the cells in each law, T; weights (k,), their sum 1; law
     (p,) and the tables of `fieldmap.kernels.iron.magnetisation_law`. Derivatives in the order xx, xy, xz, yy, yz, zz.

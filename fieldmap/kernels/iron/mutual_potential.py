@@ -97,9 +97,9 @@ def _fill_row(i, one, other, sums, beyond, row):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def mutual_potential(begin, end, one, far, other, other_far, reach, symmetric, w):
-    """Fill rows k and n - 1 - k of w (n, n), 1/m, for k from begin to end, at most (n + 1)/2, with W_ij = 1/(4 pi A_i
-    A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set of unit charge on triangle j of the
-    other; for one set symmetric, positive definite.
+    """Fill rows k and n - 1 - k of w (n, n), 1/m, for k from begin to end, at most (n + 1)/2, with
+    W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set of unit charge on
+    triangle j of the other; for one set symmetric, positive definite.
 
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
