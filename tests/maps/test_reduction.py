@@ -11,7 +11,7 @@ from fieldmap.currents import (
     parametrisation_from_json,
 )
 from fieldmap.maps.training.cubature import Contributions, empirical_cubature
-from fieldmap.maps.training.least_squares import sparse_nonnegative
+from fieldmap.maps.training.least_squares import nonnegative_path, sparse_nonnegative
 from fieldmap.maps.training.modes import output_fields, pivots, proper_modes
 from fieldmap.maps.training.states import corners, held_out, sequence
 
@@ -219,6 +219,29 @@ def test_sparse_least_squares_are_those_of_lawson_and_hanson():
     _, least = nnls(random_matrix, target)
     ours = sparse_nonnegative(random_matrix, target, 0.0)
     assert np.linalg.norm(random_matrix @ ours - target) == pytest.approx(least, rel=1e-9)
+
+
+def test_on_the_way_to_the_least_error_each_unknown_is_the_least_squares_of_those_that_are_there():
+    """By scipy's solution with the columns that are there; what is left, by the matrix itself."""
+    random = np.random.default_rng(8)
+    matrix = random.random((80, 120))
+    wanted = matrix @ random.random(120)
+    size = float(np.linalg.norm(wanted))
+    counts, lefts = [], []
+    for x, left in nonnegative_path(matrix.T @ matrix, wanted @ matrix, size, 60):
+        there = np.flatnonzero(x)
+        counts.append(len(there))
+        lefts.append(left)
+        assert left == pytest.approx(np.linalg.norm(matrix @ x - wanted) / size, rel=1e-6)
+        if len(there):
+            theirs, _ = nnls(matrix[:, there], wanted)
+            np.testing.assert_allclose(x[there], theirs, rtol=1e-6, atol=1e-9 * theirs.max())
+    assert lefts[0] == pytest.approx(1.0)
+    assert (np.diff(lefts) < 0.0).all()
+    assert counts[0] == 0
+    assert len(counts) > 5
+    assert max(np.diff(counts)) <= 12
+    assert 50 < counts[-1] <= 60
 
 
 @pytest.mark.parametrize("second", [[0.5, 0.5], [0.75, -0.25], [1.0, 1.0]])

@@ -19,7 +19,7 @@ from scipy.linalg import cho_solve, eigh
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.least_squares import sparse_nonnegative_of_products
+from fieldmap.maps.training.least_squares import nonnegative_path
 from fieldmap.maps.training.states import corner_signals, sequence
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
@@ -41,7 +41,7 @@ _ADJOINT, _ROUNDS = 0.07, 3
 _ENERGY = 0.03
 # What the points may change of a state's field, root mean square, over the accuracy: from coarse to fine, until it is
 # fine enough.
-_COARSE, _FINER, _FINEST = 0.5, 0.8, 0.02
+_COARSE, _FINER, _FINEST = 0.5, 0.95, 0.02
 # What the volume may be off where all that the points may change is spent on it.
 _VOLUME = 1e-2
 # States are solved to this share, and those of fewer modes only looked at.
@@ -95,16 +95,19 @@ def condensed(
     found = _fewest(trained.modes, combined, lambda few: changed(*few) <= _OF_MODES)
     model, basis = all_modes if found is None else found
     products, wanted, size = states.conditions(model, basis, accuracy)
-    tolerance = _COARSE
-    while tolerance > _FINEST:
-        share = tolerance * np.sqrt(len(by)) / size
-        factors = sparse_nonnegative_of_products(products, wanted, size, share)
-        chosen = np.flatnonzero(factors > 0.0)
+    root = np.sqrt(len(by)) / size
+    tolerance = _COARSE * root
+    for factors, left in nonnegative_path(products, wanted, size):
+        if left > tolerance:
+            continue
+        if left < _FINEST * root:
+            break
+        chosen = np.flatnonzero(factors)
         few = model.sampled(chosen, factors[chosen] * model.weights[chosen])
         change = changed(few, basis)
         if change <= _IN_ALL:
             return Condensed(few, basis, change)
-        tolerance *= _FINER
+        tolerance = _FINER * left
     return Condensed(model, basis, 0.0 if found is None else changed(model, basis))
 
 

@@ -5,6 +5,8 @@ at a time, on the normal equations: the products of the columns are formed once,
 passive set follows its changes.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,27 +29,33 @@ def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float, most: int
     At most `most` of the unknowns differ from zero, m if left out. A tolerance below 1e-7 is one of 1e-7.
     """
     most = len(matrix) if most is None else min(most, len(matrix))
-    size = float(np.linalg.norm(wanted))
-    return sparse_nonnegative_of_products(_products(matrix), wanted @ matrix, size, tolerance, most)
+    path = nonnegative_path(_products(matrix), wanted @ matrix, float(np.linalg.norm(wanted)), most)
+    x = np.zeros(matrix.shape[1])
+    for found, left in path:
+        x = found
+        if left <= max(tolerance, _LEAST):
+            break
+    return x
 
 
-def sparse_nonnegative_of_products(
-    products: Array, with_wanted: Array, size: float, tolerance: float, most: int | None = None
-) -> Array:
-    """The same x (n,), of the products (n, n) of the columns, theirs (n,) with what is wanted, and its length `size`.
+def nonnegative_path(
+    products: Array, with_wanted: Array, size: float, most: int | None = None
+) -> Iterator[tuple[Array, float]]:
+    """x (n,) >= 0 on the way to the least error, and what each leaves, |matrix x - wanted| / |wanted|.
 
-    At most `most` of the unknowns differ from zero.
+    products (n, n) of the columns of the matrix, theirs (n,) with what is wanted, and its length `size`. The first x is
+    zero; each that follows leaves less, with a few more unknowns that differ from zero, `most` in the end.
     """
     most = len(products) if most is None else min(most, len(products))
-    allowed = (max(tolerance, _LEAST) * size) ** 2
     passive = _Passive(products, with_wanted, most)
-    last, at_once = np.inf, _AT_ONCE
+    last = np.inf
     barred: list[int] = []
     for _ in range(20 * len(products)):
         slope = passive.slope()
         rest = size**2 - float(passive.values @ (passive.right + slope[passive.numbers]))
-        if rest <= allowed or len(passive.numbers) >= most:
-            break
+        yield passive.unknowns(), np.sqrt(max(rest, 0.0)) / size
+        if len(passive.numbers) >= most:
+            return
         # Where several at a time have not gained anything, one does.
         at_once = _AT_ONCE if rest < (1.0 - 1e-12) * last else 1
         last = rest
@@ -55,7 +63,7 @@ def sparse_nonnegative_of_products(
         slope[barred] = -np.inf
         steepest = float(slope.max())
         if not steepest > _ROUNDING * size:
-            break
+            return
         entering = np.argsort(-slope, kind="stable")[: min(at_once, most - len(passive.numbers))]
         entering = entering[slope[entering] >= _STEEP * steepest]
         if not passive.enter(entering):
@@ -64,9 +72,6 @@ def sparse_nonnegative_of_products(
             continue
         barred = []
         passive.solve()
-    x = np.zeros(len(products))
-    x[passive.numbers] = passive.values
-    return x
 
 
 def _products(matrix: Array) -> Array:
@@ -101,6 +106,12 @@ class _Passive:
         # Their products with all, each in a place that it keeps.
         self._held, self._places = np.zeros((most, len(products))), np.zeros(0, np.int64)
         self._free = list(range(most))
+
+    def unknowns(self) -> Array:
+        """All (n,)."""
+        x = np.zeros(len(self._products))
+        x[self.numbers] = self.values
+        return x
 
     def slope(self) -> Array:
         """Products (n,) of all columns with what the values leave."""
