@@ -262,7 +262,7 @@ class _Currents:
 
     def for_force(self, by_currents: Array) -> Array:
         """The least changes (k, 3) that make 1 N along each axis; by_currents (3, n), N/A."""
-        return np.asarray(np.linalg.pinv(by_currents))
+        return np.asarray(np.linalg.pinv(by_currents), float)
 
 
 class _Signals(_Currents):

@@ -296,7 +296,7 @@ def region_field(
     place = np.full(len(surface.triangles), -1)
     place[outer] = np.arange(len(outer))
     air = np.flatnonzero(place[triangles] >= 0)
-    at = np.ix_(air, solved.linked)
+    at = np.ix_(air, np.flatnonzero(solved.linked))
     normal[at] = -solved.normal[place[triangles[air]]][:, solved.linked] / region.mu_r
     # The curl n x grad u, turned about n once more.
     across = np.cross(own.faces.normals[:, :, None], of.total.curl, axis=1) / own.faces.areas[:, None, None]

@@ -43,7 +43,7 @@ class Actuation(Record):
     @cached_property
     def singular_values(self) -> Array:
         """Of the matrix as it stands, largest first; compare rows of one unit only."""
-        return np.asarray(np.linalg.svd(self.matrix, compute_uv=False))
+        return np.asarray(np.linalg.svd(self.matrix, compute_uv=False), float)
 
     @cached_property
     def null_space(self) -> Array:

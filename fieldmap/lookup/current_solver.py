@@ -83,7 +83,7 @@ def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
         int(kind),
         float(exponent),
         np.array(matrix, order="C"),
-        np.array(np.linalg.pinv(matrix) if matrix.size else matrix.T, order="C"),
+        np.array(np.linalg.pinv(matrix) if matrix.size else matrix.T, float, order="C"),
         np.array(domain.lower - beside),
         np.array(domain.upper + beside),
         np.inf if limit is None else float(limit) * (1.0 + ROUNDING),

@@ -232,7 +232,7 @@ def _step(goal: _OnBody, currents: Array) -> Array:
     """The shortest change of the currents that gives what is missing of the demand, to first order."""
     missing = goal.demand.values - goal.given(currents)
     slope = goal.slope(currents) / goal.size[:, None]
-    return np.asarray(np.linalg.lstsq(slope, missing / goal.size, rcond=1e-3)[0])
+    return np.asarray(np.linalg.lstsq(slope, missing / goal.size, rcond=1e-3)[0], float)
 
 
 def _size(goal: _OnBody, currents: Array, scale: float) -> Array:

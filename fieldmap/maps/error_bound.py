@@ -27,7 +27,7 @@ from fieldmap.kernels.map.map_block import DEGREE, HEADER, LENGTH
 from fieldmap.kernels.map.solid_harmonics import derivative_matrix
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.store import FieldError, Grid, MapData
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 Pair = tuple[Array, Array]
 RANDOM_POINTS = 200
@@ -147,7 +147,7 @@ def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array
     return np.array(np.max(found, axis=0)) / (1.0, unit)
 
 
-def _degrees(degree: int) -> Array:
+def _degrees(degree: int) -> Index:
     """Of every coefficient ((degree + 1)^2,)."""
     return np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
 
@@ -190,11 +190,10 @@ class _BeyondFaces:
 
     def _of(self, order: int, flat: Array, scale: Array) -> float:
         degree = self._degree - 1 - order
-        squares = sum(
+        squares = largest_on_sphere(degree)[:, None] * sum(
             share * (matrix @ flat) ** 2
             for share, matrix in zip(self._shares[order], self._matrices[order], strict=True)
         )
-        squares = squares * largest_on_sphere(degree)[:, None]
         starts = np.arange(degree + 1) ** 2
         of_degree = np.sqrt(np.add.reduceat(squares, starts, axis=0))
         of_field = (self._radius ** np.arange(degree + 1)) @ of_degree

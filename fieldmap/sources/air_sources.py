@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fieldmap.device.air_sources import OTHER, AirSource
@@ -186,7 +187,7 @@ def _sheet(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     return field, gradient
 
 
-def _on_triangles(points: Array, corners: Array, normals: Array) -> Array:
+def _on_triangles(points: Array, corners: Array, normals: Array) -> NDArray[np.bool_]:
     """Whether points (n, 3) lie on one of the triangles, to rounding."""
     on = np.zeros(len(points), bool)
     for corner, normal in zip(corners, normals, strict=True):

@@ -267,7 +267,7 @@ class NodalElements(Record):
             along = np.einsum("ced,ekd->cek", vectors[:, :, q], self.gradients, optimize=True)
             total += along @ combine
         flat = self.nodes.ravel()
-        return np.stack([np.bincount(flat, of.ravel(), self.count) for of in total])
+        return np.stack([np.bincount(flat, of.ravel(), self.count) for of in total], dtype=float)
 
     def _arrays(self, potential, field, source):
         """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""

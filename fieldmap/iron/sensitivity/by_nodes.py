@@ -225,7 +225,7 @@ def _on_nodes(values: Array, nodes: Index, count: int) -> Array:
     """Sums (k, count, 3) of values (k, m, c, 3) of nodes (m, c)."""
     flat = nodes.ravel()
     rows = [[np.bincount(flat, of[..., d].ravel(), count) for d in range(3)] for of in values]
-    return np.swapaxes(np.array(rows), 1, 2)
+    return np.swapaxes(np.array(rows, float), 1, 2)
 
 
 def _outer(one: Array, other: Array) -> Array:

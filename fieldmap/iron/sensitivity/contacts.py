@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import block_diag, coo_matrix, csc_matrix, identity, kron
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
@@ -77,7 +78,7 @@ class Contacts:
         owner = one if edged[0] else other if edged[1] else None
         return Contact((one, other), np.unique(nodes), normal, owner)
 
-    def _boundary(self, body: int) -> Array:
+    def _boundary(self, body: int) -> NDArray[np.bool_]:
         """Which faces (f,) have this body on one side only."""
         return np.asarray((self._sides == body).sum(axis=1) == 1)
 
