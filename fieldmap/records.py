@@ -4,7 +4,7 @@ and mappings that nobody changes by accident and that can be pickled."""
 import dataclasses
 from collections.abc import Mapping
 from html import escape
-from typing import Any, NoReturn, TypeVar
+from typing import Any, ClassVar, NoReturn, TypeVar
 
 import numpy as np
 
@@ -48,6 +48,9 @@ class Record:
     Place(name='far', points=array (1000, 3))
     """
 
+    # What `dataclasses` asks for: every class that derives from this one is a data class.
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
     def __repr__(self) -> str:
         return one_line(self)
 
@@ -56,7 +59,7 @@ class Record:
 
     def to_dict(self) -> dict[str, Plain]:
         """The fields by their names, as plain Python, SI units."""
-        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        names = [field.name for field in dataclasses.fields(self)]
         return {name: _plain_or_text(getattr(self, name)) for name in names}
 
 

@@ -133,7 +133,9 @@ class Device(Made):
     def _name_materials(self) -> None:
         renamed = {
             # As texts: a name may be anything that somebody gave, arrays among it.
-            name: replace(one, name=name) if isinstance(one, Material) and str(one.name) != name else one  # type: ignore[type-var]
+            name: replace(one, name=name)  # zuban: ignore[misc]
+            if isinstance(one, Material) and str(one.name) != name
+            else one
             for name, one in self.materials.items()
         }
         object.__setattr__(self, "materials", FrozenDict(renamed))

@@ -22,7 +22,7 @@ from fieldmap.inputs.tables import MILLI, Point, Table, read_only
 from fieldmap.typing import Array
 
 Axis = Literal["x", "y", "z"]
-AXES = ("x", "y", "z")
+AXES: tuple[Axis, ...] = ("x", "y", "z")
 MOST_COPIES = 1000
 
 
@@ -215,7 +215,7 @@ class Movable(Made):
 
     def named(self, name: str) -> Self:
         """The same by another name."""
-        return replace(self, name=name)  # type: ignore[type-var]
+        return replace(self, name=name)  # zuban: ignore[misc]
 
     def moved(self, by: ArrayLike) -> Self:
         """Moved by (3,), m."""

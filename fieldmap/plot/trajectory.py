@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
+from fieldmap.device.placement import AXES
 from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, payload_surface
 from fieldmap.plot.shown import Shown, ShownRun
@@ -67,4 +68,4 @@ def outline(surface: pv.PolyData) -> pv.PolyData:
     )
     if edges.n_points:
         return edges
-    return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in ("x", "y", "z")])
+    return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in AXES])

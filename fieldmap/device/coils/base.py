@@ -66,7 +66,7 @@ class Coil(Movable):
 
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Self:
         coil = self if mirror_axis is None else self.reflected(mirror_axis)
-        return replace(coil, placement=change(coil.placement))  # type: ignore[type-var]
+        return replace(coil, placement=change(coil.placement))  # zuban: ignore[misc]
 
     def _pattern(self) -> str:
         return self.name if "{k}" in self.name else self.name + "_{k}"

@@ -97,7 +97,7 @@ class Change(Record):
     def motion(self, k: int) -> RigidMotion | None:
         """How coil k moves as a whole; None where it changes otherwise."""
         one, other = self.coil_pair(k)
-        if not same(replace(one, placement=other.placement), other):  # type: ignore[type-var]
+        if not same(replace(one, placement=other.placement), other):  # zuban: ignore[misc]
             return None
         position, rotation = (
             (getattr(one.placement, name) - getattr(other.placement, name)) / self.width
@@ -110,7 +110,7 @@ class Change(Record):
     def turns(self, k: int) -> float | None:
         """How the turns of coil k follow, where nothing else of it does."""
         one, other = self.coil_pair(k)
-        if not same(replace(one, turns=other.turns), other):  # type: ignore[type-var]
+        if not same(replace(one, turns=other.turns), other):  # zuban: ignore[misc]
             return None
         return (one.turns - other.turns) / self.width
 
