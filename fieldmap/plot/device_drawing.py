@@ -12,7 +12,7 @@ from fieldmap.device.payload import Payload, PayloadPiece, SoftBody
 from fieldmap.field import AnyField, Currents, Field, FieldAtCurrents, as_field, coil_currents, require_bounds
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.rulers import add_rulers, label_step
-from fieldmap.plot.solids import MM, body_surface, current_arrow, name_place, winding_surface
+from fieldmap.plot.solids import MM, body_surface, current_arrow, name_place, placed, winding_surface
 from fieldmap.plot.style import INK
 from fieldmap.typing import Array
 
@@ -93,7 +93,7 @@ def device_scene(
     return scene
 
 
-def _add_solid(scene: pv.Plotter, surface: pv.PolyData, colour: str, opacity: float = 1.0) -> None:
+def _add_solid(scene: pv.Plotter, surface: pv.DataSet, colour: str, opacity: float = 1.0) -> None:
     scene.add_mesh(
         surface,
         color=colour,
@@ -240,14 +240,15 @@ def payload_surface(payload: Payload) -> pv.PolyData | None:
 
 
 def _placed_surface(piece: PayloadPiece) -> pv.PolyData:
-    shape, place = piece.shape, np.eye(4)
-    place[:3, :3], place[:3, 3] = piece.placement.rotation, MM * np.asarray(piece.placement.position)
+    shape = piece.shape
     if isinstance(shape, SoftBody):
         x, y, z = (MM * axis / 2 for axis in shape.axes)
-        return pv.Sphere(radius=1.0).scale((x, y, z), inplace=False).transform(place, inplace=False)
-    surface = magnet_surface(shape)
-    assert surface is not None
-    return surface.transform(place, inplace=False)
+        surface = pv.Sphere(radius=1.0)
+        surface.scale((x, y, z), inplace=True)
+        return placed(surface, piece.placement)
+    magnet = magnet_surface(shape)
+    assert magnet is not None
+    return placed(magnet, piece.placement)
 
 
 def magnet_surface(magnet: Any) -> pv.PolyData | None:

@@ -46,7 +46,9 @@ def placed(surface: pv.PolyData, placement: Placement) -> pv.PolyData:
     matrix = np.eye(4)
     matrix[:3, :3] = placement.rotation
     matrix[:3, 3] = MM * np.asarray(placement.position)
-    return surface.transform(matrix, inplace=False)
+    moved = surface.copy()
+    moved.transform(matrix, inplace=True)
+    return moved
 
 
 def _part_surface(part: Part) -> pv.PolyData:
