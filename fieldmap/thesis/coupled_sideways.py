@@ -80,9 +80,9 @@ def _under_pd(inputs: dict[str, Any], x: Readings, negative: Readings, y: Readin
     """Figs 6-12, 6-13, 6-15 and 6-16, with the means that 6.5 prints."""
     begin, end = 14.2, 18.4
     means = {
-        "6-12": ((15.15, 16.65, 18.15), inputs["x_means_mm"]),
-        "6-13": ((15.15, 16.65, 18.15), inputs["negative_x_means_mm"]),
-        "6-16": ((3.15, 30.15), inputs["y_means_mm"]),
+        "6-12": ([15.15, 16.65, 18.15], inputs["x_means_mm"]),
+        "6-13": ([15.15, 16.65, 18.15], inputs["negative_x_means_mm"]),
+        "6-16": ([3.15, 30.15], inputs["y_means_mm"]),
     }
     curves = [
         over_time("Fig. 6-12: x under PD control: 0.9, 1, 0.9 mm", X, {"x": x}, begin=begin, end=end),

@@ -147,7 +147,7 @@ PANELS = (
 )
 """Mean currents, A, at which states on a ray are solved; the next panel begins where one is left: at 1.558 A, which is
 (7-18) at z_s = 10 mm, at 3.0 and at 4.3 A."""
-_ENDS = (1.558, 3.0, 4.3, 5.2)
+_ENDS = np.array([1.558, 3.0, 4.3, 5.2])
 
 
 class UnitRays(BaseField):

@@ -114,7 +114,7 @@ def fields_for(n: float, field_map: Any) -> tuple[FieldLike, ...]:
 def _curve(
     field_map: Any, signals: tuple[float, ...], axis: Axis, n: float, z_s: float, h: float, rule: Rule
 ) -> Shift:
-    return shift(fields_for(n, field_map), signals, axis, n, z_s, h, rule)
+    return shift(fields_for(n, field_map), np.array(signals), axis, n, z_s, h, rule)
 
 
 def curve(

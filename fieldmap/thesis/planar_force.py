@@ -66,7 +66,7 @@ def force(currents: tuple[float, float], x: Array, z: Array) -> Array:
 
 def grid(depths: tuple[float, ...] = DEPTHS) -> tuple[Array, Array]:
     """Places x and depths z (n,), m."""
-    x, z = np.meshgrid(np.linspace(-HALF_WIDTH, HALF_WIDTH, 61), depths)
+    x, z = np.meshgrid(np.linspace(-HALF_WIDTH, HALF_WIDTH, 61), np.array(depths))
     return x.ravel(), z.ravel()
 
 

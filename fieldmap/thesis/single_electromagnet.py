@@ -16,7 +16,7 @@ from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"
-CURRENTS = {EXACT: (1.0,), SIMPLIFIED: (100.0,) * 5}
+CURRENTS = {EXACT: np.array([1.0]), SIMPLIFIED: np.full(5, 100.0)}
 _REFINEMENT = 1.5
 
 

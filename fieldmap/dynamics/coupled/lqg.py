@@ -96,7 +96,7 @@ def _regulator(model: _Model, linear: LinearMachine, weights: LqgWeights, period
     Q = np.zeros((n + m, n + m))
     seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
     Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
-    R = period * np.diag(1.0 / np.square(weights.output))
+    R = period * np.diag(1.0 / np.square(np.array(weights.output)))
     P = _riccati(A, B, period * Q, R, "controllable by its outputs")
     return np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), float)
 

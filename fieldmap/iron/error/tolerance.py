@@ -69,7 +69,7 @@ class Tolerance(Record):
         parts = (self.flux_density, self.gradient, self.absolute_flux_density, self.absolute_gradient)
         some = any(part is not None for part in parts)
         out.append(("flux_density", "must say of what an error is allowed", "try 1e-3", None, some))
-        right = self.currents is None or bool(np.isfinite(self.currents).all())
+        right = self.currents is None or all(map(np.isfinite, self.currents))
         out.append(("currents", "must be finite numbers", "give one for each coil, A", self.currents, right))
         return out
 
