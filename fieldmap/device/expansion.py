@@ -315,9 +315,8 @@ class _Expansion:
             self._add(layer, key, (key, k), table, {})
             return
         defaults = layer.data.get("defaults", {})
-        common = defaults.get(key, {}) if isinstance(defaults, dict) else {}
-        if not isinstance(common, dict):
-            common = {}
+        given = defaults.get(key) if isinstance(defaults, dict) else None
+        common: Table = given if isinstance(given, dict) else {}
         own = {name: value for name, value in table.items() if name not in ("repeat", "mirror")}
         before = len(self.findings)
         texts = dict(self.computed)
@@ -386,7 +385,8 @@ class _Expansion:
     def _copy(
         self, table: Table, names: Names, place: Location, pattern: bool
     ) -> tuple[Table, dict[Location, str]]:
-        before, self.computed = self.computed, {}
+        before = self.computed
+        self.computed = {}
         copied = self.values(copy.deepcopy(table), names, place, pattern)
         computed = {location[len(place) :]: text for location, text in self.computed.items()}
         self.computed = before

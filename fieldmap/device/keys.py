@@ -19,6 +19,7 @@ from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil, coil_choices
 from fieldmap.device.cross_checks import cross_findings
+from fieldmap.device.made import Made
 from fieldmap.device.materials import Material, MaterialKeys, material_choices
 from fieldmap.device.placement import Placement, in_unit, rotation_angles
 from fieldmap.device.schema import DeviceFile
@@ -87,7 +88,7 @@ class DeviceData:
         """The keys of a thing: each is the attribute of its name, in its unit."""
         data: dict[str, Any] = {}
         for key, about in keys.model_fields.items():
-            fixed = get_args(about.annotation) if key in ("kind", "shape") else ()
+            fixed: tuple[Any, ...] = get_args(about.annotation) if key in ("kind", "shape") else ()
             attribute, unit = attribute_of(keys, key)
             if fixed:
                 data[key] = fixed[0]
@@ -146,7 +147,7 @@ def device_data(device: Any, whole: bool = True) -> DeviceData:
     made = DeviceData(
         paths={(key,): f"{key}s" for key in ("coil", "joint", "section", "reference", "material")}
     )
-    made.paths |= {("body",): "bodies", ("title",): "title", ("name",): "name"}
+    made.paths.update({("body",): "bodies", ("title",): "title", ("name",): "name"})
     untitled = isinstance(device.title, str) and not device.title and isinstance(device.name, str)
     title = device.name if untitled else device.title
     made.data = {"format": 1, "name": device.name, "title": title}
@@ -209,7 +210,7 @@ def _materials(made: DeviceData, materials: Mapping[str, Material]) -> None:
     made.data |= {"material": tables} if tables else {}
 
 
-def _classes(base: type) -> str:
+def _classes(base: type[Made]) -> str:
     """The classes that one can make objects of."""
     found, waiting = [], [base]
     while waiting:

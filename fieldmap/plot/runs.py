@@ -135,7 +135,7 @@ def _length(millimetres: float) -> str:
 
 def _scale(runs: Sequence[DrawnRun], axis: int) -> tuple[float, str]:
     """Factor from millimetres, and the unit, for one axis."""
-    shown = np.concatenate([run[name][:, axis] for run in runs for name in ("true", "wanted")])
+    shown = np.concatenate([values[:, axis] for run in runs for values in (run["true"], run["wanted"])])
     largest = float(np.abs(shown[np.isfinite(shown)]).max(initial=0.0))
     return (1e3, "µm") if 0.0 < largest < _SMALL else (1.0, "mm")
 

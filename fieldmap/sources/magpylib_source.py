@@ -1,6 +1,7 @@
 """Any field at fixed currents as a magpylib source: the field itself, evaluated where magpylib asks for it."""
 
 from collections.abc import Callable, Sequence
+from inspect import getattr_static
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ class FieldSource(magpylib.misc.CustomSource):
     @style.setter
     def style(self, style: Any) -> None:
         self._drawn = False
-        magpylib.misc.CustomSource.style.fset(self, style)  # type: ignore[attr-defined]
+        getattr_static(magpylib.misc.CustomSource, "style").__set__(self, style)
 
 
 class _Shared:

@@ -100,8 +100,8 @@ def read_fit(path_or_name: PathLike) -> Fit:
 _Keys = FluxDensityKeys | InductanceKeys | LiftCurrentKeys
 
 
-def _tables(contents: FitFile) -> tuple[_Keys, ...]:
-    return (*contents.flux_density, *contents.inductance, *contents.lift_current)
+def _tables(contents: FitFile) -> list[_Keys]:
+    return [*contents.flux_density, *contents.inductance, *contents.lift_current]
 
 
 def _device_document(contents: FitFile, file: Document) -> Document:

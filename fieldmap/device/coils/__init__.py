@@ -6,6 +6,7 @@ register themselves. CONTRIBUTING.md has the steps.
 
 import importlib
 import pkgutil
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias, Union
 
 from pydantic import Tag
@@ -14,7 +15,7 @@ from fieldmap.device.coils.base import Coil, CoilKeys, CoilName, coil_choices
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.inputs.tables import chosen_by
 
-for _module in pkgutil.iter_modules(__path__):
+for _module in pkgutil.iter_modules([str(Path(__file__).parent)]):
     importlib.import_module(f"{__name__}.{_module.name}")
 
 __all__ = ["AnyCoil", "Coil", "CoilKeys", "CoilName", "WindingPath", "coil_choices"]

@@ -6,6 +6,7 @@ A law is a frozen class (`fieldmap.device.materials.base.Material`) and the keys
 
 import importlib
 import pkgutil
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union
 
 from pydantic import Tag
@@ -21,7 +22,7 @@ from fieldmap.device.materials.base import (
 )
 from fieldmap.inputs.tables import chosen_with
 
-for _module in pkgutil.iter_modules(__path__):
+for _module in pkgutil.iter_modules([str(Path(__file__).parent)]):
     importlib.import_module(f"{__name__}.{_module.name}")
 
 __all__ = [

@@ -134,6 +134,7 @@ class TrainingSequence:
         self._signals = training_signals(domain, plan.states, solving.solver.images, self._off)
         self._currents = domain.parametrisation.currents(self._signals)
         self._directions = [reaches(domain, values) for values in self._signals]
+        self._done = min(_FIRST, plan.states)
         self._begin()
 
     @property
@@ -179,7 +180,6 @@ class TrainingSequence:
             steps = (signals[k] - signals[0]) / (REACH * span)
             return np.asarray(first.potential + first.tangents @ steps)
 
-        self._done = min(_FIRST, plan.states)
         others = [Wanted(k, currents[k], begin(k), self._directions[k]) for k in range(1, self._done)]
         for state, solved in zip(others, self._solving.training(others, needed), strict=True):
             if solved is not None:
