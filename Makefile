@@ -6,35 +6,39 @@ STAMP := $(VENV)/.installed
 # Bytecode is kept, also on machines that are set up to keep none: the tests start many processes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install map test slow style kernels_then_tests bench validate mutants docs clean
+.PHONY: install map test slow style kernels tests bench validate mutants docs clean
 
 install: $(STAMP)
 
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
-# The style beside the tests, which have two processes, for two processors. A file's tests stay in one process, which
-# makes what they share once. Those of tests/slow.txt belong to `make validate`.
+# Style, and kernels as Python, beside the tests, which have two processes, for two processors. A file's tests stay in one
+# process, which makes what they share once. Those of tests/slow.txt belong to `make validate`.
 test: $(STAMP)
-	$(MAKE) --no-print-directory --jobs=2 style kernels_then_tests
+	$(MAKE) --no-print-directory --jobs=2 kernels tests
 
 slow: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile -m slow tests
 
+# Types by mypy's rules; mypy itself, ten times as slow, is run by `make validate`.
 style:
 	$(BIN)/ruff check fieldmap tests scripts
 	$(BIN)/lint-imports
-	$(BIN)/mypy
+	$(BIN)/zuban mypy --python-executable $(BIN)/python
 
-# Kernels as Python first, which finds indices out of range.
-kernels_then_tests:
+# As Python, an index out of range is an error.
+kernels: style
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
+
+tests:
 	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules -m "not slow" fieldmap tests
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
 
 validate: $(VENV)/.installed-programs slow
+	$(BIN)/mypy
 	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop
 	$(BIN)/python scripts/validate.py
 
