@@ -270,7 +270,7 @@ def test_the_larger_part_of_a_tolerance_is_allowed():
         ({"flux_density": float("nan")}, "flux_density"),
         ({"absolute_gradient": float("inf")}, "absolute_gradient"),
         ({"absolute_flux_density": 0.0}, "absolute_flux_density"),
-        ({"flux_density": 0.1, "currents": (float("nan"),)}, "currents"),
+        ({"flux_density": 0.1, "currents": (1.0, float("nan"))}, "currents"),
     ],
 )
 def test_tolerances_that_cannot_be_meant_are_refused(arguments, where):

@@ -166,6 +166,12 @@ def test_show_draws_iron_and_windings(unit, backend, monkeypatch):
         assert volume(corners, np.column_stack([trace.kwargs[k] for k in "ijk"])) > 0
 
 
+def test_a_style_that_is_given_later_is_taken(unit):
+    source = unit.as_magpylib([3.0], style_label="unit")
+    source.style = {"label": "mine"}
+    assert source.style.label == "mine"
+
+
 def volume(points, triangles):
     """Of a closed surface whose triangles turn outward; zero or negative where some do not."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
