@@ -2,9 +2,11 @@
 
 import re
 import tomllib
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 import fieldmap
 
@@ -38,6 +40,20 @@ def test_every_requirement_has_a_lower_bound():
     extras = PROJECT["optional-dependencies"]
     for one in [*PROJECT["dependencies"], *(one for of in extras.values() for one in of)]:
         assert one.startswith("fieldmap[") or re.match(r"[\w.-]+(\[\w+\])?>=\d", one), one
+
+
+def test_pinned_versions_take_the_oldest_python_that_the_package_takes():
+    """By what they say themselves, where they are installed in the version that is pinned."""
+    oldest = PROJECT["requires-python"].removeprefix(">=") + ".0"
+    pinned = dict(re.findall(r"^([\w.-]+)==(\S+)$", read("constraints.txt"), re.MULTILINE))
+    pinned = {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in pinned.items()}
+    asked = {
+        name: found.metadata["Requires-Python"] or ""
+        for found in distributions()
+        if pinned.get(name := re.sub(r"[-_.]+", "-", found.name).lower()) == found.version
+    }
+    assert len(asked) > 30
+    assert {name: versions for name, versions in asked.items() if oldest not in SpecifierSet(versions)} == {}
 
 
 def test_all_is_every_extra_that_is_small():

@@ -5,11 +5,13 @@ import pytest
 
 from fieldmap.device import read_device
 from fieldmap.interpolants import cell_form, global_form
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.lookup import open_map
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.error_bound import (
     FACE_DEGREE,
     FACE_POINTS,
+    _BeyondFaces,
     between_samples,
     box_surface,
     certified_bounds,
@@ -31,6 +33,46 @@ def dense_points(opened, count=5_000):
     steps = np.round((points - grid.lower) / grid.spacing)
     on_cells[np.arange(count), axis] = (grid.lower + steps * grid.spacing)[np.arange(count), axis]
     return np.clip(np.vstack([points, on_surface, on_cells]), opened.lower, opened.upper)
+
+
+def largest_in_ball(coefficients, degree, radius):
+    """Field and gradient, at many points of the sphere, where a harmonic function is largest, and at its poles."""
+    places = np.random.default_rng(degree).standard_normal((4000, 3))
+    places[0] = 0.0, 0.0, 1.0
+    places *= radius / np.linalg.norm(places, axis=1, keepdims=True)
+    field = field_matrix(degree, places) @ coefficients
+    gradient = gradient_matrix(degree, places) @ coefficients
+    return np.array([np.linalg.norm(field, axis=1).max(), np.linalg.norm(gradient, axis=(1, 2)).max()])
+
+
+@pytest.mark.parametrize("degree", [10, 12])
+def test_degrees_that_the_faces_do_not_see_are_bounded_in_the_ball_about_a_cell(degree):
+    radius, known = 0.8, (FACE_DEGREE + 2) ** 2
+    bounds = _BeyondFaces(degree, radius)
+    coefficients = np.random.default_rng(degree).standard_normal((degree + 1) ** 2)
+    coefficients[:known] = 0.0
+    found = largest_in_ball(coefficients, degree, radius)
+    stated = bounds.largest(coefficients[:, None, None], np.ones(1))
+    assert (found <= stated).all()
+    assert (found > 0.3 * stated).all()
+    # What the faces see does not count here, and fields add up by their scale.
+    seen = coefficients.copy()
+    seen[:known] = 1e3
+    both = bounds.largest(np.stack([seen, -seen], axis=1)[:, None], np.array([1.0, 0.5]))
+    np.testing.assert_allclose(both, 1.5 * stated, rtol=1e-9)
+
+
+@pytest.mark.parametrize("degree", [10, 12])
+def test_of_one_zonal_harmonic_that_bound_is_known(degree):
+    """r^l P_l on the unit sphere: |B| is l at the pole, |B|^2 l on average. The square of a harmonic of degree k is at
+    most 2 k + 1 times its average, by the addition theorem; B has the degree l - 1, its gradient l - 2."""
+    zonal = np.zeros((degree + 1) ** 2)
+    zonal[degree**2] = 1.0
+    stated = _BeyondFaces(degree, 0.8).largest(zonal[:, None, None], np.ones(1))
+    # At the pole the gradient is l (l - 1) diag(-1/2, -1/2, 1), and the average of its squares l (l - 1) (2 l - 1).
+    field = np.sqrt((2 * degree - 1) / degree)
+    gradient = np.sqrt((2 * degree - 1) * (2 * degree - 3) / (1.5 * degree * (degree - 1)))
+    np.testing.assert_allclose(stated / largest_in_ball(zonal, degree, 0.8), [field, gradient], rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["harmonic", "global"])

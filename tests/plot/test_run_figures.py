@@ -41,3 +41,12 @@ def test_coils_that_part_in_one_of_several_runs_have_their_own_curves():
     parted[5:, 3] += 0.1
     assert len(drawn(run_figure("Runs", [run_with(wave), run_with(parted)]))) == 4
     assert len(drawn(run_figure("Runs", [run_with(wave), run_with(wave)]))) == 2
+
+
+def test_the_unit_of_an_axis_follows_the_larger_of_what_is_wanted_and_what_comes():
+    """Millimetres but where both are small: an axis that should stay and leaves by 2 mm, one that does not."""
+    run = run_with(np.zeros((11, 4)))
+    run["true"] = np.zeros((11, 3))
+    run["true"][5] = [2.0, 0.004, 0.0]
+    labels = [axes.get_ylabel() for axes in run_figure("Units", [run]).axes[:3]]
+    assert [label.rsplit(" ", 1)[-1].strip("()[]") for label in labels] == ["mm", "µm", "mm"]

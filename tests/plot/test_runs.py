@@ -59,6 +59,15 @@ def test_the_outline_spans_the_magnet(run):
     assert outline(cylinder).n_cells == 128  # two rims, no facets between
 
 
+def test_the_outline_of_a_sphere_is_three_circles():
+    circles = outline(pv.Sphere(radius=2.0, theta_resolution=40, phi_resolution=40))
+    np.testing.assert_allclose(np.linalg.norm(circles.points, axis=1), 2.0, rtol=0.01)
+    in_plane = np.abs(circles.points) < 1e-6
+    assert in_plane.any(axis=1).all()
+    # Of the points of one circle the two others share four.
+    assert (in_plane.sum(axis=0) >= 36).all()
+
+
 @needs_opengl
 def test_a_gif_moves_and_changes_colour(run, tmp_path):
     path = save_animation(run, tmp_path / "run.gif", frames=3, window=WINDOW)

@@ -11,7 +11,7 @@ from fieldmap.currents import divide_currents
 from fieldmap.errors import OutsideMapError
 from fieldmap.levitation import stationary_points
 from fieldmap.thesis import drive_unit, equilibrium_shift, shift_studies, statics
-from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload
+from fieldmap.thesis.drive_unit import PANELS, UnitRays, UnitStates, _panel, lift_share, payload
 from fieldmap.thesis.equilibrium_shift import shift
 from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -19,6 +19,18 @@ from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 SIGNALS = (0.1, 0.2, 0.4)
 MEASURED = np.array([1.346, 2.862, 9.329]) + 0.088
 """Table 6-2, n = 1.25, counted from the -0.088 mm of Table 6-4 at signal 0."""
+
+
+def test_levels_are_interpolated_without_a_jump():
+    """Between three levels, and the next three take over at a level that both have."""
+    means = np.linspace(PANELS[0][0], PANELS[-1][-1], 4201)
+    panels = [_panel(mean) for mean in means]
+    assert all(panel[0] - 1e-9 <= mean <= panel[2] + 1e-9 for mean, panel in zip(means, panels, strict=True))
+    taken_over = [k for k in range(4200) if (panels[k] != panels[k + 1]).any()]
+    assert len(taken_over) == len(PANELS) - 1
+    for k in taken_over:
+        for panel in (panels[k], panels[k + 1]):
+            assert np.abs(panel - means[k]).min() < 1e-9
 
 
 @pytest.fixture(scope="module")
