@@ -48,7 +48,7 @@ def test_pinned_versions_take_the_oldest_python_that_the_package_takes():
     pinned = dict(re.findall(r"^([\w.-]+)==(\S+)$", read("constraints.txt"), re.MULTILINE))
     pinned = {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in pinned.items()}
     asked = {
-        name: found.metadata["Requires-Python"] or ""
+        name: found.metadata.get("Requires-Python", "")
         for found in distributions()
         if pinned.get(name := re.sub(r"[-_.]+", "-", found.name).lower()) == found.version
     }
