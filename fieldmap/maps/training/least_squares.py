@@ -44,7 +44,7 @@ def nonnegative_path(
     """x (n,) >= 0 on the way to the least error, and what each leaves, |matrix x - wanted| / |wanted|.
 
     products (n, n) of the columns of the matrix, theirs (n,) with what is wanted, and its length `size`. The first x is
-    zero; each that follows leaves less, with a few more unknowns that differ from zero, `most` in the end.
+    zero; each that follows leaves less. At most `most` of the unknowns differ from zero.
     """
     most = len(products) if most is None else min(most, len(products))
     passive = _Passive(products, with_wanted, most)
