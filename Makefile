@@ -22,7 +22,7 @@ slow: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile -m slow tests
 
 # Types by mypy's rules; mypy itself, ten times as slow, is run by `make validate`.
-style:
+style: $(STAMP)
 	$(BIN)/ruff check fieldmap tests scripts
 	$(BIN)/lint-imports
 	$(BIN)/zuban mypy --python-executable $(BIN)/python
@@ -31,7 +31,7 @@ style:
 kernels: style
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
 
-tests:
+tests: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules -m "not slow" fieldmap tests
 
 bench: $(VENV)/.installed-bench

@@ -80,6 +80,16 @@ def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
     assert np.median(changes) < 0.5
 
 
+def test_a_choice_that_leaves_nothing_at_once_is_taken(free):
+    """Four places, thirty points at each: once all four are there, what is left drops to rounding in one step."""
+    numbers = np.repeat([20, 90, 160, 250], 30)
+    many = replace(free, model=free.model.sampled(numbers, np.full(120, 1.0 / 120.0)))
+    found = many.condensed()
+    assert len(found.model.weights) <= 60
+    assert 0.0 < found.changed <= condensation._IN_ALL
+    assert found.model.weights.sum() == pytest.approx(1.0, rel=0.01)
+
+
 def test_adjoint_states_make_the_field_better_than_proper_modes_alone(free, monkeypatch):
     """By Becker and Rannacher the error is a product: of what is left of states and of adjoint states."""
     others = free.domain.at(np.random.default_rng(78).random((60, 3)))

@@ -100,13 +100,13 @@ def condensed(
     for factors, left in nonnegative_path(products, wanted, size):
         if left > tolerance:
             continue
-        if left < _FINEST * root:
-            break
         chosen = np.flatnonzero(factors)
         few = model.sampled(chosen, factors[chosen] * model.weights[chosen])
         change = changed(few, basis)
         if change <= _IN_ALL:
             return Condensed(few, basis, change)
+        if left <= _FINEST * root:
+            break
         tolerance = _FINER * left
     return Condensed(model, basis, 0.0 if found is None else changed(model, basis))
 
