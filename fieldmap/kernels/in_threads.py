@@ -47,13 +47,25 @@ def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: 
         return [part(0, count)]
     pieces = min(_PIECES_PER_THREAD * workers, most)
     bounds = iter(list(pairwise(count * piece // pieces for piece in range(pieces + 1))))
-    waiting = [_pool().submit(lambda: [part(*both) for both in bounds]) for _ in range(workers)]
+
+    def leave_the_rest() -> None:
+        for _ in bounds:
+            pass
+
+    def work() -> list[Any]:
+        try:
+            return [part(*both) for both in bounds]
+        except BaseException:
+            # The caller may be waiting for another thread.
+            leave_the_rest()
+            raise
+
+    waiting = [_pool().submit(work) for _ in range(workers)]
     try:
         return [value for future in waiting for value in future.result()]
     except BaseException:
         # An interruption: no further pieces, and nothing that still writes when the caller is told.
-        for _ in bounds:
-            pass
+        leave_the_rest()
         for future in waiting:
             future.cancel() or future.exception()
         raise

@@ -75,21 +75,26 @@ def test_no_more_threads_than_allowed(monkeypatch):
     assert most[0] == 3
 
 
-def test_an_error_is_raised_and_the_rest_is_left(two_threads):
-    done = []
+@pytest.mark.parametrize("fails", [0, 10])
+def test_an_error_is_raised_and_the_rest_is_left(fails, two_threads):
+    """In whichever of the threads it is raised: the caller waits for one after the other."""
+    begun, raised = [], threading.Event()
 
     def part(begin, end):
-        done.append(begin)
-        if begin == 0:
+        begun.append(begin)
+        if begin == fails:
+            raised.set()
             raise ZeroDivisionError
-        time.sleep(0.02)
+        # Nothing but the error itself keeps the other thread from the rest.
+        raised.wait(60)
+        time.sleep(0.05)
 
     with pytest.raises(ZeroDivisionError):
         in_pieces(part, 80, 1, two_threads)
-    left = len(done)
+    left = len(begun)
     assert left < 8
-    time.sleep(0.05)
-    assert len(done) == left
+    time.sleep(0.1)
+    assert len(begun) == left
 
 
 def test_several_callers_at_once(two_threads):
