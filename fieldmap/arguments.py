@@ -16,13 +16,16 @@ LARGEST_NUMBER = 1e30
 
 
 def finite_number(value: object) -> bool:
-    """Whether a value is one finite number.
+    """Whether a value is one finite real number, and no truth value.
 
     >>> finite_number(2), finite_number("initial"), finite_number([1.0]), finite_number(float("nan"))
     (True, False, False, False)
+    >>> finite_number(True), finite_number(1j)
+    (False, False)
     """
     try:
-        return np.ndim(value) == 0 and bool(np.isfinite(value))  # type: ignore[arg-type, call-overload]
+        one = np.asarray(value)
+        return one.ndim == 0 and one.dtype.kind in "iuf" and bool(np.isfinite(one))
     except (TypeError, ValueError):
         return False
 

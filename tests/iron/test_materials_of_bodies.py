@@ -62,7 +62,7 @@ def test_permeability_and_remanence_of_every_body():
     assert body_properties(device(), None).weakest == np.inf
 
 
-@pytest.mark.parametrize("mu_r", [0.0, -1.0, np.nan, np.inf, "3"])
+@pytest.mark.parametrize("mu_r", [0.0, -1.0, np.nan, np.inf, "3", True, 1j])
 def test_permeabilities_that_nothing_has_are_refused(mu_r):
     with pytest.raises(InputError) as caught:
         body_properties(device("plain"), mu_r)
