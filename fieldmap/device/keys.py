@@ -291,18 +291,23 @@ def _payload(made: DeviceData, payload: object, materials: Mapping[str, Material
         return made.table(payload, PayloadWithMoment, ("payload",), "payload")
     table = made.table(payload, PayloadWithMagnet, ("payload",), "payload")
     table["magnet"] = _of_kind(made, payload.magnet, MAGNET_KEYS, ("payload", "magnet"), "payload.magnet")
+    _check_moment(made, payload, "the magnet", magnet=payload.magnet)
+    return table
+
+
+def _check_moment(made: DeviceData, payload: carried.Payload, whose: str, **magnets: Any) -> None:
+    """A moment that is given beside magnets must be theirs."""
     try:
-        moment = carried.Payload(mass=1.0, magnet=payload.magnet).moment
+        moment = carried.Payload(mass=1.0, **magnets).moment
         agree = abs(payload.moment - moment) <= 1e-9 * abs(moment)
     except (TypeError, ValueError, AttributeError, OverflowError):
-        return table  # told at the magnet
+        return  # told at the magnet
     if not agree:
-        must_hold = f"must be that of the magnet, {moment:.6g}: volume times remanence over mu0"
+        must_hold = f"must be that of {whose}, {moment:.6g}: volume times remanence over mu0"
         place: Location = ("payload", "moment_A_m2")
         made.paths[place] = "payload.moment"
-        remedy = "leave the moment out, or the magnet"
+        remedy = f"leave the moment out, or {whose}"
         made.findings.append(Finding(place, must_hold, shown(payload.moment), remedy))
-    return table
 
 
 def _payload_of_pieces(
@@ -326,6 +331,7 @@ def _payload_of_pieces(
         if isinstance(piece.shape, carried.SoftBody):
             data |= _material_of_piece(made, piece.shape.material, materials, location, path)
         pieces.append(data | made.placement(piece.placement, location, f"{path}.placement"))
+    _check_moment(made, payload, "the magnets among the pieces", pieces=payload.pieces)
     return table | {"piece": pieces}
 
 

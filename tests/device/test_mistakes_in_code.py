@@ -95,6 +95,7 @@ def test_a_material_that_is_not_there():
     assert "steel_a3" in caught.value.problems[0].remedy
 
 
+BALL, BEAD = fm.MagnetSphere(4e-3, 1.2), fm.SoftSphere(4e-3, mu_r=1e3)
 COIL = fm.CircularCoil("a", 0.02, 0.03, 0.01, 100)
 IRON = fm.LinearMaterial("iron", 1000.0)
 
@@ -142,6 +143,8 @@ def test_all_mistakes_at_once_at_paths_that_python_understands():
         ({"coils": [fm.CircularCoil("a", 0.1, 0.2, 0.3, 4, placement=3)]}, "coils[0].placement"),
         ({"coils": []}, 'Device "d"'),
         ({"coils": [COIL], "title": np.zeros(3)}, "title"),
+        ({"coils": [COIL], "payload": fm.Payload(1e-3, moment=0.1, pieces=[BALL])}, "payload.moment"),
+        ({"coils": [COIL], "payload": fm.Payload(1e-3, moment=0.1, pieces=[BEAD])}, "payload.moment"),
         (
             {"bodies": [fm.Body("rod", "iron", fm.Box(3.0), mesh_size=0.01)], "materials": {"iron": IRON}},
             "bodies[0].parts[0].shape.size",
@@ -157,6 +160,12 @@ def test_all_mistakes_at_once_at_paths_that_python_understands():
 )
 def test_things_in_the_wrong_place(values, path):
     assert paths(**values) == [path]
+
+
+def test_the_moment_of_the_pieces_may_be_repeated():
+    once = fm.Payload(1e-3, pieces=[BALL, BEAD])
+    twice = fm.Payload(1e-3, moment=once.moment, pieces=[BALL, BEAD])
+    assert fm.Device("d", "", coils=[COIL], payload=twice).payload.moment == once.moment > 0
 
 
 def test_an_array_is_a_size():
