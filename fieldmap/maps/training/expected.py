@@ -16,8 +16,9 @@ _STATE, _MODES = 0.17, 0.7
 _SHARE = 0.65
 # States to try the model on begin from its prediction: over those that it is trained on.
 _TRIED = 0.3
-# Points times states times twice the square of the modes that the whole choice does in one second.
-_PRODUCTS = 1e10
+# Points times states times twice the square of the modes that the whole choice does in one second, and how many states
+# of the trained model the choice of fewer modes and points takes, solved several times each.
+_PRODUCTS, _CONDENSED = 1e10, 5000
 # Corners that are to be solved, of those that there may be: the others are images.
 _CORNERS = 4
 
@@ -40,6 +41,12 @@ def expect_tried(forecast: Forecast, plan: Plan, state: float) -> None:
 def expect_points(forecast: Forecast, points: int, modes: int, states: int) -> None:
     """The choice of sample points, for so many points of the iron and states, images too."""
     forecast.expect("points", states * points * modes * 2.0 * modes / _PRODUCTS)
+
+
+def expect_modes(forecast: Forecast, points: int, modes: int) -> None:
+    """The fields of the modes, and the choice of those that are kept, for so many that were trained."""
+    fields = _MODES * forecast.expected("assembling")
+    forecast.expect("modes", fields + _CONDENSED * points * 2.0 * modes**2 / _PRODUCTS)
 
 
 def states_needed(shares: list[float], solved: list[int], plan: Plan) -> int:

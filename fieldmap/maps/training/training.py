@@ -15,7 +15,7 @@ from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.cubature import Contributions, empirical_cubature
-from fieldmap.maps.training.expected import expect_points, expect_tried, states_needed
+from fieldmap.maps.training.expected import expect_modes, expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
 from fieldmap.maps.training.modes import SolvedModes, output_fields
 from fieldmap.maps.training.states import (
@@ -558,6 +558,7 @@ def train(
         ):
             sequence.go_on()
         reduction, in_corners, corners = try_corners(solving, domain, sequence.training)
+        expect_modes(forecast, len(reduction.sampled.weights), reduction.sampled.modes)
         of_corners = corners if of_corners is None else of_corners.and_again(corners)
         tried["in corners"] = in_corners
         tried["at random"] = solve_tried(
@@ -576,10 +577,10 @@ def train(
     combination, output = output_fields(
         modes.amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy
     )
-    forecast.at("modes", "modes and points that the workspace sees", 0.3)
+    forecast.at("modes", "modes and points that the workspace sees")
     few = _condensed(trial, reduction, domain, combination, output, plan.accuracy)
     reduced, output = few.model, output @ few.basis
-    forecast.at("modes", "error on states not trained on", 0.6)
+    forecast.at("modes", "error on states not trained on", 0.95)
     model = _model(reduced, output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
     charge = combination @ reduction.charge
     errors = {
