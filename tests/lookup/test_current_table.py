@@ -251,3 +251,11 @@ def test_other_maps_have_nothing_to_tabulate(data):
     with pytest.raises(InputError) as caught:
         tables.tabulate(box, np.empty(0), data.grid)
     assert caught.value.problems[0].received.endswith(IndependentCurrents.name)
+
+
+def test_nodes_are_denser_about_zero_where_the_field_turns():
+    """The k-th of n on a side at (k / n)^p of that side's range."""
+    assert tables._nodes(-0.4, 0.8, 9, 2.0) == pytest.approx(
+        [-0.4, -0.225, -0.1, -0.025, 0.0, 0.05, 0.2, 0.45, 0.8]
+    )
+    assert tables._nodes(0.1, 0.5, 5, 2.0) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
