@@ -89,8 +89,8 @@ def actuation(
     torque, N m/A, below. orientation (3, 3): columns the body's axes.
 
     matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils' and nothing is soft
-    iron, to first order about `currents` otherwise. Raises InputError for a field that neither superposes nor has
-    derivatives by its currents (`FieldMap.by_currents`).
+    iron, to first order about `currents` otherwise: with the derivatives of `FieldMap.by_currents`, which says how far
+    they are off. Raises InputError for a field that neither superposes nor has such derivatives.
     """
     rows: tuple[str, ...] = FIELD_ROWS + GRADIENT_ROWS
     selection = _SELECTED
