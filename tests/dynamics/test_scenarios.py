@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
-from fieldmap.dynamics.scenario import find_scenario, reading_mm
+from fieldmap.dynamics.scenario import find_scenario, reading_mm, start
 from fieldmap.dynamics.scenario.experiment import _start
+from fieldmap.dynamics.scenario.metrics import _step
 from fieldmap.dynamics.scenario.references import references
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from fieldmap.shipped import shipped_names
@@ -124,6 +125,30 @@ def test_a_run_has_its_metrics_and_is_repeatable(written):
     assert f"{depth.rms_error_mm:.4f}" in next(line for line in told if line.startswith("depth"))
 
 
+def test_a_reading_counts_from_the_axes_and_the_zero_of_the_sensor(written):
+    scenario = read_scenario(written())
+    assert reading_mm(scenario, np.array([1e-3, -2e-3, -0.09])) == pytest.approx([1.0, -2.0, 13.0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        "times = 2\nevery_s = 0.4\n",
+        '\n[[reference]]\nkind = "step"\naxis = "depth"\nat_s = 0.6\nby_mm = 0.5\n',
+    ],
+)
+def test_the_metrics_of_a_step_end_where_the_next_begins(steps, written):
+    """Of two steps of 0.5 mm, followed by 0.5 (1 - exp(-t / T)): 10 % to 90 % take T ln 9."""
+    scenario = read_scenario(written(TEXT + steps))
+    time, slow = np.arange(0.0, 1.0, 1e-3), 0.03
+    true = 10.0 + sum(0.5 * (1.0 - np.exp(-np.maximum(time - at, 0.0) / slow)) for at in (0.2, 0.6))
+    wanted = 10.0 + 0.5 * (time >= 0.2 - 1e-9) + 0.5 * (time >= 0.6 - 1e-9)
+    found = _step(scenario, time, true, wanted, "depth")
+    assert found.rise_time == pytest.approx(slow * np.log(9.0), rel=0.02)
+    assert found.settling_time == pytest.approx(slow * np.log(50.0), rel=0.02)
+    assert found.overshoot == 0.0
+
+
 def wanted_by(written, pieces, **changes):
     cut = TEXT[: TEXT.index("[[reference]]")]
     scenario = read_scenario(written(cut + pieces), changes)
@@ -217,3 +242,20 @@ def test_a_field_too_weak_is_told(written):
     with pytest.raises(Infeasible) as error:
         prepare(read_scenario(written(), {"field.scale": 0.1}))
     assert error.value.problems[0].where.endswith(": start")
+
+
+def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the_body(written, monkeypatch):
+    """dBz/dz = 0.3 tanh(i), which carries the weight at i = artanh(weight / (0.3 moment scale))."""
+    monkeypatch.setattr(start, "division_domain", lambda _: None)
+    opened = SimpleNamespace(
+        coil_names=tuple("123456"),
+        fixed_sources=(),
+        parametrisation=None,
+        info=SimpleNamespace(reduced_model=None),
+        gradient=lambda _, currents: np.diag([0.0, 0.0, 0.3 * np.tanh(currents[0])]),
+    )
+    magnet = SimpleNamespace(soft=False, moment=0.8)
+    body = SimpleNamespace(mass=0.01, gravity=9.8, magnet=magnet)
+    scenario = read_scenario(written(), {"field.scale": 0.75})
+    found = start._equal(scenario, opened, body, np.zeros(3))
+    assert found == pytest.approx(np.full(6, np.arctanh(0.098 / (0.3 * 0.8 * 0.75))), rel=0.03)

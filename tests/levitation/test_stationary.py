@@ -10,6 +10,7 @@ from numpy.polynomial import Polynomial
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError, NotConverged
 from fieldmap.levitation import follow_equilibrium, magnet_balance, stationary_points
+from fieldmap.levitation.balance import MODELS, model_assumptions
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -203,3 +204,8 @@ def test_models_by_name(polynomial_field):
         stationary_points(source, np.ones(1), PAYLOAD, 0.0, moment="loose")
     with pytest.raises(InputError, match="a magnet"):
         stationary_points(source, np.ones(1), PAYLOAD, 0.0, moment="rigid")
+
+
+def test_a_lever_is_an_assumption_only_of_what_turns():
+    told = {model: len(model_assumptions(model, 2e-3)) for model in MODELS}
+    assert told == {"fixed": 1, "aligned": 1, "rigid": 2, "rigid upright": 1}

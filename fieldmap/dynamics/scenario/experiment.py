@@ -23,7 +23,7 @@ from fieldmap.dynamics.running_machine import RunningMachine, given_outputs
 from fieldmap.dynamics.scenario.controller_schema import OwnKeys
 from fieldmap.dynamics.scenario.controllers import block_of, coupled_controller, fed_forward
 from fieldmap.dynamics.scenario.machine import body_of, device_and_map, machine_of
-from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
+from fieldmap.dynamics.scenario.metrics import RunMetrics, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.reading import Scenario, read_scenario
 from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
 from fieldmap.dynamics.scenario.start import magnet_at, operating_point_at, starting_currents, with_depth
@@ -134,7 +134,7 @@ def prepare(
     scenario = with_depth(scenario, device, opened, body)
     machine, operating_point = _machine_at_operating_point(scenario, device, opened, body)
     contents = scenario.contents
-    start_mm = _reading(operating_point.sensed, scenario.zero_depth_mm)
+    start_mm = reading_mm(scenario, operating_point.sensed)
     wanted = references(scenario, start_mm)
     control = contents.control
     schedule = Schedule(
@@ -241,11 +241,6 @@ def _start(scenario: Scenario, operating_point: OperatingPoint) -> Array:
     turned = [w * np.cos(half) - a * np.sin(half), a * np.cos(half) + w * np.sin(half)]
     turned += [b * np.cos(half) - c * np.sin(half), c * np.cos(half) + b * np.sin(half)]
     return state_of(state[:3], state[3:6], turned, state[10:])
-
-
-def _reading(sensed: Array, zero_mm: float) -> Array:
-    """x, y and depth in mm of points (..., 3) of the map."""
-    return np.asarray(sensed) * [1e3, 1e3, -1e3] - [0.0, 0.0, zero_mm]
 
 
 def _into_map(reading: Array, zero_mm: float) -> Array:

@@ -77,7 +77,7 @@ def _of_step(step: StepMetrics) -> str:
 
 
 def reading_mm(scenario: Scenario, points: Array) -> Array:
-    """x, y and depth in mm of sensed points (n, 3), m."""
+    """x, y and depth in mm of sensed points (..., 3), m."""
     return np.asarray(points) * [1e3, 1e3, -1e3] - [0.0, 0.0, scenario.zero_depth_mm]
 
 

@@ -53,6 +53,7 @@ def test_spreadsheet_marks_and_spaces(tmp_path):
         (GOOD.replace("\n4,", "\n5,"), "evenly sampled"),
         (GOOD.replace("\n4,", "\n2,"), "evenly sampled"),
         (GOOD.replace("\n2,", "\n-2,"), "evenly sampled"),
+        ("time (s),x (m)\n3,1\n3,2\n3,4\n", "evenly sampled"),
         ("time (s),x (m)\n0,1\n", "two samples"),
         ("time (s)\n0\n1\n", "beside the time"),
         ("", "two samples"),
