@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("fieldmap")
 _LINE_EVERY_SECONDS = 10.0
 _LINE_EVERY_FRACTION = 0.25
+_ENTERED: "list[Progress]" = []
+"""One within the other."""
 
 
 class Progress:
@@ -26,8 +28,9 @@ class Progress:
     with Progress("solving") as progress:
         solve_linear(device, progress=progress)
 
-    Nothing is shown while `shown` is False (`fieldmap --quiet`). kernels: the folder of fieldmap/kernels whose
-    compilation a first run waits for.
+    Nothing is shown while `shown` is False (`fieldmap --quiet`). Of several, one within the other, the innermost prints
+    lines: a search tells how far it is, not each solve in it. kernels: the folder of fieldmap/kernels whose compilation
+    a first run waits for.
     """
 
     shown = True
@@ -42,6 +45,7 @@ class Progress:
         self._last_line = (-1.0, -1.0)
 
     def __enter__(self) -> "Progress":
+        _ENTERED.append(self)
         if self.shown and must_compile(self._kernels):
             print("first run: kernels are compiled on the way; later runs start at once", file=sys.stderr)
         if self.shown and sys.stderr.isatty():
@@ -61,7 +65,7 @@ class Progress:
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=fraction, description=f"{self.title}: {message}")
             return
-        if not self.shown:
+        if not self.shown or self in _ENTERED[:-1]:
             return
         if fraction < self._last_line[1]:
             # Another state or another solve.
@@ -77,6 +81,7 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        _ENTERED.remove(self)
         if self._bar is not None:
             self._bar.stop()
 

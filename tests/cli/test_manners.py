@@ -207,6 +207,20 @@ def test_progress_without_a_terminal_is_a_few_plain_lines(capsys):
     assert "\x1b" not in "".join(lines)
 
 
+def test_solves_within_a_search_print_no_lines_of_their_own(capsys):
+    with Progress("solving") as each:
+        each("assembled", 1.0)
+        with Progress("search") as search:
+            for step in range(5):
+                each("iteration", 0.5)
+                each("solved", 1.0)
+                search("searching", step / 4)
+        each("solved", 1.0)
+        each("again", 0.5)
+    titles = [line.split(":")[0] for line in capsys.readouterr().err.splitlines()]
+    assert titles == ["solving", *["search"] * 5, "solving"]
+
+
 def test_the_summary_of_a_map_is_what_info_prints(capsys, machine):
     made = ["map", machine.recipe, "-o", machine.map]
     assert main([*made, "--summary", "--no-pictures"]) == 0
