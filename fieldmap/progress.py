@@ -1,6 +1,7 @@
 """Progress on stderr: a bar with the time left on a terminal, a plain line now and then elsewhere."""
 
 import logging
+import math
 import os
 import sys
 import time
@@ -42,7 +43,9 @@ class Progress:
         self.started = time.monotonic()
         self._bar: RichProgress | None = None
         self._task: TaskID | None = None
-        self._last_line = (-1.0, -1.0)
+        self._printed = -math.inf
+        self._fraction = self._told = -1.0
+        self._again = False
 
     def __enter__(self) -> "Progress":
         _ENTERED.append(self)
@@ -67,16 +70,18 @@ class Progress:
             return
         if not self.shown or self in _ENTERED[:-1]:
             return
-        if fraction < self._last_line[1]:
-            # Another state or another solve.
-            self.started, self._last_line = time.monotonic(), (-1.0, -1.0)
-        now = time.monotonic() - self.started
-        seconds, done = self._last_line
-        due = fraction >= done + _LINE_EVERY_FRACTION or now >= seconds + _LINE_EVERY_SECONDS
-        if seconds < 0 or (due and fraction > done):
-            left = f", about {now * (1 / fraction - 1):.0f} s left" if 0.02 < fraction < 1.0 else ""
-            print(f"{self.title}: {100 * fraction:3.0f} % {message} ({now:.0f} s{left})", file=sys.stderr)
-            self._last_line = (now, fraction)
+        now = time.monotonic()
+        if fraction < self._fraction:
+            # Another state or another solve: of the first all is told, of the others a line now and then.
+            self.started, self._fraction, self._again = now, -1.0, True
+        rested = now >= self._printed + _LINE_EVERY_SECONDS
+        further = not self._again and fraction >= self._told + _LINE_EVERY_FRACTION
+        if (rested or further) and fraction > self._fraction:
+            spent = now - self.started
+            left = f", about {spent * (1 / fraction - 1):.0f} s left" if 0.02 < fraction < 1.0 else ""
+            print(f"{self.title}: {100 * fraction:3.0f} % {message} ({spent:.0f} s{left})", file=sys.stderr)
+            self._printed, self._told = now, fraction
+        self._fraction = fraction
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

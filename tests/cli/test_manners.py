@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -218,7 +219,21 @@ def test_solves_within_a_search_print_no_lines_of_their_own(capsys):
         each("solved", 1.0)
         each("again", 0.5)
     titles = [line.split(":")[0] for line in capsys.readouterr().err.splitlines()]
-    assert titles == ["solving", *["search"] * 5, "solving"]
+    assert titles == ["solving", *["search"] * 5]
+
+
+def test_solves_one_after_the_other_print_a_line_now_and_then(capsys, monkeypatch):
+    """Ten of four seconds each: all of the first, then a line in ten seconds of the 36 that follow."""
+    now = [100.0]
+    monkeypatch.setattr("fieldmap.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    with Progress("solving") as progress:
+        for _ in range(10):
+            for quarter in range(5):
+                progress("iteration", quarter / 4)
+                now[0] += 0.8
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split("%")[0] for line in lines[:5]] == [f"solving: {25 * k:3} " for k in range(5)]
+    assert len(lines) == 5 + 3
 
 
 def test_the_summary_of_a_map_is_what_info_prints(capsys, machine):
