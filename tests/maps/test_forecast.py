@@ -8,7 +8,7 @@ import pytest
 from fieldmap.maps import forecast
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
-from fieldmap.maps.training.expected import states_needed
+from fieldmap.maps.training.expected import expect_modes, states_needed
 
 
 class Clock:
@@ -112,3 +112,18 @@ def test_states_needed_follow_the_errors_of_the_rounds():
     assert states_needed([0.1, 0.1], [5, 9], plan) == 60
     assert 13 <= states_needed([1e-2, 1e-9], [5, 13], plan) <= 60
     assert 20 <= states_needed([], [], plan) <= 60
+
+
+def test_the_choice_of_modes_takes_as_its_points_and_the_square_of_its_modes():
+    tell = Forecast(lambda message, share: None, {"assembling": 10.0, "modes": 0.0})
+
+    def seconds(points, modes):
+        expect_modes(tell, points, modes)
+        return tell.expected("modes")
+
+    fields = seconds(0, 40)
+    assert fields > 0.0
+    one = seconds(300, 40) - fields
+    assert one > 0.0
+    assert seconds(600, 40) - fields == pytest.approx(2.0 * one)
+    assert seconds(300, 80) - fields == pytest.approx(4.0 * one)
