@@ -46,8 +46,15 @@ def test_a_cylinder_comes_back_with_its_volume_and_place(step):
     assert [piece.name for piece in solid.solids] == ["part"]
 
 
-@pytest.mark.parametrize("unit", [MILLIMETRE, "SI_UNIT($,.METRE.)", "SI_UNIT(.CENTI.,.METRE.)"])
-@pytest.mark.parametrize("scale", [1e-3, 1e-2, 2.54e-2])
+@pytest.mark.parametrize(
+    ("unit", "scale"),
+    [
+        (MILLIMETRE, 1e-3),
+        ("SI_UNIT($,.METRE.)", 1e-3),
+        ("SI_UNIT(.CENTI.,.METRE.)", 1e-2),
+        (MILLIMETRE, 2.54e-2),
+    ],
+)
 def test_numbers_in_the_file_times_the_scale_are_metres_whatever_unit_it_declares(step, unit, scale):
     solid = body_solid(device(step(block(), unit), scale).bodies[0])
     assert solid.mass == pytest.approx((10 * scale * 1e3) ** 3, rel=1e-9)
