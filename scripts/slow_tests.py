@@ -4,8 +4,8 @@
     python scripts/slow_tests.py --measured FOLDER  # chooses again from what a run left there
 
 `make test` leaves the tests of that file out, `make slow` runs them. A test is on the list if it takes more than
---seconds of processor time and each line that it runs is run by tests that stay: by two where two did, in the packages
-that carry physics, by one in the others. The longest are looked at first. What the lines do not tell is left alone:
+--seconds of processor time and each line that it runs is run by a test that stays, or by --tests of them if so many
+did. The longest are looked at first. What the lines do not tell is left alone:
 tests that start other processes, and tests that run no line of the package. Of a function whose quickest case takes
 less than --case, that one stays; of those in tests/physics, which compare with closed forms, always.
 
@@ -27,8 +27,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 COVERED = ROOT / "tests" / "slow_covered.txt"
-PHYSICS = ("control", "currents", "dynamics", "interpolants", "iron", "kernels", "levitation", "lookup", "maps",
-           "planar", "sources")  # fmt: skip
 # Processor time of child processes from which on lines say too little about a test, s.
 CHILD = 0.1
 HEADER = """\
@@ -50,6 +48,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=0.2, help="of a test that may be left out")
     parser.add_argument("--case", type=float, default=0.5, help="of a case that stays for its function, s")
+    parser.add_argument("--tests", type=int, default=1, help="that still run each line, if so many did")
     parser.add_argument("--measured", type=Path, help="folder of a run; without it the tests are run")
     given = parser.parse_args()
     folder = given.measured or ROOT / "maps" / "out" / "slow_tests"
@@ -61,7 +60,7 @@ def main() -> None:
         for name, one in json.loads(path.read_text(encoding="utf-8")).items()
     }
     lines = lines_of(folder / "lines.coverage", set(tests))
-    left_out = chosen(tests, lines, given.seconds, given.case)
+    left_out = chosen(tests, lines, given.seconds, given.case, given.tests)
     COVERED.write_text(HEADER + "\n".join(shortened(left_out, tests)) + "\n", encoding="utf-8")
     saved = sum(tests[name].seconds for name in left_out)
     total = sum(one.seconds + one.child_seconds for one in tests.values())
@@ -107,10 +106,11 @@ def chosen(
     lines: dict[str, set[tuple[str, int]]],
     seconds: float,
     case: float,
+    enough: int,
 ) -> list[str]:
     """Names of the tests to leave out, the longest first."""
     left = Counter(place for places in lines.values() for place in places)
-    needed = {place: min(count, 2 if is_physics(place[0]) else 1) for place, count in left.items()}
+    needed = {place: min(count, enough) for place, count in left.items()}
     quickest: dict[str, str] = {}
     for name in sorted(tests, key=lambda name: tests[name].seconds):
         quickest.setdefault(name.split("[")[0], name)
@@ -129,11 +129,6 @@ def chosen(
                 left[place] -= 1
             found.append(name)
     return found
-
-
-def is_physics(file: str) -> bool:
-    """Whether a file of the package lies in one of `PHYSICS`."""
-    return file.removeprefix("fieldmap/").split("/")[0].removesuffix(".py") in PHYSICS
 
 
 def shortened(names: Iterable[str], tests: Iterable[str]) -> list[str]:

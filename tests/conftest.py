@@ -28,6 +28,8 @@ def pytest_configure(config):
         folder = tempfile.TemporaryDirectory(prefix="fieldmap_meshes_")
         os.environ[FOLDER] = folder.name
         config.add_cleanup(folder.cleanup)
+    # The colours of texts about overloads that do not fit: numba makes thousands while it compiles, and shows none.
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
     if workers := getattr(config.option, "numprocesses", None):
         # Processes that share the processors, each with threads for all of them, wait for each other most of the time.
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):

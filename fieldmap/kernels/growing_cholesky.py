@@ -12,7 +12,7 @@ from numba import njit
 _FAST: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 
 
-@njit(**_FAST)
+@njit(**_FAST, forceinline=True)
 def solve_lower(factor, count, right):
     """Overwrite right (count,) with R^-T right."""
     for k in range(count):

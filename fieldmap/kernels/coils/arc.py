@@ -116,7 +116,7 @@ def arc_azimuths(
     return graded_panel(azimuths, 0, low, high, kappa, cosine, sine, limits)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def arc_sum(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float]:
@@ -131,7 +131,7 @@ def arc_sum(
     return bx, by, bz
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def arc_sum_gradient(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:

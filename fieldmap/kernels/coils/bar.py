@@ -69,7 +69,7 @@ def bar_closed_form(
     return outward, axial, v_at_u2 - v_at_u1, u_at_v1 - u_at_v2, dz
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def bar_integrals(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float]:
@@ -89,7 +89,7 @@ def bar_integrals(
     return outward, axial
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def bar_integrals_gradient(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float, float, float, float]:

@@ -43,7 +43,7 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
     return h * inverse3, u * inverse3, steep * u, -steep * v, inverse3 - steep * h
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def far_arc(
     azimuths: Array,
     n: int,
@@ -84,7 +84,7 @@ def far_arc(
     return bx, by, bz, g00, g01, g02, g10, g11, g12
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def far_bar(
     n: int,
     v1: float,

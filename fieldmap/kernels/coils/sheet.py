@@ -72,7 +72,7 @@ def far_points(a: float, half: float, rho: float, z: float) -> int:
     return 16 if r2 < 36.0 * half * half else 8
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"})
+@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def far_sheet(a: float, half: float, rho: float, z: float, n: int) -> tuple[float, float, float, float]:
     """As `sheet_meridian_gradient`, by n loops."""
     radial, axial, dz, drho = 0.0, 0.0, 0.0, 0.0

@@ -184,28 +184,28 @@ def relative_rows(start, rows, row_start, parent):
 # few enough pieces to ask whether they overlap.
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def _scale(factor, x):
     """x *= factor."""
     for j in range(x.size):
         x[j] *= factor
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def _add(factor, x, y):
     """y += factor x."""
     for j in range(x.size):
         y[j] += factor * x[j]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def _add_four(a, w, b, x, c, y, d, z, out):
     """out -= a w + b x + c y + d z."""
     for j in range(out.size):
         out[j] -= a * w[j] + b * x[j] + c * y[j] + d * z[j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _subtract_rows(front, size, to, begin):
     """front[to, to:] -= the sum over the `_UNROLLED` rows k from `begin` on of front[k, to] front[k, to:]."""
     p, rest = begin * size + to, size - to
@@ -214,7 +214,7 @@ def _subtract_rows(front, size, to, begin):
     _add_four(w[0], w, x[0], x, y[0], y, z[0], z, front[row : row + rest])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _eliminate(front, size, width):
     """Replace the first `width` rows of the symmetric front (size, size), of which the upper triangle counts, by those
     of its factor L^T, and the rest by what is left to the parent. False if a pivot is not positive."""

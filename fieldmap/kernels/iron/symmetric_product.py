@@ -9,7 +9,7 @@ from numba import njit
 _ROWS = 4
 
 
-@njit(cache=True, nogil=True, fastmath={"nsz", "arcp", "contract", "afn", "reassoc"})
+@njit(cache=True, nogil=True, fastmath={"nsz", "arcp", "contract", "afn", "reassoc"}, forceinline=True)
 def _beyond(a, b, c, d, x, y, own):
     """The four sums over j of the rows a, b, c, d times x, and y[j] += a[j] own[0] + ... + d[j] own[3]."""
     p, q, r, s = own[0], own[1], own[2], own[3]

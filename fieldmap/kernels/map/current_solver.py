@@ -163,7 +163,7 @@ def signals_of(domain, currents, out):
     return inside
 
 
-@njit(**_FAST)
+@njit(**_FAST, forceinline=True)
 def _polynomials(values, lower, upper, out):
     """out (d, n): Chebyshev polynomials of the signals (d,), each scaled to -1..1 and taken to the nearest there."""
     for j in range(values.size):
@@ -182,7 +182,7 @@ def _multiply(terms, polynomials, out):
         out[i] = out[terms[i, 0]] * polynomials[terms[i, 1], terms[i, 2]]
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def products_of_terms(terms, values, domain):
     """The values (t,) of terms (t, 3), as in `CompiledModel`, at signals (d,) of the domain."""
     degree = 1
@@ -195,7 +195,7 @@ def products_of_terms(terms, values, domain):
     return out
 
 
-@njit(**_FAST)
+@njit(**_FAST, forceinline=True)
 def _sum_terms(products, expansion, total):
     """total (r,), single precision: the terms' values times their coefficients (t, r)."""
     for m in range(total.size):
@@ -206,7 +206,7 @@ def _sum_terms(products, expansion, total):
             total[m] += share * row[m]
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def expanded(model, values, out):
     """out (r,): the amplitudes that the expansion gives at signals (d,), taken to the nearest of the domain."""
     total = np.empty(out.size, np.float32)
@@ -360,7 +360,7 @@ def _magnetise(h, tables, piece, isotropic, along):
         along[p] = weights[p] * (slope - b / size) / (size * size)
 
 
-@njit(**_FAST)
+@njit(**_FAST, forceinline=True)
 def _times(matrix, vector, out):
     """out (n,) = matrix (n, m) @ vector (m,)."""
     for i in range(out.size):

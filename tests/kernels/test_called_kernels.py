@@ -1,0 +1,87 @@
+"""A function that other compiled ones call must not hold sums that the compiler may reorder.
+
+numba links such a function into each caller and optimises it there again, which may take its sums in another order.
+A process that compiles takes the function by itself, one that reads compiled kernels from files the caller's: results
+would differ in the last digit between the first run and later ones.
+"""
+
+import importlib
+import inspect
+import pkgutil
+import types
+
+import numba
+import pytest
+from numba.core.dispatcher import Dispatcher
+
+import fieldmap.kernels
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+REORDERED = {"fast", "reassoc"}
+LOOP_ALONE = {"fieldmap.kernels.map.global_harmonics._dot"}
+"""Inlined where lookups are called themselves. One loop, of which the compiler makes vector code once and which it
+leaves as it is when it optimises again: `tests/maps/test_first_run.py` compares its bits."""
+
+
+def kernels_of(package):
+    """Names and compiled functions of all modules of a package, those that functions of them made left aside."""
+    found = {}
+    for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        for value in vars(importlib.import_module(info.name)).values():
+            if isinstance(value, Dispatcher):
+                found[f"{value.py_func.__module__}.{value.py_func.__qualname__}"] = value
+    return found
+
+
+def called_by(kernel):
+    """Compiled functions that the source of one names."""
+    function = kernel.py_func
+    names = inspect.getclosurevars(function)
+    values = [*names.globals.values(), *names.nonlocals.values()]
+    modules = [value for value in values if isinstance(value, types.ModuleType)]
+    values += [getattr(module, name) for module in modules for name in names.unbound if hasattr(module, name)]
+    return [value for value in values if isinstance(value, Dispatcher)]
+
+
+def is_inlined(kernel):
+    return kernel.targetoptions.get("forceinline", False) or kernel.targetoptions.get("inline") == "always"
+
+
+def may_reorder(kernel):
+    """Whether its compiled code holds sums that may be reordered: of its own, or of functions inlined into it."""
+    flags = kernel.targetoptions.get("fastmath", False)
+    own = flags is True or bool(flags and REORDERED & set(flags))
+    if f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}" in LOOP_ALONE:
+        return False
+    return own or any(may_reorder(one) for one in called_by(kernel) if is_inlined(one))
+
+
+def wrongly_called(kernels):
+    return {
+        f"{name} calls {one.py_func.__name__}"
+        for name, kernel in kernels.items()
+        for one in called_by(kernel)
+        if not is_inlined(one) and may_reorder(one)
+    }
+
+
+def test_functions_that_kernels_call_keep_the_order_of_their_sums():
+    kernels = kernels_of(fieldmap.kernels)
+    assert len(kernels) > 300
+    assert not wrongly_called(kernels)
+
+
+def test_one_that_does_not_is_found():
+    @numba.njit(fastmath={"reassoc"}, forceinline=True)
+    def inner(values):
+        return values.sum()
+
+    @numba.njit
+    def middle(values):
+        return inner(values)
+
+    @numba.njit
+    def outer(values):
+        return middle(values)
+
+    assert wrongly_called({"outer": outer, "middle": middle}) == {"outer calls middle"}
