@@ -14,7 +14,7 @@ map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
 # Style, and kernels as Python, beside the tests, which have two processes, for two processors. A file's tests stay in one
-# process, which makes what they share once. Those of tests/slow.txt belong to `make validate`.
+# process, which makes what they share once. What tests/slow.txt and slow_covered.txt name belongs to `make validate`.
 test: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 kernels tests
 

@@ -8,11 +8,11 @@
 Each mutant changes one operator, number, comparison or condition of one line; which ones are tried is drawn by --seed,
 the same ones each time, more of them with a larger --count. A mutant is caught if a test fails, of those that run its
 line (scripts/tests_of_lines.py), the quickest first, for at most a minute of processor time. What would be caught by
-a test left out there, or by one of tests/slow.txt, counts as not caught: the true share is higher, if anything.
-Results are kept in the folder of --keep, and what is known is not tried again. Survivors are listed with their line:
-kill them with a test, or say in scripts/equivalent_mutants.toml why they change nothing that could be seen. At first
-all tests run once with coverage (half an hour of one processor; --tests names fewer); then it takes from seconds to
-two minutes for each mutant. Nothing here runs in CI.
+a test left out there, or by one that `make test` leaves out, counts as not caught: the true share is higher, if
+anything. Results are kept in the folder of --keep, and what is known is not tried again. Survivors are listed with
+their line: kill them with a test, or say in scripts/equivalent_mutants.toml why they change nothing that could be
+seen. At first all tests run once with coverage (half an hour of one processor; --tests names fewer); then it takes
+from seconds to two minutes for each mutant. Nothing here runs in CI.
 """
 
 import argparse

@@ -1,7 +1,7 @@
 """Which tests run a line of the package, and how long each takes: what scripts/mutants.py chooses its tests by.
 
 The tests run once with coverage.py, each under its name. What a file of tests runs is kept until that file changes.
-Tests that fail are left out, as are those of tests/slow.txt, and what runs in another process is not seen.
+Tests that fail are left out, as are those that `make test` leaves out, and what runs in another process is not seen.
 """
 
 import ast
