@@ -200,10 +200,10 @@ def test_a_lucky_round_does_not_end_the_training(folder, monkeypatch):
 
 
 def test_info_says_where_the_accuracy_is_not_reached(folder, monkeypatch, capsys):
-    recipe = RECIPE.replace("states = 40", "states = 5").replace("1.5e-3", "5e-6")
+    recipe = RECIPE.replace("states = 40", "states = 5").replace("1.5e-3", "5e-7")
     (folder / "few.toml").write_text(recipe)
     print_summary(fm.generate(folder / "few.toml", folder / "few.h5"), False)
-    assert "asks for 0.001 % of B" in " ".join(capsys.readouterr().out.split())
+    assert "asks for 0.0001 % of B" in " ".join(capsys.readouterr().out.split())
 
 
 def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
