@@ -254,3 +254,19 @@ def test_averaging_makes_unstable_what_the_simulation_loses(six, averages, holds
     np.testing.assert_allclose(shares.sum(axis=0), np.eye(3), atol=1e-12)
     turned = np.einsum("kij,k->ij", shares, np.exp(-1j * 8.0 * 2e-3 * np.arange(len(shares))))
     np.testing.assert_allclose(turned, sensor_answer(experiment.machine.sensors, 8.0), atol=1e-3)
+    # A mode z of the loop was 1/z as large at each sample before.
+    machine, k = point.loop.machine, point.loop.controller
+    listen, states = k.D[:, 3:6], k.A + k.E @ k.C
+    applied = (k.B + k.E @ k.D)[:, 3:6]
+    seen = [z for z in point.loop.poles if abs(z) > 0.9]
+    assert len(seen) > 5
+    for z in seen:
+        now = np.einsum("kij,k->ij", shares, z ** -np.arange(len(shares), dtype=float)) @ machine.C
+        without_past = np.block(
+            [
+                [machine.A + machine.B @ listen @ now, machine.before, machine.B @ k.C],
+                [listen @ now, np.zeros((k.outputs, k.outputs)), k.C],
+                [applied @ now, np.zeros((len(k.A), k.outputs)), states],
+            ]
+        )
+        assert np.abs(np.linalg.eigvals(without_past) - z).min() < 1e-6

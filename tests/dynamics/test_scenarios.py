@@ -186,6 +186,8 @@ def test_references_are_what_they_are_called(written):
     assert set(bits[:, 1].round(9)) == {0.0, 0.3}
     assert np.flatnonzero(np.diff(bits[:, 1])).size > 5
     assert not ((np.flatnonzero(np.diff(bits[:, 1])) + 1) % 10).any()
+    # Of the 15 bits of a sequence of greatest length 8 are ones.
+    assert np.count_nonzero(bits[:150, 1]) == 8 * 10
     pushed = wanted_by(
         written,
         '[[reference]]\nkind="step"\naxis="x"\nat_s=0.1\nby_mm=0.1\n',

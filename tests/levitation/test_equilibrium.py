@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import magpylib
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError
 from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
 from fieldmap.levitation.balance import check_position
+from fieldmap.levitation.equilibrium import _ranked
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -175,3 +178,12 @@ def test_a_position_may_leave_the_box_by_rounding_only(middle):
     assert (
         f"({z - 20:g}, {z - 30:g}, {z - 50:g}) to ({z + 20:g}, {z + 30:g}, {z + 50:g}) mm" in told.must_hold
     )
+
+
+def test_places_are_ranked_by_their_distance_from_the_middle_of_the_box():
+    box = np.array([0.01, -0.02, -0.1]), np.array([0.03, 0.0, -0.05])
+    balance = SimpleNamespace(stiffness=lambda _: -np.eye(3))
+    near, far = np.array([0.021, -0.012, -0.09]), np.array([0.012, -0.008, -0.07])
+    for found in ([near, far], [far, near]):
+        assert [tuple(x) for x in _ranked(balance, box, found, None)] == [tuple(near), tuple(far)]
+        assert [tuple(x) for x in _ranked(balance, box, found, far + 1e-3)] == [tuple(far), tuple(near)]
