@@ -27,7 +27,7 @@ from fieldmap.dynamics import (
     superposed,
     tabled,
 )
-from fieldmap.errors import NotConverged
+from fieldmap.errors import InputError, NotConverged
 from fieldmap.instruments import Amplifier
 from fieldmap.kernels.map.iron_block import TOLERANCE
 from fieldmap.kernels.motion.currents import find_weights
@@ -217,3 +217,10 @@ def test_operating_points_and_slopes_are_those_of_the_model(free):
     linear = linearise(at_once, point)
     wanted = free.actuation(np.zeros(3), point.currents, MOMENT).matrix[8:11] @ patterns
     np.testing.assert_allclose(linear.model.B[3:6] * 2e-4, wanted, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("given", ["resistance", "inductance"])
+def test_a_winding_needs_both_its_numbers(given):
+    with pytest.raises(InputError) as error:
+        CoilDrive(Amplifier(1.0), 6, **{given: 2.0})
+    assert error.value.problems[0].where == "CoilDrive(resistance, inductance)"

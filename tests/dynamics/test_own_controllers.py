@@ -347,6 +347,13 @@ def test_what_fails_on_the_way_is_told_with_its_time(plain, jit, function, recei
         assert isinstance(error.value.__cause__, ValueError)
 
 
+@pytest.mark.parametrize(("values", "received"), [((), "0 of them"), ((5.0, 5.0), "2 of them")])
+def test_a_tuple_of_another_length_is_told(plain, values, received):
+    with pytest.raises(ControllerError) as error:
+        run(plain, own(lambda *_: values))
+    assert received in error.value.problems[0].received
+
+
 @pytest.mark.parametrize("jit", [lambda f: f, numba.njit], ids=["python", "numba"])
 def test_an_index_beyond_state_is_told_at_the_sample_at_which_it_happens(plain, jit):
     """Also where it only reads, far beyond whatever lies there, and only later in the run."""
