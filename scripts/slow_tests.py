@@ -1,13 +1,13 @@
 """Find slow tests of which other tests run every line too, and write tests/slow_covered.txt.
 
-    python scripts/slow_tests.py                    # runs the tests with coverage, ten minutes if nothing is compiled
+    python scripts/slow_tests.py                    # runs the tests with coverage: ten minutes, kernels compiled before
     python scripts/slow_tests.py --measured FOLDER  # chooses again from what a run left there
 
 `make test` leaves the tests of that file out, `make slow` runs them. A test is on the list if it takes more than
 --seconds of processor time and each line that it runs is run by a test that stays, or by --tests of them if so many
-did. The longest are looked at first. What the lines do not tell is left alone:
-tests that start other processes, and tests that run no line of the package. Of a function whose quickest case takes
-less than --case, that one stays; of those in tests/physics, which compare with closed forms, always.
+did. The longest are looked at first. What the lines do not tell is left alone: tests that start other processes, and
+tests that run no line of the package. Of a function whose quickest case takes less than --case, that one stays; of
+those in tests/physics, which compare with closed forms, always.
 
 A line that a test runs may be wrong without its notice: `make mutants` counts how many errors the tests that stay see.
 Of lines of compiled kernels only the calls are seen here.
