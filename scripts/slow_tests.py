@@ -10,14 +10,13 @@ tests that run no line of the package. Of a function whose quickest case takes l
 those in tests/physics, which compare with closed forms, always.
 
 A line that a test runs may be wrong without its notice: `make mutants` counts how many errors the tests that stay see.
-Of lines of compiled kernels only the calls are seen here.
+Of lines of compiled kernels only the calls are seen here. The extra `mutants` has what it takes.
 """
 
 import argparse
 import json
 import os
 import subprocess
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Generator, Iterable
 from dataclasses import asdict, dataclass
@@ -67,21 +66,29 @@ def main() -> None:
     print(f"{len(left_out)} of {len(tests)} tests, {saved:.0f} of {total:.0f} s of processor time")
 
 
-def measure(folder: Path) -> None:
-    """Run the tests that are not in tests/slow.txt: their times and lines go to a folder."""
+def measure(folder: Path, asked: Iterable[str] = ("tests",)) -> None:
+    """Run the tests asked for that are not in tests/slow.txt: their times and lines go to a folder."""
+    from tests_of_lines import with_coverage
+
+    folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    settings = folder / "coverage.ini"
-    settings.write_text("[run]\nsource = fieldmap\nrelative_files = true\n", encoding="utf-8")
     environment = os.environ | {
         "PYTHONPATH": str(Path(__file__).parent),
         "COVERAGE_FILE": str(folder / "lines.coverage"),
         "SLOW_TESTS_FOLDER": str(folder),
     }
+    marks = "not slow or covered"
     command = [
-        sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-p", "pytest_cov", "-p", "slow_tests",
-        "-m", "not slow or covered", "--cov=fieldmap", f"--cov-config={settings}", "--cov-context=test",
-        "--cov-report=", "tests",
-    ]  # fmt: skip
+        *with_coverage(folder, marks),
+        "-q",
+        "-n",
+        "2",
+        "--dist",
+        "loadfile",
+        "-p",
+        "slow_tests",
+        *asked,
+    ]
     for path in folder.glob("*.json"):
         path.unlink()
     subprocess.run(command, cwd=ROOT, env=environment, check=True)

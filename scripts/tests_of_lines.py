@@ -101,13 +101,7 @@ class TestsOfLines:
 
     def _run(self, files: list[str], name: str) -> dict[str, dict[str, object]]:
         """Run tests with coverage: for each file its hash, and the seconds of each test that passed."""
-        settings = self._keep / "coverage.ini"
-        settings.write_text("[run]\nsource = fieldmap\nrelative_files = true\n", encoding="utf-8")
-        command = [
-            sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "pytest_cov", "-m", "not slow",
-            "--cov=fieldmap", f"--cov-config={settings}", "--cov-context=test", "--cov-report=", "--durations=0",
-            "-vv", *files,
-        ]  # fmt: skip
+        command = [*with_coverage(self._keep, "not slow"), "--durations=0", "-vv", *files]
         environment = self._environment | {"COVERAGE_FILE": str(self._keep / name)}
         done = subprocess.run(command, cwd=self._checkout, env=environment, capture_output=True, text=True)
         return self.read(files, done.stdout)
@@ -145,6 +139,16 @@ class TestsOfLines:
             if node.lineno <= line <= max(last, node.lineno):
                 best = range(node.lineno, max(last, node.lineno) + 1)
         return best
+
+
+def with_coverage(folder: Path, marks: str) -> list[str]:
+    """The command that runs tests of these marks and notes which of them run a line; its settings go to a folder."""
+    settings = folder / "coverage.ini"
+    settings.write_text("[run]\nsource = fieldmap\nrelative_files = true\n", encoding="utf-8")
+    return [
+        sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "pytest_cov", "-m", marks, "--cov=fieldmap",
+        f"--cov-config={settings}", "--cov-context=test", "--cov-report=",
+    ]  # fmt: skip
 
 
 def environment_of(checkout: Path) -> dict[str, str]:
