@@ -12,6 +12,7 @@ from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.kernels.map import current_solver as kernels
 from fieldmap.kernels.map.current_solver import current_slopes, current_weights
 from fieldmap.kernels.map.iron_block import model_in, state_in
+from fieldmap.lookup import current_solver as expansion
 from fieldmap.lookup.current_solver import compiled_model, expansion_terms, iron_block, new_state
 from fieldmap.store import ReducedModel
 
@@ -73,7 +74,12 @@ CASES = {
 
 @cache
 def compiled_case(name):
-    return compiled_model(CASES[name], checked=True)
+    with pytest.MonkeyPatch.context() as patch:
+        if config.DISABLE_JIT:
+            # A full expansion is fitted to thousands of states.
+            patch.setattr(expansion, "_MOST_OF_LOW_DEGREE", 100)
+            patch.setattr(expansion, "_MOST_TERMS", 100)
+        return compiled_model(CASES[name], checked=True)
 
 
 @pytest.fixture(params=CASES)
