@@ -4,12 +4,11 @@ Kernels call this in the place of `to[:] = values`: for a slice numba compiles w
 fit, and links it into the kernel and each that calls it. That takes seconds and half of the size of small kernels.
 """
 
-import numba
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.typing import Array
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def copy_vector(values: Array, to: Array) -> None:
     """Fill to (n,) with the first n of values."""
     for i in range(to.shape[0]):

@@ -1,7 +1,8 @@
 """Gauss-Legendre points on [-1, 1] for 1 to 64 points, one table after the other, for use inside kernels."""
 
-import numba
 import numpy as np
+
+from fieldmap.kernels.compilation import njit
 
 MOST_POINTS = 64
 _RULES = [np.polynomial.legendre.leggauss(n) for n in range(1, MOST_POINTS + 1)]
@@ -9,7 +10,7 @@ GAUSS_NODES = np.concatenate([nodes for nodes, _ in _RULES])
 GAUSS_WEIGHTS = np.concatenate([weights for _, weights in _RULES])
 
 
-@numba.njit(cache=True)
+@njit
 def gauss_start(n: int) -> int:
     """Where the rule with n points begins in GAUSS_NODES and GAUSS_WEIGHTS."""
     return n * (n - 1) // 2

@@ -7,9 +7,9 @@ rotations (G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. 2013, 6.5.3
 import math
 from typing import Any
 
-from numba import njit
+from fieldmap.kernels.compilation import njit
 
-_FAST: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
+_FAST: dict[str, Any] = {"nogil": True, "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 
 
 @njit(**_FAST, forceinline=True)

@@ -14,11 +14,13 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import cfunc, config, njit, types
+from numba import cfunc, config, types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic, overload
 from numba.np.arrayobj import populate_array
+
+from fieldmap.kernels.compilation import njit
 
 _NAMED: list[Any] = []
 """What symbols stand for: all lives as long as the process, as they do."""

@@ -8,11 +8,10 @@ closed path.
 
 import math
 
-import numba
-
 from fieldmap.kernels.coils.elementary import exp
 from fieldmap.kernels.coils.quadrature import even_points, graded_points, section_distance
 from fieldmap.kernels.coils.slice import arc_slice, arc_slice_gradient
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
@@ -21,7 +20,7 @@ MOST_AZIMUTHS = 128  # two panels of the longest rule
 _NEAREST = 1e-9  # of the outer radius: a point on the very surface is treated as that far from it
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def even_azimuths(span: float, table: Array) -> None:
     """Fill table (3, 25): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span.
 
@@ -36,7 +35,7 @@ def even_azimuths(span: float, table: Array) -> None:
             table[2, first + k] = span * GAUSS_WEIGHTS[start + k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float:
     """(|z-1| + |z+1|)/2 of the integrand's singularity, z in units of the half angle, eq. (22).
 
@@ -48,7 +47,7 @@ def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float
     return ends / chords
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def graded_panel(
     azimuths: Array, first: int, t1: float, t2: float, kappa: float, cosine: float, sine: float, limits: Array
 ) -> int:
@@ -72,7 +71,7 @@ def graded_panel(
     return first + n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def arc_azimuths(
     px: float,
     py: float,
@@ -116,7 +115,7 @@ def arc_azimuths(
     return graded_panel(azimuths, 0, low, high, kappa, cosine, sine, limits)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def arc_sum(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float]:
@@ -131,7 +130,7 @@ def arc_sum(
     return bx, by, bz
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def arc_sum_gradient(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:

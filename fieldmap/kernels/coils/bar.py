@@ -8,18 +8,17 @@ times the density. A bar alone is no closed current: its field is of use only in
 
 import math
 
-import numba
-
 from fieldmap.kernels.coils.elementary import log
 from fieldmap.kernels.coils.quadrature import even_points, section_distance
 from fieldmap.kernels.coils.slice import angle_difference, bar_slice, bar_slice_gradient, log_ratio
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
 _MOST_SLICES = 24  # in slices; the closed form costs about as much
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def bar_points(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> int:
@@ -31,7 +30,7 @@ def bar_points(
     return even_points(ends / (v2 - v1), limits, _MOST_SLICES)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float, float, float]:
     """Sums over the corners (b, c) of the plane at distance a, high minus low in b and in c: of ln(b + R),
     of ln(c + R), and of atan(b c / (|a| R))."""
@@ -48,7 +47,7 @@ def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float,
     return of_b, of_c, angle
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def bar_closed_form(
     v1: float, v2: float, u1: float, u2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float]:
@@ -69,7 +68,7 @@ def bar_closed_form(
     return outward, axial, v_at_u2 - v_at_u1, u_at_v1 - u_at_v2, dz
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def bar_integrals(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float]:
@@ -89,7 +88,7 @@ def bar_integrals(
     return outward, axial
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def bar_integrals_gradient(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float, float, float, float]:

@@ -7,8 +7,9 @@ logarithm of 0 or of infinity is finite (about -+710): in the sums of the slices
 
 import math
 
-import numba
 import numpy as np
+
+from fieldmap.kernels.compilation import njit
 
 _LN2 = 0.6931471805599453
 _LN2_HIGH = 6.93147180369123816490e-01
@@ -18,7 +19,7 @@ _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 _TAN_PI_8 = 0.41421356237309503
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def log(x: float) -> float:
     """Natural logarithm of x >= 0: mantissa to [sqrt(1/2), sqrt(2)), then the series of 2 atanh."""
     bits = np.float64(x).view(np.int64)
@@ -36,7 +37,7 @@ def log(x: float) -> float:
     return np.float64(exponent) * _LN2 + (s * q * p + 2.0 * s)
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def exp(x: float) -> float:
     """Exponential for |x| < 700: a power of two times the series on [-ln(2)/2, ln(2)/2]."""
     n = np.int64(x * _LOG2_E + (0.5 if x >= 0.0 else -0.5))
@@ -58,7 +59,7 @@ def exp(x: float) -> float:
     return p * np.int64((n + np.int64(1023)) << np.int64(52)).view(np.float64)
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def atan2(y: float, x: float) -> float:
     """Angle of the point (x, y) in (-pi, pi]; 0 at the origin."""
     a, b = abs(y), abs(x)

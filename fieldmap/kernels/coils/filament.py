@@ -6,8 +6,7 @@ of the sixteen digits; filaments lose nothing. Names and frames as in `slice` an
 
 import math
 
-import numba
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, MOST_POINTS, gauss_start
 from fieldmap.typing import Array
 
@@ -15,7 +14,7 @@ _NEAREST = 2.5  # extents of the winding: nearer, filaments converge too slowly
 _ROUNDING = 2.5e-15  # of the exact section's corner terms
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def far_distance(size: float, volume: float, digits: float) -> float:
     """Distance from the middle of a winding beyond which filaments are used, eq. (28).
 
@@ -26,14 +25,14 @@ def far_distance(size: float, volume: float, digits: float) -> float:
     return max(_NEAREST * size, (kept * volume) ** 0.25)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def section_points(half: float, gap: float, digits: float) -> int:
     """Gauss-Legendre points over an extent of +-half of a winding at least `gap` away."""
     q = 1.0 + gap / half
     return min(MOST_POINTS, int((digits + 2.0) / (2.0 * math.log10(q + math.sqrt(q * q - 1.0)))) + 2)
 
 
-@numba.njit(cache=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True)
 def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float, float, float, float]:
     """(outward, axial), d(outward)/dX, /dv, /dz per unit area of section at (r, h)."""
     u = r - X
@@ -43,7 +42,7 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
     return h * inverse3, u * inverse3, steep * u, -steep * v, inverse3 - steep * h
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def far_arc(
     azimuths: Array,
     n: int,
@@ -84,7 +83,7 @@ def far_arc(
     return bx, by, bz, g00, g01, g02, g10, g11, g12
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
 def far_bar(
     n: int,
     v1: float,

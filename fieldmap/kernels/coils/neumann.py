@@ -2,12 +2,11 @@
 
 import math
 
-import numba
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.typing import Array
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@njit(error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
 def neumann_sum(points: Array, vectors: Array, others: Array, of_others: Array) -> float:
     """Double sum of v . w / |p - q| over elements v at points p (3, n) and w at q (3, m), in m for vectors in m.
 

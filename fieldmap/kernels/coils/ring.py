@@ -7,13 +7,13 @@ falls exponentially), graded towards the field point where it is near: docs/theo
 
 import math
 
-import numba
 import numpy as np
 
 from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_sum, arc_sum_gradient, graded_panel
 from fieldmap.kernels.coils.filament import far_arc, far_distance
 from fieldmap.kernels.coils.meridian import set_field, set_gradient
 from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section_distance
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
@@ -25,7 +25,7 @@ _NEAREST = 1e-9  # of the outer radius
 _MOST_EQUAL = 24
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _equal_tables() -> Array:
     """tables (3, 3, 24): cosine, sine and weight of 8, 16, 24 equal steps of half a circle."""
     tables = np.empty((3, 3, _MOST_EQUAL))
@@ -39,7 +39,7 @@ def _equal_tables() -> Array:
     return tables
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _equal_points(nearness2: float, digits: float) -> int:
     """Equal steps whose error exp(-2 n depth), sinh(depth/2) = sqrt(nearness2), is small enough; 0: too many."""
     for k in range(_MOST_EQUAL // STEP):
@@ -50,7 +50,7 @@ def _equal_points(nearness2: float, digits: float) -> int:
     return 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _opposite_panel(azimuths: Array, first: int, digits: float) -> int:
     """Gauss-Legendre points on the half of the azimuths away from the point."""
     n = 8 if digits < 10.1 else 16
@@ -63,7 +63,7 @@ def _opposite_panel(azimuths: Array, first: int, digits: float) -> int:
     return first + n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def ring_azimuths(
     rho: float,
     r1: float,
@@ -89,7 +89,7 @@ def ring_azimuths(
     return _opposite_panel(azimuths, n, digits)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _ring_flux_density_rows(begin, end, points, inner, outer, height, digits, field):
     half = 0.5 * height
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
@@ -120,7 +120,7 @@ def ring_flux_density(points: Array, inner: float, outer: float, height: float, 
     return field
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _ring_flux_density_and_gradient_rows(begin, end, points, inner, outer, height, digits, field, gradient):
     half = 0.5 * height
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)

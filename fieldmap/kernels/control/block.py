@@ -14,8 +14,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 

@@ -6,7 +6,7 @@ round. docs/theory/control.md (8)..(10).
 
 import math
 
-from numba import njit
+from fieldmap.kernels.compilation import njit
 
 # A measuring chain (10,): position at 0 V (m), scale (m/V), step and limits of the sensor's output (V), gain and offset
 # error of the converter (relative, V), its step and limits (V).
@@ -19,19 +19,19 @@ OUTPUT_STEP, LOWER, UPPER, GAIN, OFFSET, CURRENT_LOWER, CURRENT_UPPER = 0, 1, 2,
 DRIVE = 7
 
 
-@njit(cache=True)
+@njit
 def round_to_step(value, step):
     """The nearest multiple of a step; halves up."""
     return value if step == 0.0 else step * math.floor(value / step + 0.5)
 
 
-@njit(cache=True)
+@njit
 def convert(value, step, lower, upper):
     """An ideal converter: limits, then rounds."""
     return round_to_step(min(max(value, lower), upper), step)
 
 
-@njit(cache=True)
+@njit
 def measure(position, voltage_noise, chain):
     """The position that the controller sees. Noise of the sensor is in `position` already."""
     volts = (position - chain[ZERO]) / chain[SCALE]
@@ -42,7 +42,7 @@ def measure(position, voltage_noise, chain):
     )
 
 
-@njit(cache=True)
+@njit
 def drive(voltage, current_noise, numbers):
     """The current that flows for a voltage of the controller."""
     shown = convert(voltage, numbers[OUTPUT_STEP], numbers[LOWER], numbers[UPPER])
@@ -50,21 +50,21 @@ def drive(voltage, current_noise, numbers):
     return min(max(current, numbers[CURRENT_LOWER]), numbers[CURRENT_UPPER])
 
 
-@njit(cache=True)
+@njit
 def measure_all(positions, voltage_noise, chain, out):
     """`measure` for every sample."""
     for n in range(positions.shape[0]):
         out[n] = measure(positions[n], voltage_noise[n], chain)
 
 
-@njit(cache=True)
+@njit
 def drive_all(voltages, current_noise, numbers, out):
     """`drive` for every sample."""
     for n in range(voltages.shape[0]):
         out[n] = drive(voltages[n], current_noise[n], numbers)
 
 
-@njit(cache=True)
+@njit
 def held_scans(scans, averages, latency, ratio, out):
     """What a scanning sensor shows at each sample: the mean of its last scans, known `latency` scans late, held.
 

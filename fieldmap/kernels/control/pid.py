@@ -5,7 +5,7 @@ state (3,): integral part of the output, previous error, previous value of the s
 
 from typing import NamedTuple
 
-from numba import njit
+from fieldmap.kernels.compilation import njit
 
 
 class PidGains(NamedTuple):
@@ -28,7 +28,7 @@ class PidOptions(NamedTuple):
     trapezoidal: float
 
 
-@njit(cache=True)
+@njit
 def pid_step(error, slope_signal, gains, options, state):
     """The output at this sample; advances the state."""
     increment = gains.integral * (0.5 * (error + state[1]) if options.trapezoidal != 0.0 else error)
@@ -43,7 +43,7 @@ def pid_step(error, slope_signal, gains, options, state):
     return output
 
 
-@njit(cache=True)
+@njit
 def pid_sample(error, slope_signal, numbers, state):
     """`pid_step` with gains and options as one array (8,), which Python hands over sooner than named tuples."""
     gains = PidGains(numbers[0], numbers[1], numbers[2])
@@ -51,7 +51,7 @@ def pid_sample(error, slope_signal, numbers, state):
     return pid_step(error, slope_signal, gains, options, state)
 
 
-@njit(cache=True)
+@njit
 def pid_run(errors, slope_signals, gains, options, state, outputs):
     """The outputs of a sequence of samples."""
     for n in range(errors.shape[0]):

@@ -5,7 +5,7 @@ k (n + 1,): feedback of the states and of the integral. state: n predicted state
 
 from typing import Any, NamedTuple
 
-from numba import njit
+from fieldmap.kernels.compilation import njit
 
 
 class EstimatorRows(NamedTuple):
@@ -33,7 +33,7 @@ class RegulatorSettings(NamedTuple):
     at_measured: float
 
 
-@njit(cache=True)
+@njit
 def regulator_step(reference, measured, estimator, k, settings, state, filtered):
     """The output at this sample; advances the state. filtered (n,): the filtered states, as by-product."""
     a, b, cx, dx = estimator
@@ -61,7 +61,7 @@ def regulator_step(reference, measured, estimator, k, settings, state, filtered)
     return output
 
 
-@njit(cache=True)
+@njit
 def _advance(control, deviation, a, b, Ts, state, filtered):
     n = a.shape[0]
     for i in range(n):
@@ -75,7 +75,7 @@ def _advance(control, deviation, a, b, Ts, state, filtered):
     state[2 * n] += Ts * deviation
 
 
-@njit(cache=True)
+@njit
 def regulator_run(references, measured, estimator, k, settings, state, outputs, states):
     """The outputs of a sequence of samples, and the filtered states (samples, n)."""
     for m in range(measured.shape[0]):

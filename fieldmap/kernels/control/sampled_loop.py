@@ -10,8 +10,8 @@ The loop stands once for each law, so that a sample costs no choice: PID, regula
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.control.block import SIGNALS, control
 from fieldmap.kernels.control.instruments import GAIN, OFFSET, drive, measure
 from fieldmap.kernels.control.pid import pid_step
@@ -49,7 +49,7 @@ class LoopChain(NamedTuple):
 # arrays would be counted there, which takes longer than the sample.
 
 
-@njit(cache=True)
+@njit
 def _applied(operating, output, noise, numbers):
     """What the drive makes of the controller's output, less what it makes of the operating value."""
     applied = drive(operating + output, noise, numbers)
@@ -57,7 +57,7 @@ def _applied(operating, output, noise, numbers):
     return applied
 
 
-@njit(cache=True)
+@njit
 def _advance(A, B, u, x, scratch):
     """Advance x (n,) by a sample with this input."""
     for i in range(x.shape[0]):
@@ -68,7 +68,7 @@ def _advance(A, B, u, x, scratch):
         x[i] = scratch[i]
 
 
-@njit(cache=True)
+@njit
 def pid_loop(plant, reference, signals, instruments, sign, slope_of_error, gains, options, y, u):
     """PID on sign * (reference - measured). slope_of_error: 1 to differentiate the error, 0 the measurement."""
     A, B, C, operating = plant
@@ -87,7 +87,7 @@ def pid_loop(plant, reference, signals, instruments, sign, slope_of_error, gains
             _advance(A, B, applied + disturbance[run, n], x, scratch)
 
 
-@njit(cache=True)
+@njit
 def regulator_loop(plant, reference, signals, instruments, estimator, k, settings, y, u):
     """The regulator with its estimator. The equilibrium output that the regulator adds is part of u; the plant gets u
     less its own operating output at the position 0, and `settings` says what the regulator takes for it."""
@@ -105,7 +105,7 @@ def regulator_loop(plant, reference, signals, instruments, estimator, k, setting
             _advance(A, B, applied + disturbance[run, n], x, scratch)
 
 
-@njit(cache=True)
+@njit
 def block_loop(plant, reference, signals, instruments, block, memory, y, u):
     """Any linear block of one output: reference and measured position stand for all three axes of its signals."""
     A, B, C, operating = plant

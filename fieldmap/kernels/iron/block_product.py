@@ -5,10 +5,11 @@ used four times: charge and potential are arrays (groups, n, 4).
 """
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _sum_rows(row, x, first):
     """sum_i row[i] x[first + i, :] of x (n, 4)."""
     a = b = c = d = 0.0
@@ -21,7 +22,7 @@ def _sum_rows(row, x, first):
     return a, b, c, d
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _add_rows(row, a, b, c, d, y, first):
     """y[first + i, :] += row[i] (a, b, c, d)."""
     for i in range(row.size):
@@ -32,7 +33,7 @@ def _add_rows(row, a, b, c, d, y, first):
         y[first + i, 3] += v * d
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _low_rank(left, right, r0, c0, x, y):
     for k in range(left.shape[0]):
         a, b, c, d = _sum_rows(right[k], x, c0)
@@ -41,7 +42,7 @@ def _low_rank(left, right, r0, c0, x, y):
         _add_rows(right[k], a, b, c, d, y, c0)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _dense(values, r0, c0, x, y):
     """A block on the diagonal is stored whole and used once."""
     for i in range(values.shape[0]):
@@ -54,7 +55,7 @@ def _dense(values, r0, c0, x, y):
             _add_rows(values[i], x[r0 + i, 0], x[r0 + i, 1], x[r0 + i, 2], x[r0 + i, 3], y, c0)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add_far_product(begin, end, blocks, ranks, offset, data, x, y):
     """y[t] += matrix x, for t from begin to end, of the low-rank blocks of
     `fieldmap.kernels.iron.cross_approximation.pack_factors`; x (g, n, 4); y (t, g, n, 4): a part of the sum for each t.
@@ -70,7 +71,7 @@ def add_far_product(begin, end, blocks, ranks, offset, data, x, y):
                 _low_rank(left, right, r0, c0, x[g], y[t, g])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def add_near_product(begin, end, blocks, offset, data, x, y):
     """As `add_far_product`, for dense blocks (rows, columns) from data[offset[k]] on."""
     parts = y.shape[0]

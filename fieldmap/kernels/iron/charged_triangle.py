@@ -15,12 +15,13 @@ Singular on the edges (f_k and the gradient diverge); finite inside the triangle
 import math
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 _TINY = 1e-300
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+@njit(error_model="numpy", fastmath=True, inline="always")
 def solid_angle(x, y, z, p):
     """Solid angle of the triangle p (3, 3) seen from (x, y, z); positive on the side its normal points to.
 
@@ -39,7 +40,7 @@ def solid_angle(x, y, z, p):
     return -2.0 * math.atan2(triple, a * b * c + ab * c + ac * b + bc * a)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+@njit(error_model="numpy", fastmath=True, inline="always")
 def triangle_potential(x, y, z, p, n):
     """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,). Finite everywhere."""
     potential = 0.0
@@ -59,7 +60,7 @@ def triangle_potential(x, y, z, p, n):
     return potential - height * solid_angle(x, y, z, p)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+@njit(error_model="numpy", fastmath=True, inline="always")
 def triangle_field(x, y, z, p, n):
     """Field (three numbers) at (x, y, z) of the triangle p (3, 3) with unit normal n (3,)."""
     ex = ey = ez = 0.0
@@ -78,7 +79,7 @@ def triangle_field(x, y, z, p, n):
     return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, inline="always")
+@njit(error_model="numpy", fastmath=True, inline="always")
 def triangle_field_and_gradient(x, y, z, p, n):
     """Field and gradient at (x, y, z): ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz (symmetric, trace-free).
 
@@ -123,7 +124,7 @@ def triangle_field_and_gradient(x, y, z, p, n):
     return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega, gxx, gxy, gxz, gyy, gyz, gzz
 
 
-@njit(cache=True)
+@njit
 def triangles_potential(points, corners, normals, density):
     """Potential (n,) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
     out = np.zeros(points.shape[0])
@@ -134,7 +135,7 @@ def triangles_potential(points, corners, normals, density):
     return out
 
 
-@njit(cache=True)
+@njit
 def triangles_field(points, corners, normals, density):
     """Field (n, 3) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
     out = np.zeros((points.shape[0], 3))
@@ -148,7 +149,7 @@ def triangles_field(points, corners, normals, density):
     return out
 
 
-@njit(cache=True)
+@njit
 def triangles_field_and_gradient(points, corners, normals, density):
     """Field (n, 3) and gradient (n, 3, 3) at points (n, 3); arguments as for `triangles_field`."""
     field = np.zeros((points.shape[0], 3))

@@ -2,12 +2,11 @@
 
 import math
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.charged_triangle import solid_angle
 
 
-@njit(cache=True)
+@njit
 def _volume_six(a, b, c, x, y, z):
     """Six times the signed volume of the tetrahedron a, b, c, (x, y, z)."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -16,7 +15,7 @@ def _volume_six(a, b, c, x, y, z):
     return (uy * vz - uz * vy) * wx + (uz * vx - ux * vz) * wy + (ux * vy - uy * vx) * wz
 
 
-@njit(cache=True)
+@njit
 def _contains(p, x, y, z):
     """Whether the positively oriented tetrahedron p (4, 3) contains (x, y, z)."""
     return (
@@ -27,7 +26,7 @@ def _contains(p, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def find_tetrahedron(begin, end, points, corners, lower, upper, out):
     """Fill out (n,) with the index of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3); where
     none does, it stays as it is.
@@ -51,7 +50,7 @@ def find_tetrahedron(begin, end, points, corners, lower, upper, out):
 _FAR_RADII = 3.0
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def solid_angle_sums(begin, end, points, corners, normals, areas, centres, radii, out):
     """Fill out (n,) with the solid angle over 4 pi of triangles corners (m, 3, 3) seen from points (n, 3): of a closed
     surface with outward normals close to -1 inside, to 0 outside, to two digits."""

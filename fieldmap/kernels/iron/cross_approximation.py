@@ -8,12 +8,13 @@ and then cut down to the rank that the tolerance needs by a singular value decom
 import math
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 _INVERSE_36PI = 1.0 / (36.0 * math.pi)
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def far_values(i, first, last, x, y, z, out):
     """out[j - first] = W_ij for faces j from `first` to `last`, all far from face i; x, y, z (3, n): points of the
     degree-2 rule. Loops over contiguous arrays without branches, for the compiler to turn into vector code."""
@@ -28,7 +29,7 @@ def far_values(i, first, last, x, y, z, out):
         out[j] *= _INVERSE_36PI
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _subtract(known, weights, rank, out):
     """out -= sum of the first `rank` rows of known (r, m), each times its weight."""
     for k in range(rank):
@@ -37,7 +38,7 @@ def _subtract(known, weights, rank, out):
             out[i] -= w * known[k, i]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _largest(values, used):
     """Index of the largest magnitude among those not used; -1 if all are."""
     best, place = -1.0, -1
@@ -47,7 +48,7 @@ def _largest(values, used):
     return place
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _dot(a, b):
     total = 0.0
     for i in range(a.size):
@@ -55,7 +56,7 @@ def _dot(a, b):
     return total
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def cross(block, x, y, z, tolerance, left, right):
     """Fill left (cap, m) and right (cap, n) with factors: block = left^T right; returns the rank, or -1 if `cap`
     terms do not reach the tolerance (of the Frobenius norm). block (4,): first and last + 1 of rows and columns."""
@@ -89,7 +90,7 @@ def cross(block, x, y, z, tolerance, left, right):
     return -1
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _orthonormalise(rows, rank, triangle):
     """Gram-Schmidt, twice: rows (r, m) become q, orthonormal, with rows_before = triangle (r, r) q."""
     triangle[:rank, :rank] = 0.0
@@ -111,7 +112,7 @@ def _orthonormalise(rows, rank, triangle):
             rows[k, i] *= 1.0 / length if length > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def _combine(rows, rank, mix, count):
     """rows[a] = sum_k mix[k, a] rows[k] for a < count, in place."""
     total = np.empty(count)
@@ -126,7 +127,7 @@ def _combine(rows, rank, mix, count):
             rows[a, i] = total[a]
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def recompress(left, right, rank, tolerance):
     """Lower the rank of left^T right as far as the tolerance allows; returns the new one. Works in place."""
     a, b = np.zeros((rank, rank)), np.zeros((rank, rank))
@@ -150,7 +151,7 @@ def recompress(left, right, rank, tolerance):
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def approximate_far_blocks(begin, end, blocks, place, cap, x, y, z, tolerance, slots, scratch, ranks):
     """Fill ranks (b,) of far blocks (b, 4), -1 where more than `cap` terms are needed; factors of block k as two arrays
     (rank, rows) and (rank, columns) from scratch[place[k]] on, cap (rows + columns) numbers apart.
@@ -170,7 +171,7 @@ def approximate_far_blocks(begin, end, blocks, place, cap, x, y, z, tolerance, s
             ranks[k] = rank
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def pack_factors(begin, end, blocks, place, cap, ranks, offset, scratch, data):
     """Copy the factors that `approximate_far_blocks` left in scratch to data (single precision), block k from
     offset[k] on: left (rank, rows), then right (rank, columns)."""

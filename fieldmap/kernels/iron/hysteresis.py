@@ -6,13 +6,13 @@ Points, nodes and shape functions are those of `fieldmap.kernels.iron.quadratic_
 import math
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 from fieldmap.kernels.iron.quadratic_potential import _shape_gradients
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def tested_vectors(begin, end, values, gradients, volume, out):
     """Add to out (e, 10) the element vectors of int v . grad N_i for v = `values` (e, 4, 3) at the points.
 
@@ -28,7 +28,7 @@ def tested_vectors(begin, end, values, gradients, volume, out):
                 out[e, i] += d[i, 0] * x + d[i, 1] * y + d[i, 2] * z
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def tested_matrices(begin, end, values, gradients, volume, out):
     """Add to out (e, 10, 10) the element matrices of int grad N_i . D grad N_j for symmetric D = `values` (e, 4, 6) at
     the points.
@@ -60,19 +60,19 @@ _LEAST = 1e-13
 _TURNS, _ANGLE = 12, 1e-13
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _norm(x, y, z):
     return math.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@njit
 def _polarisation(s, law, offset, knots, coefficients):
     """j and dj/ds at s >= 0 without hysteresis."""
     b, slope = flux_density(s, law, offset, knots, coefficients)
     return b - s, slope - 1.0
 
 
-@njit(cache=True)
+@njit
 def _chord(p, law, offset, knots, coefficients):
     """Size of a reversible field, and dj/ds and j/s there."""
     s = _norm(p[0], p[1], p[2])
@@ -80,7 +80,7 @@ def _chord(p, law, offset, knots, coefficients):
     return s, slope, j / s if s > 1e-30 else slope
 
 
-@njit(cache=True)
+@njit
 def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
     """s >= 0 with j(s) + mu s = wanted, by Newton's method between two bounds."""
     low, high, s = 0.0, math.inf, guess
@@ -102,7 +102,7 @@ def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
     return s
 
 
-@njit(cache=True)
+@njit
 def _straight(h, p, kappa, share, law, offset, knots, coefficients, r):
     """Fill r with the field straight towards h, as in one dimension; J(p), the size of r, and mu there."""
     _, _, chord = _chord(p, law, offset, knots, coefficients)
@@ -113,7 +113,7 @@ def _straight(h, p, kappa, share, law, offset, knots, coefficients, r):
     return jx, jy, jz, s, max(_norm(chord * r[0] - jx, chord * r[1] - jy, chord * r[2] - jz) / kappa, _LEAST)
 
 
-@njit(cache=True)
+@njit
 def _turned(h, p, kappa, away, law, offset, knots, coefficients, r):
     """Fill r (3,) with the new reversible field of a cell that moves and return mu; -1 where the search does not end.
 
@@ -155,7 +155,7 @@ def _turned(h, p, kappa, away, law, offset, knots, coefficients, r):
     return -1.0
 
 
-@njit(cache=True)
+@njit
 def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     """Fill r (3,) with the new reversible field of a cell and return mu; 0 where it stays, infinity if kappa is 0.
 
@@ -203,7 +203,7 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     return mu
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent, r):
     """Add up one point: polarisation (3,), tangent (6,) = dj/dh in the order xx, xy, xz, yy, yz, zz."""
     polarisation[:] = 0.0
@@ -236,7 +236,7 @@ def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, po
                 place += 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def respond(
     begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent
 ):
@@ -254,7 +254,7 @@ def respond(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def advance(begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, out):
     """Fill out (p, k, 3) with what the cells remember after h (p, 3); arguments as for `respond`."""
     for i in range(begin, end):

@@ -16,8 +16,8 @@ with the p that makes div B = 0, that is sum_q D_q . b(h_q) = 0: one equation wi
 import math
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 
 # Corners of the face opposite corner f, in the order of its three potentials.
@@ -36,7 +36,7 @@ def _shape() -> np.ndarray:
 SHAPE = _shape()
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _divergence(shape, area, d):
     """Fill d (4, 3) with D_q."""
     for q in range(4):
@@ -48,7 +48,7 @@ def _divergence(shape, area, d):
                 d[q, k] += c * area[f, k]
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _drive(potential, dofs, t, shape, area, scale, r):
     """Fill r (4, 3) with t_q - scale sum_fc C_fcq S_f l_fc. The mean of l is left out: p takes it up."""
     mean = 0.0
@@ -65,7 +65,7 @@ def _drive(potential, dofs, t, shape, area, scale, r):
                 r[q, k] -= scale * c * area[f, k]
 
 
-@njit(cache=True)
+@njit
 def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
     """sum_q D_q . b(h_q) at h_q = r_q + scale p D_q, its derivative by p, and sum_q |D_q| |b_q|."""
     total, slope, size = 0.0, 0.0, 0.0
@@ -88,7 +88,7 @@ def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
     return total, slope, size
 
 
-@njit(cache=True)
+@njit
 def _balance(r, d, scale, law, offset, knots, coefficients):
     """The p that makes div B = 0: Newton's method inside the shrinking bracket of the root, bisection where it is slow.
 
@@ -114,7 +114,7 @@ def _balance(r, d, scale, law, offset, knots, coefficients):
     return p
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _strength(potential, dofs, t, shape, area, volume, d, h, law, offset, knots, coefficients):
     """Fill d (4, 3) with D_q and h (4, 3) with the field strength at the points of one element."""
     scale = 4.0 / volume
@@ -126,7 +126,7 @@ def _strength(potential, dofs, t, shape, area, volume, d, h, law, offset, knots,
             h[q, k] += scale * p * d[q, k]
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _solenoidal(t, d, out):
     """Fill out (4, 3) with the part of t (4, 3) that is free of divergence: what flows if the iron is air."""
     total, square = 0.0, 0.0
@@ -139,7 +139,7 @@ def _solenoidal(t, d, out):
             out[q, k] = t[q, k] - total / square * d[q, k]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def residual(
     begin, end, potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients, out
 ):
@@ -169,7 +169,7 @@ def residual(
                     out[e, i] += shape[i, q] * flow
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def tangent(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
     """Fill out (e, 12, 12), zeros before, element by element: minus the derivative of the outward moments by the face
     potentials.
@@ -205,7 +205,7 @@ def tangent(begin, end, potential, t, shape, area, volume, dofs, law, offset, kn
         _remove_net_flux(out[e])
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _remove_net_flux(matrix):
     """N -> N - N 1 1^T N / (1^T N 1): the mean p answers whatever the faces do."""
     row = np.zeros(12)
@@ -219,7 +219,7 @@ def _remove_net_flux(matrix):
             matrix[i, j] -= row[i] * row[j] / total
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def strength(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
     """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element; arguments as for `residual`."""
     d = np.empty((4, 3))
@@ -240,7 +240,7 @@ def strength(begin, end, potential, t, shape, area, volume, dofs, law, offset, k
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def mean_fields(begin, end, h, law, remanence, offset, knots, coefficients, mean, largest):
     """Add to mean (e, 3) the mean flux density of every element, and to largest (e,) the largest mu0 H at its points;
     both are zeros before. h (e, 4, 3): as of `strength`."""

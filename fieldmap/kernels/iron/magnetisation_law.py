@@ -6,10 +6,11 @@ the slope of its third coefficient. h and b are both in tesla (h = mu0 H).
 """
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def flux_density(h, law, offset, knots, coefficients):
     """b and db/dh at h >= 0 for one law."""
     low, high = offset[law], offset[law + 1] - 1
@@ -27,7 +28,7 @@ def flux_density(h, law, offset, knots, coefficients):
     return ((c0 * t + c1) * t + c2) * t + c3, (3.0 * c0 * t + 2.0 * c1) * t + c2
 
 
-@njit(cache=True)
+@njit
 def flux_densities(h, law, offset, knots, coefficients):
     """b (n,) at h (n,) >= 0, each by its own law (n,)."""
     out = np.empty(h.size)

@@ -8,8 +8,8 @@ barycentric coordinates l and their gradients g (4, 3), the shape functions have
 import math
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 
 _B = (5.0 - math.sqrt(5.0)) / 20.0
@@ -18,7 +18,7 @@ _FIRST = np.array([0, 0, 0, 1, 1, 2])
 _SECOND = np.array([1, 2, 3, 2, 3, 3])
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _shape_gradients(q, g, d):
     """Fill d (10, 3) with the gradients of the shape functions at point q (the one near corner q)."""
     for i in range(4):
@@ -33,7 +33,7 @@ def _shape_gradients(q, g, d):
             d[4 + m, k] = 4.0 * (la * g[b, k] + lb * g[a, k])
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _gradient(values, nodes, d, out):
     """out (3,) = gradient of the nodal values (n,) for shape gradients d."""
     out[0] = out[1] = out[2] = 0.0
@@ -44,7 +44,7 @@ def _gradient(values, nodes, d, out):
         out[2] += p * d[i, 2]
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _strength(potential, bubble, nodes, source, d, h):
     """h (3,) = source (3,) + grad bubble - grad potential, for shape gradients d; returns its size."""
     h[0], h[1], h[2] = source[0], source[1], source[2]
@@ -56,7 +56,7 @@ def _strength(potential, bubble, nodes, source, d, h):
     return math.sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def residual(
     begin,
     end,
@@ -98,7 +98,7 @@ def residual(
                 out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def tangent(
     begin, end, potential, source, bubble, nodes, gradients, volume, law, offset, knots, coefficients, out
 ):
@@ -128,7 +128,7 @@ def tangent(
                 out[e, j, i] = out[e, i, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def source_response(
     begin,
     end,
@@ -172,7 +172,7 @@ def source_response(
                 out[e, i] += d[i, 0] * rx + d[i, 1] * ry + d[i, 2] * rz
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def mean_fields(
     begin,
     end,

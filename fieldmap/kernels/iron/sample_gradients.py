@@ -4,13 +4,13 @@ the magnetisation there."""
 import math
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 from fieldmap.kernels.iron.quadratic_potential import _gradient, _shape_gradients
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def sample_gradients(begin, end, values, nodes, gradients, out):
     """Fill out (e, 4, 3, r) with the gradients of nodal functions `values` (n, r) at the points of
     `quadratic_potential.residual`.
@@ -28,7 +28,7 @@ def sample_gradients(begin, end, values, nodes, gradients, out):
                 out[e, q, 0, j], out[e, q, 1, j], out[e, q, 2, j] = one[0], one[1], one[2]
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(nogil=True, fastmath=True)
 def point_moments(begin, end, source, gradients, weights, law, offset, knots, coefficients, amplitude, out):
     """Fill out (p, 3) with w (b/h - 1) h of every point, T m^3: mu0 times the magnetic moment that it stands for, at
     h = source - G a: source (3 p,), G = gradients (3 p, r), w = weights (p,), law (p,) and tables of

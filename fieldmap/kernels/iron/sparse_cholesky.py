@@ -13,14 +13,15 @@ their parent, one subtree after the other.
 import math
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 # Rows eliminated one by one before the others follow.
 _UNROLLED = 4
 _FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def elimination_tree(pointer, index):
     """Parents (n,) of the columns, -1 for roots, from the pattern of the strict lower triangle by rows.
 
@@ -42,7 +43,7 @@ def elimination_tree(pointer, index):
     return parent
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def postorder(parent):
     """Order (n,) in which every node of the forest comes after its children, one subtree after the other."""
     n = parent.size
@@ -71,7 +72,7 @@ def postorder(parent):
     return order
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def column_counts(pointer, index, parent):
     """Entries (n,) of every column of the factor, the diagonal too; pattern and parents as in `elimination_tree`."""
     n = parent.size
@@ -88,7 +89,7 @@ def column_counts(pointer, index, parent):
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def join_supernodes(start, parent, size, widths, shares):
     """Join supernodes with the last of their children, whose columns lie right before theirs, while the share of zeros
     in their columns stays below shares[k] for joined widths up to widths[k].
@@ -125,7 +126,7 @@ def join_supernodes(start, parent, size, widths, shares):
     return begin, size, into
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def supernode_rows(start, column_pointer, column_index, parent_of_node, row_start):
     """Rows of all supernodes, its own columns first and then the others in no order. column_pointer, column_index:
     pattern of the lower triangle by columns, with the diagonal; row_start (m + 1,): where the rows of each
@@ -162,7 +163,7 @@ def supernode_rows(start, column_pointer, column_index, parent_of_node, row_star
     return rows
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def relative_rows(start, rows, row_start, parent):
     """For every row of every supernode beyond its own columns: its place among the rows of the parent."""
     nodes = start.size - 1
@@ -184,28 +185,28 @@ def relative_rows(start, rows, row_start, parent):
 # few enough pieces to ask whether they overlap.
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@njit(nogil=True, fastmath=_FAST, forceinline=True)
 def _scale(factor, x):
     """x *= factor."""
     for j in range(x.size):
         x[j] *= factor
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@njit(nogil=True, fastmath=_FAST, forceinline=True)
 def _add(factor, x, y):
     """y += factor x."""
     for j in range(x.size):
         y[j] += factor * x[j]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
+@njit(nogil=True, fastmath=_FAST, forceinline=True)
 def _add_four(a, w, b, x, c, y, d, z, out):
     """out -= a w + b x + c y + d z."""
     for j in range(out.size):
         out[j] -= a * w[j] + b * x[j] + c * y[j] + d * z[j]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(nogil=True, forceinline=True)
 def _subtract_rows(front, size, to, begin):
     """front[to, to:] -= the sum over the `_UNROLLED` rows k from `begin` on of front[k, to] front[k, to:]."""
     p, rest = begin * size + to, size - to
@@ -214,7 +215,7 @@ def _subtract_rows(front, size, to, begin):
     _add_four(w[0], w, x[0], x, y[0], y, z[0], z, front[row : row + rest])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _eliminate(front, size, width):
     """Replace the first `width` rows of the symmetric front (size, size), of which the upper triangle counts, by those
     of its factor L^T, and the rest by what is left to the parent. False if a pivot is not positive."""
@@ -239,7 +240,7 @@ def _eliminate(front, size, width):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def factorise(values, entry_start, place, start, row_start, parent, relative, panel_start, panels, work):
     """Fill `panels` with the columns of the factor: those of supernode s as (rows, columns) from panel_start[s] on.
 
@@ -291,7 +292,7 @@ def factorise(values, entry_start, place, start, row_start, parent, relative, pa
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def largest_work(start, row_start, parent):
     """Numbers that `factorise` needs as scratch at most."""
     nodes = start.size - 1
@@ -311,7 +312,7 @@ def largest_work(start, row_start, parent):
     return most
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(nogil=True, error_model="numpy", fastmath=_FAST)
 def solve(start, rows, row_start, panel_start, panels, x):
     """Replace x (c, n) by the solutions of L L^T x = right, with the factor of `factorise`."""
     nodes, columns = start.size - 1, x.shape[0]

@@ -13,17 +13,17 @@ definite whatever the rows leave out.
 import math
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.mutual_potential import entry
 
 
-@njit(cache=True)
+@njit
 def _exchange(values, a, b):
     values[a], values[b] = values[b], values[a]
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def farthest_first(x, y, z):
     """An order (n,) from coarse to fine: every point is the one farthest from all before it; the first is point 0.
     x, y, z (n,) are rearranged in that order. Work n^2 / 2, in a loop that the compiler turns into vector code."""
@@ -47,7 +47,7 @@ def farthest_first(x, y, z):
     return order
 
 
-@njit(cache=True)
+@njit
 def solve_for_last(matrix, count):
     """Fill row `count` of the lower triangle's array, matrix (>= count + 1, count), with W^-1 e / sqrt(e W^-1 e) for
     the last unit vector e. The lower triangle of the first `count` rows is overwritten by its Cholesky factor L: since
@@ -74,7 +74,7 @@ def solve_for_last(matrix, count):
             out[q] -= matrix[i, q] * out[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def inverse_rows(begin, end, columns, filled, leaf, start, block_of_leaves, offset, data, x, y, z, values):
     """Fill values (n, k), single precision, with the rows of G. columns (n, k): the faces of every row in its first
     filled[i] places, the row's own face last; the other arrays as in `fieldmap.kernels.iron.mutual_potential.entry`."""

@@ -1,10 +1,11 @@
 """Which entries of a global matrix the element matrices fill, and where each of theirs goes: linear in the entries."""
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 
-@njit(cache=True)
+@njit
 def _elements_of(unknowns, count):
     """Elements of each unknown, one unknown after the other: start (n + 1,), elements."""
     start = np.zeros(count + 1, np.int64)
@@ -22,7 +23,7 @@ def _elements_of(unknowns, count):
     return start, elements
 
 
-@njit(cache=True)
+@njit
 def _sort(values, count):
     """Put the first `count` values in rising order: a few tens of them, by insertion."""
     for k in range(1, count):
@@ -33,7 +34,7 @@ def _sort(values, count):
         values[at] = value
 
 
-@njit(cache=True)
+@njit
 def sparse_pattern(unknowns, count):
     """Rows of the sum of element matrices: pointer (n + 1,), columns rising in each row, and place (e, k, k): the entry
     to which each number of an element matrix is added.

@@ -3,13 +3,13 @@
 BLAS reads the whole matrix for several columns, or half of it for each, and its wrappers keep the interpreter's lock.
 """
 
-from numba import njit
+from fieldmap.kernels.compilation import njit
 
 # Rows whose sums are carried at the same time.
 _ROWS = 4
 
 
-@njit(cache=True, nogil=True, fastmath={"nsz", "arcp", "contract", "afn", "reassoc"}, forceinline=True)
+@njit(nogil=True, fastmath={"nsz", "arcp", "contract", "afn", "reassoc"}, forceinline=True)
 def _beyond(a, b, c, d, x, y, own):
     """The four sums over j of the rows a, b, c, d times x, and y[j] += a[j] own[0] + ... + d[j] own[3]."""
     p, q, r, s = own[0], own[1], own[2], own[3]
@@ -24,7 +24,7 @@ def _beyond(a, b, c, d, x, y, own):
     return e, f, g, h
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def symmetric_product(matrix, right, out):
     """Fill out (c, n) with matrix (n, n) times the rows of right (c, n); of the matrix the upper triangle counts."""
     n, columns = right.shape[1], right.shape[0]

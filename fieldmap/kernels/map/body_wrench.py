@@ -3,9 +3,10 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, njit
+from numba import carray
 
 from fieldmap.kernels.addresses import reals, words
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.current_solver import FOUND, SolverState, current_slopes
 from fieldmap.kernels.map.induced_moment import ALONE, induced_moment, moment_slope
@@ -148,7 +149,7 @@ def sum_wrench(data, currents, place, turn, wrench, slopes):
     return inside
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _live(state, addresses):
     """A state by the addresses (7,) of its arrays. Of a state that numba has compiled into a function as a constant the
     arrays are copies that may not be written to; their addresses stay right."""
@@ -163,7 +164,7 @@ def _live(state, addresses):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def model_wrench(data, currents, place, turn, wrench, slopes):
     """`sum_wrench` of a map of saturating iron; False and NaN also where its model has no solution. data:
     `InModel`."""

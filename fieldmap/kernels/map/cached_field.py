@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.lookup import KERNELS, of_kind
 from fieldmap.kernels.map.map_block import (
     INSIDE,
@@ -24,7 +24,7 @@ NAN = np.nan
 _cell_size = of_kind("cell_size")
 
 
-@njit(cache=True)
+@njit
 def keep_field(block, weights, count):
     """A field of `count` points, nothing kept yet."""
     places = np.empty(count, np.int64)

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
     HEADER,

@@ -5,8 +5,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.lookup import evaluate_one_with
 from fieldmap.kernels.map.map_block import OUTER, SETS, WRONG_SHAPE

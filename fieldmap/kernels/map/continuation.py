@@ -3,7 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 # Without counts of references (map_block.PLAIN).
 _PLAIN: dict[str, Any] = {"cache": True, "_nrt": False}

@@ -10,9 +10,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.continuation import continued
 from fieldmap.kernels.map.lift_and_directions import signals
@@ -135,7 +136,7 @@ MODEL = types.NamedTuple(
 STATE = types.NamedTuple((_MATRIX, _MATRIX, _MATRIX, _VECTOR, _WORDS, _VECTOR, _VECTOR), SolverState)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def signals_of(domain, currents, out):
     """Fill out (d,) with the nearest signals of currents (c,); whether they are in the domain."""
     largest = 0.0
@@ -182,7 +183,7 @@ def _multiply(terms, polynomials, out):
         out[i] = out[terms[i, 0]] * polynomials[terms[i, 1], terms[i, 2]]
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def products_of_terms(terms, values, domain):
     """The values (t,) of terms (t, 3), as in `CompiledModel`, at signals (d,) of the domain."""
     degree = 1
@@ -206,7 +207,7 @@ def _sum_terms(products, expansion, total):
             total[m] += share * row[m]
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def expanded(model, values, out):
     """out (r,): the amplitudes that the expansion gives at signals (d,), taken to the nearest of the domain."""
     total = np.empty(out.size, np.float32)
@@ -378,12 +379,12 @@ def _product(a, b):
     return total
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _tables(model):
     return model.weights, model.law, model.offset, model.knots, model.coefficients
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _tangent(model, h, piece, factor, isotropic, along, unit):
     """Fill factor (r, r), lower, with that of Cholesky of the tangent at h (3 p,), and what `_magnetise` fills; the
     right-hand sides of the fields `unit` (3 p, c)."""
@@ -391,7 +392,7 @@ def _tangent(model, h, piece, factor, isotropic, along, unit):
     return fill_tangent_factor(h, model.gradients, isotropic, along, model.air, factor, unit)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _applied(model, currents):
     """Field (3 p,) of coils and background at the points, T."""
     out = np.empty(model.source.shape[0])
@@ -401,7 +402,7 @@ def _applied(model, currents):
     return out
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _begin(model, state, currents, values, a):
     """Fill a (r,) with amplitudes to begin with; whether they come from the states behind."""
     d, count = model.domain, int(state.numbers[COUNT])
@@ -509,7 +510,7 @@ def _late_solve(model, state, amperes, coils, tolerance):
     return FOUND
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _remember(model, state, currents, a, near):
     """Put the newest state behind the others, or in place of them where it did not begin from them."""
     if near:
@@ -548,7 +549,7 @@ SOLVER = LateFunctions(
 _solve = SOLVER.called_or_linked()
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def solve(model, state, currents, tolerance):
     """Amplitudes at currents (c,), left in state; FOUND, BEYOND the domain, NOT_CONVERGED or NOT_FINITE.
 
@@ -558,14 +559,14 @@ def solve(model, state, currents, tolerance):
     return _solve(model, state, currents, currents.size, tolerance)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def current_weights(model, state, currents, out):
     """Fill out (f,) with the weights of a map's fields at currents (c,): the currents, then those of the iron's fields,
     then 1 for a background if there is any. Status as of `solve`; NaN unless FOUND."""
     return _weights(model, state, currents, model.tolerance, out)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _weights(model, state, currents, tolerance, out):
     status = solve(model, state, currents, tolerance)
     for f in range(out.size):
@@ -641,7 +642,7 @@ SLOPES = LateFunctions(
 _slopes = SLOPES.called_or_linked()
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def current_slopes(model, state, currents, out, slopes):
     """`current_weights`, and slopes (f, c): their derivatives by the currents, 1/A, of the model itself. Both are as
     exact as a hundredth of the tolerance makes them: slopes follow the state to first order. The tangent is summed in
@@ -649,7 +650,7 @@ def current_slopes(model, state, currents, out, slopes):
     return _slopes(model, state, currents, out, slopes, currents.size, out.size, slopes.shape)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def solved_at_currents(data, currents, x, y, z):
     """B, G as of `fieldmap.kernels.map.lookup.at_currents`; data: (block, CompiledModel, SolverState). NaN where there
     is no solution."""

@@ -7,8 +7,8 @@ with the slopes of the weights by the six currents: docs/theory/current_dependen
 """
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.lift_and_directions import divide, signals
 from fieldmap.kernels.map.lookup import at_currents
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
@@ -118,7 +118,7 @@ def table_weights(table, currents, out):
     return status
 
 
-@njit(cache=True)
+@njit
 def tabulated_at_currents(data, currents, x, y, z):
     """B, G as of `fieldmap.kernels.map.lookup.at_currents`, with the weights of a table; data: (block, table). NaN
     unless the currents are a division in the table."""

@@ -7,8 +7,8 @@ need, and write nothing but the wrench.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.lookup import contracted_at, superposed_at
 from fieldmap.kernels.map.map_block import INLINED, OUTER, SETS, WRONG_SHAPE
 

@@ -9,8 +9,8 @@ the coefficients of Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz.
 """
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
     DEGREE,
@@ -28,7 +28,7 @@ from fieldmap.kernels.map.solid_harmonics import differentiate, polynomial
 ROWS = 10
 
 
-@njit(cache=True)
+@njit
 def expand(c, degree, table):
     """table (10 degree^2,) from the coefficients c ((degree + 1)^2,) of the potential."""
     n = degree * degree
@@ -71,7 +71,7 @@ def _harmonics(up, down, degree, x, y, z, out):
 
 
 # "reassoc" lets the sum run in several lanes; unlike the rest of fast-math it assumes nothing about NaN.
-@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(forceinline=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _dot(row, harmonics, n):
     total = 0.0
     for i in range(n):

@@ -17,8 +17,8 @@ Arguments are not checked here; a checked function stands in front.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map import map_block
 from fieldmap.kernels.map.map_block import (
     CELLS,

@@ -21,8 +21,8 @@ soft: a flat array. soft[base] is the number of pieces; rows of SIZE numbers fol
 import math
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.map_block import OUTER, PLAIN, PLAIN_INLINED
 
 POINT, AXES, FACTORS, VOLUME, RELUCTANCE, LAW, KNOTS, SIZE = 0, 3, 12, 15, 16, 17, 18, 19

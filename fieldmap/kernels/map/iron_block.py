@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, njit, types
+from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.current_solver import (
     FOUND,
     NOT_CONVERGED,
@@ -44,25 +45,25 @@ ARRAYS = _OF_STATE + len(STATE)
 _SIGNATURE = types.intc(*[types.CPointer(types.float64)] * 3)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _reals(iron, number):
     first, rows = int(iron[HEAD + PER_ARRAY * number]), int(iron[HEAD + PER_ARRAY * number + 1])
     return iron[first : first + rows]
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _words(iron, number):
     return _reals(iron, number).view(np.int64)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _matrix(iron, number):
     first, rows = int(iron[HEAD + PER_ARRAY * number]), int(iron[HEAD + PER_ARRAY * number + 1])
     columns = int(iron[HEAD + PER_ARRAY * number + 2])
     return iron[first : first + rows * columns].reshape(rows, columns)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _singles(iron, number):
     first, rows = int(iron[HEAD + PER_ARRAY * number]), int(iron[HEAD + PER_ARRAY * number + 1])
     columns = int(iron[HEAD + PER_ARRAY * number + 2])
@@ -70,13 +71,13 @@ def _singles(iron, number):
     return every[: rows * columns].reshape(rows, columns)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _terms(iron, number):
     every = _words(iron, number)
     return every.reshape(every.size // 3, 3)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def model_in(iron):
     """The model, whose domain refuses no currents."""
     domain = SignalDomain(
@@ -109,7 +110,7 @@ def model_in(iron):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def state_in(iron):
     """What solves remember."""
     return SolverState(

@@ -11,8 +11,8 @@ Arrays float64, C-contiguous. Arguments are not checked here; a checked function
 """
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import OUTER
 
@@ -27,7 +27,7 @@ ROUNDING = 1e-11  # limits may be missed by this share of the longest, and are t
 # Loops in the place of array expressions: compiled in half the time, and three times as fast on vectors this short.
 
 
-@njit(cache=True)
+@njit
 def _product(a, b):
     total = 0.0
     for i in range(a.shape[0]):
@@ -35,19 +35,19 @@ def _product(a, b):
     return total
 
 
-@njit(cache=True)
+@njit
 def _length(a):
     return np.sqrt(_product(a, a))
 
 
-@njit(cache=True)
+@njit
 def _add(a, factor, b):
     """a += factor b."""
     for i in range(a.shape[0]):
         a[i] += factor * b[i]
 
 
-@njit(cache=True)
+@njit
 def _least_squares(columns, target, chosen, count, q, r, solution):
     """solution (count,) of min |sum_p s_p columns[chosen[p]] - target|, by modified Gram-Schmidt, target at the end.
 
@@ -73,7 +73,7 @@ def _least_squares(columns, target, chosen, count, q, r, solution):
     return True
 
 
-@njit(cache=True)
+@njit
 def _steepest(columns, residual, inside, barred):
     """Number of the column outside the active set that promises most, or -1."""
     best, found = 1e-13, -1
@@ -85,7 +85,7 @@ def _steepest(columns, residual, inside, barred):
     return found
 
 
-@njit(cache=True)
+@njit
 def _left_over(columns, target, u, residual):
     """residual = target - sum_j u_j columns[j]."""
     copy_vector(target, residual)
@@ -94,7 +94,7 @@ def _left_over(columns, target, u, residual):
             _add(residual, -u[j], columns[j])
 
 
-@njit(cache=True)
+@njit
 def _step_back(u, trial, chosen, count, inside):
     """Go from u towards the trial until a number reaches zero, and drop it from the active set. How many are left."""
     step = 1.0
@@ -113,7 +113,7 @@ def _step_back(u, trial, chosen, count, inside):
     return kept
 
 
-@njit(cache=True)
+@njit
 def non_negative_least_squares(columns, target, u):
     """u (n,) >= 0 of min |sum_j u_j columns[j] - target|: Lawson and Hanson's NNLS; columns (n, size) of length 1.
 
@@ -149,7 +149,7 @@ def non_negative_least_squares(columns, target, u):
     return False
 
 
-@njit(cache=True)
+@njit
 def _shortest_within(basis, start, low, high, x, active):
     """x (n,) = start + sum_j y_j basis[j], the shortest y with low <= x <= high; active (n,) -1, 0 or 1. A status."""
     d, n = basis.shape
@@ -211,7 +211,7 @@ def least_power(matrix, demand, lower, upper, weight, currents, active):
     return _within(basis[rank:], start, root, lower, upper, currents, active)
 
 
-@njit(cache=True)
+@njit
 def _meet(rows, demand, x):
     """x (n,), the shortest with rows x = demand; rank; how far the demand is off the range; orthonormal basis (n, n),
     of which what lies behind the rank is what the rows (m, n) do not feel. Householder's QR of the columns that the
@@ -239,7 +239,7 @@ def _meet(rows, demand, x):
     return rank, off, basis
 
 
-@njit(cache=True)
+@njit
 def _pivot(rows, demand, p):
     """Bring the row with most right of column p to place p."""
     best, found = -1.0, p
@@ -252,7 +252,7 @@ def _pivot(rows, demand, p):
     demand[p], demand[found] = demand[found], demand[p]
 
 
-@njit(cache=True)
+@njit
 def _reflect(rows, basis, p, size):
     """One Householder step: row p is turned into its diagonal, the basis gathers the turns."""
     v = rows[p, p:].copy()
@@ -268,7 +268,7 @@ def _reflect(rows, basis, p, size):
             basis[p + i, s] -= twice * total * v[i]
 
 
-@njit(cache=True)
+@njit
 def _within(basis, start, root, lower, upper, currents, active):
     """The limits, on top of what the demand asks for; start and limits in x, currents in A."""
     n, low, high = start.shape[0], lower * root, upper * root
@@ -298,7 +298,7 @@ def _within(basis, start, root, lower, upper, currents, active):
     return FOUND
 
 
-@njit(cache=True)
+@njit
 def _excess(x, low, high):
     worst = -np.inf
     for k in range(x.shape[0]):

@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
 
 

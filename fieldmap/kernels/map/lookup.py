@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite
 from fieldmap.kernels.map.map_block import (
     DEGREE,

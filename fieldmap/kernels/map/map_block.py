@@ -24,7 +24,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 KIND, RULE, SETS, DEGREE = 0, 1, 2, 3
 LOWER, INVERSE, CELLS, LOCAL = 4, 7, 10, 13

@@ -5,10 +5,11 @@ program has the second core.
 """
 
 import numpy as np
-from numba import njit
+
+from fieldmap.kernels.compilation import njit
 
 
-@njit(cache=True, fastmath=True, forceinline=True)
+@njit(fastmath=True, forceinline=True)
 def times(matrix, vector):
     """matrix (n, m) @ vector (m,)."""
     out = np.empty(matrix.shape[0], matrix.dtype)
@@ -21,7 +22,7 @@ def times(matrix, vector):
     return out
 
 
-@njit(cache=True, fastmath=True, forceinline=True)
+@njit(fastmath=True, forceinline=True)
 def times_transposed(vector, matrix):
     """vector (n,) @ matrix (n, m)."""
     out = np.zeros(matrix.shape[1], matrix.dtype)

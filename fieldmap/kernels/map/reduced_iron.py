@@ -10,15 +10,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 from fieldmap.kernels.map.matrix_vector import times, times_transposed
 
 PAIRS = 12
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def solve_factored(factor, right, out):
     """out (r,) = (L L^T)^-1 right, with L the lower triangle of factor (r, r)."""
     count = right.size
@@ -34,14 +34,14 @@ def solve_factored(factor, right, out):
 
 
 # Spelled out: an expression of arrays takes seconds to compile, most of them for its message about shapes.
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _add_times(factor, vector, total):
     """total (n,) += factor times vector (n,)."""
     for i in range(total.size):
         total[i] += factor * vector[i]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def direction(factor, residual, changes, responses, count, out):
     """out (r,): the step that the factor and the first `count` pairs of changes and responses (PAIRS, r) propose."""
     left, shares = residual.copy(), np.empty(count)
@@ -54,7 +54,7 @@ def direction(factor, residual, changes, responses, count, out):
         _add_times(shares[k] - excess, changes[k], out)
 
 
-@njit(cache=True)
+@njit
 def keep_pair(change, response, changes, responses, count):
     """Number of pairs after a step `change` that changed the residual by -response; the oldest gives way."""
     if not np.dot(change, response) > 0.0:
@@ -168,7 +168,7 @@ def _add_points(factors, at, total, whole):
                 k += 1
 
 
-@njit(cache=True, fastmath=True, forceinline=True)
+@njit(fastmath=True, forceinline=True)
 def material_tangent(h, single, isotropic, along, unit):
     """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete.
     And G^T w (db/dh - 1) s (c, r or more) for the coils' fields per ampere `unit` (3 p, c)."""
@@ -200,7 +200,7 @@ def material_tangent(h, single, isotropic, along, unit):
     return total, sides[:, :count]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True, forceinline=True)
+@njit(error_model="numpy", fastmath=True, forceinline=True)
 def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
     """factor (r, r), lower: that of Cholesky of K. Returns what `material_tangent` does of the coils' fields per
     ampere `unit` (3 p, c)."""
@@ -216,7 +216,7 @@ def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
     return sides
 
 
-@njit(cache=True, fastmath=True, forceinline=True)
+@njit(fastmath=True, forceinline=True)
 def energy_of(factor, amplitude):
     """a . K a."""
     product = np.zeros(amplitude.size)
@@ -226,14 +226,14 @@ def energy_of(factor, amplitude):
     return np.dot(product, product)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def add_rest(constant, air, residual):
     """residual (r,) += constant - air."""
     for i in range(residual.size):
         residual[i] += constant[i] - air[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def newton(
     source,
     gradients,
@@ -315,7 +315,7 @@ def newton(
     return a, limit, decrement
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
     """Where the functional is least along a step: trial = h - t `step`, t in (0, 1].
 
@@ -344,7 +344,7 @@ def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
     return t
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def tangent_factor(source, gradients, single, weights, law, offset, knots, coefficients, air, amplitude):
     """Cholesky factor (r, r), lower, of K at amplitudes (r,) and the coils' field `source` (3 p,); see `newton`."""
     h = source - times(gradients, amplitude)
@@ -355,7 +355,7 @@ def tangent_factor(source, gradients, single, weights, law, offset, knots, coeff
     return factor
 
 
-@njit(cache=True)
+@njit
 def sensitivities(
     sources, gradients, single, weights, law, offset, knots, coefficients, air, amplitudes, unit_source
 ):

@@ -13,8 +13,8 @@ A real harmonic polynomial of degree L is sum_l [a_l0 R_l^0 + sum_(m > 0) (a_lm 
 """
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.map_block import (
     DEGREE,
     INLINED,
@@ -93,7 +93,7 @@ def differentiate(c, degree, axis, out):
                 out[at + 1] = second
 
 
-@njit(cache=True)
+@njit
 def derivative_matrix(degree, axis):
     """Matrix (degree^2, (degree + 1)^2) that takes coefficients to those of the derivative."""
     n = (degree + 1) * (degree + 1)
@@ -108,7 +108,7 @@ def derivative_matrix(degree, axis):
     return matrix
 
 
-@njit(cache=True)
+@njit
 def regular_table(degree, points):
     """(n, (degree + 1)^2): the harmonics at points (n, 3)."""
     table = np.empty((points.shape[0], (degree + 1) * (degree + 1)))

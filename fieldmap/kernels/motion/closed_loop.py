@@ -13,8 +13,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.control.block import SIGNALS, control
 from fieldmap.kernels.control.function import DONE, GIVEN, NO_FUNCTION, call_function
 from fieldmap.kernels.control.instruments import LOWER as LOWER_LIMIT

@@ -5,8 +5,7 @@ Walls and points: see layout. docs/theory/dynamics.md (19), (20).
 
 import math
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.map_block import PLAIN
 from fieldmap.kernels.motion.layout import (
     ANGULAR_VELOCITY,
@@ -29,7 +28,7 @@ from fieldmap.kernels.motion.rotation import cross, to_body, to_map, turn_matrix
 FREE, ON_FLOOR, ON_CEILING, ON_WALL = 0, 1, 2, 4
 
 
-@njit(cache=True)
+@njit
 def _push(body, depth, n, v):
     """Force (3) of a wall with inward normal n on a point that is `depth` inside it and moves at v."""
     inward = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
@@ -75,7 +74,7 @@ def add_contact(body, state, load):
     return touched
 
 
-@njit(cache=True)
+@njit
 def _add(load, r, arm, force):
     t = cross(arm, force)
     turned = to_body(r, t[0], t[1], t[2])

@@ -1,7 +1,6 @@
 """One control period of a machine at given commands: for controllers that are Python, one call a sample."""
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.cached_field import forget
 from fieldmap.kernels.map.map_block import INSIDE, WHOLE
 from fieldmap.kernels.motion.currents import advance_currents, find_weights

@@ -5,8 +5,9 @@ docs/theory/dynamics.md (25)..(28), docs/theory/control.md (6).
 
 from typing import Any, NamedTuple
 
-from numba import njit, types
+from numba import types
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.current_table import BEYOND, table_weights
 from fieldmap.kernels.map.iron_block import ADDRESS, OUTSIDE, call_weights

@@ -6,8 +6,8 @@ docs/theory/dynamics.md (38).
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.control.instruments import GAIN, OFFSET
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.cached_field import forget, keep_field

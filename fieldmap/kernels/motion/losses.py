@@ -6,8 +6,7 @@ at PLATE of a body's array.
 
 import math
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import (

@@ -7,9 +7,10 @@ soft iron, whose moments the field induces. field: as in cached_field, a point f
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit, types
+from numba import types
 from numba.extending import overload
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.cached_field import kept_at, kept_in
 from fieldmap.kernels.map.induced_moment import POINT, SIZE, induced_moment

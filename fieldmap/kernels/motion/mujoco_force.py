@@ -8,11 +8,12 @@ several threads may step at a time.
 from typing import Any
 
 from llvmlite import ir
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 from fieldmap.kernels.addresses import reals, words
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.map import induced_moment as iron
 from fieldmap.kernels.map.lookup import superposed_at

@@ -9,8 +9,7 @@ J. Chem. Phys. 107, 5840 (1997), with the part that commutes taken out.
 
 import math
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, INERTIA, TURN
 

@@ -6,8 +6,7 @@ docs/theory/control.md has the equations of the measuring chain.
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
-
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.control.instruments import measure
 from fieldmap.kernels.map.map_block import PLAIN
 from fieldmap.kernels.motion.layout import POSITION

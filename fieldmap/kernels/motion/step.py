@@ -10,8 +10,8 @@ place, kept from step to step.
 """
 
 import numpy as np
-from numba import njit
 
+from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 from fieldmap.kernels.motion.contact import add_contact
