@@ -32,7 +32,7 @@ kernels: style
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
 
 tests: $(STAMP)
-	$(BIN)/pytest -q -n 2 --dist loadfile --doctest-modules -m "not slow" fieldmap tests
+	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder --doctest-modules -m "not slow" fieldmap tests
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py

@@ -3,6 +3,7 @@
 import gc
 import os
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,9 @@ def pytest_collection_finish():
     gc.enable()
 
 
+# Each compiles for most of a minute, and different kernels: begun together, by two processes, they leave to all other
+# tests what those would compile in both.
+FIRST = {"tests/docs/test_examples.py", "tests/test_records.py"}
 SLOW = Path(__file__).parent / "slow.txt"
 COVERED = SLOW.with_name("slow_covered.txt")
 
@@ -64,7 +68,7 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         function = item.nodeid.split("[")[0]
         functions.add(function)
-        if of := named & {item.nodeid, function, item.nodeid.split("::")[0]}:
+        if of := named & {item.nodeid, function, file_of(item)}:
             item.add_marker("slow")
             if not of & by_hand:
                 item.add_marker("covered")
@@ -79,6 +83,14 @@ def pytest_collection_modifyitems(config, items):
         raise pytest.UsageError(
             f"tests/slow.txt or slow_covered.txt names tests that are not there: {', '.join(sorted(lost))}"
         )
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        # Files, as they are handed out: the smallest last, when the processes wait for each other.
+        sizes = Counter(file_of(item) for item in items)
+        items.sort(key=lambda item: (file_of(item) not in FIRST, -sizes[file_of(item)]))
+
+
+def file_of(item):
+    return item.nodeid.split("::")[0]
 
 
 def is_written(name):
