@@ -460,7 +460,7 @@ class CurrentDomain(Record):
         return self.holds(np.full(self.parametrisation.coil_count, current))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DivisionSignals(Record):
     """What `undivide_currents` finds: u, x and y, and by how much the given currents differ from those of these
     signals, relative to u."""

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from fieldmap.control import PID, from_roots, simulate_loop
-from fieldmap.control.identification import ROLES, make_log, pseudo_random_binary, recognise_log, write_log
+from fieldmap.control.identification import (
+    ROLES,
+    Orders,
+    identify_log,
+    make_log,
+    pseudo_random_binary,
+    recognise_log,
+    write_log,
+)
 from fieldmap.dynamics import linear_points, prepare, read_scenario
 from fieldmap.errors import InputError
 
@@ -199,3 +207,21 @@ def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, written,
     # The errors are those of the noise: that the force is not quite linear over 0.1 mm is beside them.
     assert (errors < 0.02).all()
     np.testing.assert_allclose(found[order], wanted, rtol=0.015)
+
+
+def test_a_log_without_a_reference_is_at_rest_at_its_first_sample(tmp_path, signals):
+    columns = {name: values for name, values in signals.items() if name != "reference"}
+    log = recognise_log(written_as(columns, tmp_path / "log.csv", ","), ROLES)
+    found = identify_log(log, Orders(2, 1))
+    assert found.rest == 1
+    assert found.operating_point["output"] == pytest.approx(signals["position"][0], abs=1e-6)
+
+
+def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
+    """Also where the numbers' commas, of which one row has fewer, would cut most of them."""
+    rows = "".join(f"{k} {k},5\n" for k in range(9)) + "9 10\n"
+    path = tmp_path / "log.txt"
+    path.write_text("u,in_mV y_mV\n" + rows)
+    log = recognise_log(path, {"input": ("u,in",), "output": ("y",)}, sampling_time=0.1)
+    assert (log.delimiter, log.decimal) == ("blanks", ",")
+    assert log.log["output"] == pytest.approx(1e-3 * np.array([*np.arange(9) + 0.5, 10.0]))

@@ -31,7 +31,7 @@ from fieldmap.dynamics import (
     superposed,
 )
 from fieldmap.dynamics.linearisation import moved_state, sampled_machine, sensor_answer
-from fieldmap.dynamics.linearisation.loop import _margins_of, _shares_of_the_past
+from fieldmap.dynamics.linearisation.loop import ClosedLoop, _margins_of, _shares_of_the_past
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
 from fieldmap.lookup import open_map
@@ -213,6 +213,12 @@ def test_margins_are_those_of_python_control(linear, machine):
     scanning = margins(loop, ("lift",), Sensors(scan_rate=1200.0, averages=4))[0]
     late_by = (3 / 2 + 4 / 2) / 1200.0
     assert found.phase - scanning.phase == pytest.approx(360 * late_by * found.crossover, rel=0.15)
+
+
+@pytest.mark.parametrize(("pole", "stable"), [(0.999, True), (-1.0, False), (1.0, False)])
+def test_a_pole_on_the_unit_circle_is_not_stable(pole, stable):
+    loop = ClosedLoop(np.diag([0.5, pole]), np.zeros((2, 3)), np.zeros((3, 2)), 1e-3, None, None)
+    assert loop.stable is stable
 
 
 def test_what_scanning_sensors_show_of_a_sine_is_what_the_micrometer_shows():

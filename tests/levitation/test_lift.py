@@ -16,6 +16,7 @@ from fieldmap.levitation import (
     lift_current,
     lift_current_nonlinear,
 )
+from fieldmap.levitation.lift import _next_current
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -175,6 +176,22 @@ def test_every_state_is_told(axisymmetric):
     lift_current(field, PAYLOAD, POINT, on_state=lambda current, ratio: told.append((current, ratio)))
     assert [current for current, _ in told] == field.states
     assert told[-1][1] == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("tried", "following"),
+    [
+        # Straight on: a secant inside the bracket, or, with no lift enough yet, at most three times as far.
+        ([(1.0, -0.5), (2.0, 0.5)], 1.5),
+        ([(1.0, -0.5), (2.0, -0.4)], 6.0),
+        ([(1.0, 0.5), (2.0, 0.6)], -4.0),
+        # A secant out of the bracket of the states next to the weight, however little they exceed it: half way.
+        ([(1.0, -0.5), (2.0, 0.5), (1.9, 0.6)], 1.5),
+        ([(1.0, -0.5), (2.0, 0.0), (2.2, 0.1), (2.3, 0.05)], 1.5),
+    ],
+)
+def test_the_next_current_is_kept_in_the_bracket(tried, following):
+    assert _next_current(tried) == pytest.approx(following)
 
 
 def test_lift_that_never_reaches_the_weight_ends(axisymmetric):

@@ -259,3 +259,14 @@ def test_nodes_are_denser_about_zero_where_the_field_turns():
         [-0.4, -0.225, -0.1, -0.025, 0.0, 0.05, 0.2, 0.45, 0.8]
     )
     assert tables._nodes(0.1, 0.5, 5, 2.0) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+@pytest.mark.parametrize("lower", [[-0.01, -0.02, -0.1], [0.03, 0.01, 0.0]])
+def test_its_error_is_measured_at_all_nodes_on_the_surface_of_the_box(lower):
+    grid = Grid(np.array(lower), np.array([0.01, 0.02, 0.015]), (4, 5, 6))
+    asked = []
+    tables._on_the_surface(SimpleNamespace(each_field=lambda points, *_: asked.append(points)), grid, 7)
+    places = (asked[0] - grid.lower) / grid.spacing
+    assert len(places) == 4 * 5 * 6 - 2 * 3 * 4
+    ends = np.isclose(places, 0.0) | np.isclose(places, np.array(grid.shape) - 1)
+    assert ends.any(axis=1).all()

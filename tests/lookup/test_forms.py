@@ -5,6 +5,7 @@ import pytest
 
 from fieldmap.errors import InputError
 from fieldmap.interpolants import INTERPOLANTS
+from fieldmap.interpolants.global_polynomial import DEGREE, _degree
 from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
 from fieldmap.lookup import interpolate
 from fieldmap.lookup.evaluation import CompiledEvaluator
@@ -235,6 +236,33 @@ def test_jump_between_cells_is_measured_and_bounded(opened, dipoles):
     assert opened["global"].jump().gradient_bound == 0
 
 
+@pytest.mark.parametrize("cells", [(4, 3, 5), (3, 4, 2), (2, 2, 3), (2, 3, 2), (5, 2, 2)])
+def test_jump_is_the_largest_at_chebyshev_points_of_the_faces(dipoles, cells):
+    """Five by five of every face between cells: what stands on one side less what stands on the other."""
+    m = interpolate(dipoles.map(cells), "harmonic")
+    spacing, shape = np.array(m.info.grid.spacing), np.array(m.info.grid.shape)
+    at = np.polynomial.chebyshev.chebpts1(5)
+    largest = np.zeros(2)
+    for axis in range(3):
+        along = [
+            m.lower[a] + (np.arange(n)[:, None] + 0.5 + 0.5 * at).ravel() * spacing[a]
+            for a, n in enumerate(shape - 1)
+        ]
+        along[axis] = m.lower[axis] + np.arange(1, shape[axis] - 1) * spacing[axis]
+        points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
+        beside = 1e-8 * spacing * np.eye(3)[axis]
+        steps = np.zeros((2, len(points)))
+        for unit in np.eye(3):
+            above, below = (m.field_and_gradient(points + side * beside, unit) for side in (1, -1))
+            steps += [
+                np.linalg.norm((a - b).reshape(len(points), -1), axis=1)
+                for a, b in zip(above, below, strict=True)
+            ]
+        largest = np.maximum(largest, steps.max(axis=1))
+    found = m.jump()
+    assert [found.flux_density, found.gradient] == pytest.approx(largest, rel=1e-3)
+
+
 @pytest.mark.parametrize("kind", ["harmonic", "global"])
 def test_stated_error_is_that_between_the_nodes(opened, dipoles, kind):
     m, points = opened[kind], np.concatenate([dipoles.points(3000), opened[kind].info.grid.points()])
@@ -271,6 +299,22 @@ def test_global_is_refused_where_sources_are_too_near(dipoles):
     )
     with pytest.raises(InputError, match="global"):
         interpolate(data, "global")
+
+
+@pytest.mark.parametrize("n_nodes", range(2, 400, 7))
+def test_the_degree_is_the_highest_that_half_of_the_nodes_numbers_determine(n_nodes):
+    """(d + 1)^2 - 1 coefficients of a harmonic polynomial, eight numbers at each node."""
+    degree = _degree(n_nodes)
+    assert 3 <= degree <= DEGREE
+    assert degree == 3 or 2 * ((degree + 1) ** 2 - 1) <= 8 * n_nodes
+    assert degree == DEGREE or 2 * ((degree + 2) ** 2 - 1) > 8 * n_nodes
+
+
+@pytest.mark.parametrize(("kind", "places"), [("hermite", 5 * 4 * 6), ("harmonic", 4 * 3 * 5)])
+def test_a_form_knows_how_many_nodes_or_cells_it_has(dipoles, kind, places):
+    for coils in (1, 3):
+        form = INTERPOLANTS[kind].form(dipoles.map((4, 3, 5), coils), "raise")
+        assert (form.n_coils, form.places) == (coils, places)
 
 
 def test_size(opened):

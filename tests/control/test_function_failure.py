@@ -1,0 +1,26 @@
+"""Where a compiled controller wrote beside its arrays, and what to do about it."""
+
+import pytest
+
+from fieldmap.control.function_failure import written_beside
+from fieldmap.control.guarded import guarded
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "received", "more_state"),
+    [
+        ("state", 2, "state[2]", True),
+        ("state", -1, "state[-1]", True),
+        ("outputs", 6, "outputs[6]", False),
+        ("given", 7, "measured[4]", False),
+    ],
+)
+def test_the_array_and_the_index_are_told(name, index, received, more_state):
+    arrays = {"state": guarded([0.0] * 2), "given": guarded([0.0] * 7), "outputs": guarded([0.0] * 6)}
+    assert written_beside(0.02, **arrays) is None
+    whole = arrays[name].base
+    whole[(len(whole) - len(arrays[name])) // 2 + index] = 1.0
+    problem = written_beside(0.02, **arrays)
+    assert problem.where.endswith("0.02 s")
+    assert problem.received.endswith(received)
+    assert ("state=" in problem.remedy) is more_state
