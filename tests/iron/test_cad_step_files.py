@@ -38,6 +38,7 @@ def step(tmp_path):
     return write
 
 
+@pytest.mark.usefixtures("read_at_once")
 def test_a_cylinder_comes_back_with_its_volume_and_place(step):
     path = step(occ.Cylinder(occ.Pnt(0, 0, 5), occ.Z, 10, 40))
     solid = body_solid(device(path, position=(0.1, 0.0, 0.0)).bodies[0])
@@ -46,6 +47,7 @@ def test_a_cylinder_comes_back_with_its_volume_and_place(step):
     assert [piece.name for piece in solid.solids] == ["part"]
 
 
+@pytest.mark.usefixtures("read_at_once")
 @pytest.mark.parametrize(
     ("unit", "scale"),
     [
@@ -60,6 +62,7 @@ def test_numbers_in_the_file_times_the_scale_are_metres_whatever_unit_it_declare
     assert solid.mass == pytest.approx((10 * scale * 1e3) ** 3, rel=1e-9)
 
 
+@pytest.mark.usefixtures("read_at_once")
 def test_a_unit_that_differs_from_the_scale_is_noted(step):
     assert geometry_notes(device(step(block()))) == ()
     (note,) = geometry_notes(device(step(block(), "SI_UNIT($,.METRE.)")))
@@ -113,6 +116,7 @@ def test_a_file_that_the_kernel_cannot_read_is_refused(tmp_path):
     assert "read" in refusal(path)
 
 
+@pytest.mark.usefixtures("read_at_once")
 def test_a_surface_that_crosses_itself_is_refused(step):
     # A bow tie with unequal wings: the kernel's volume integral is their difference, not zero.
     corners = [(0, 0), (10, 10), (10, 0), (0, 14)]

@@ -4,11 +4,12 @@ import sys
 
 import numpy as np
 import pytest
+import pyvista
 
 import fieldmap as fm
 from fieldmap.device.surfaces import read_stl
 from fieldmap.errors import GeometryError, InputError
-from fieldmap.iron.geometry import trial
+from fieldmap.iron.geometry import mesh_files, trial
 from fieldmap.iron.geometry.mesh_files import read_mesh
 from fieldmap.iron.geometry.solids import body_solid
 
@@ -33,9 +34,19 @@ def test_a_reader_that_does_not_end(path, monkeypatch):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited on Linux")
 def test_a_reader_that_asks_for_memory(path):
-    trial.try_to_read(path, f"limit(); a = bytearray({trial.MEMORY_BYTES // 2})")
+    # Half of it, asked for and not written to.
+    asked = f"mmap.mmap(-1, {trial.MEMORY_BYTES // 2})"
+    trial.try_to_read(path, f"import mmap\nlimit()\ntry:\n    {asked}\nexcept OSError:\n    raise MemoryError")
     with pytest.raises(ValueError, match="memory"):
         trial.try_to_read(path, f"limit(); a = bytearray({2 * trial.MEMORY_BYTES})")
+
+
+def test_the_trial_of_a_mesh_comes_to_its_end(tmp_path):
+    """One that stopped at an import would find no file damaged."""
+    file = tmp_path / "cube.vtu"
+    pyvista.examples.cells.Hexahedron().save(file)
+    with pytest.raises(ValueError, match="crashes"):
+        trial.try_to_read(file, mesh_files._TRIAL + "os.abort()")
 
 
 def test_a_reader_that_refuses_is_asked_again_by_the_caller(path):

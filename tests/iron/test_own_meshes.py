@@ -21,7 +21,7 @@ GMSH = Path(__file__).parents[1] / "devices" / "block_of_two_regions.msh"
 IRON = {"iron": fm.LinearMaterial("iron", 500.0)}
 COIL = fm.CircularCoil("coil", 0.012, 0.016, 0.006, 200.0).moved([0, 0, 0.004])
 POINTS = np.array([[0.0, 0.0, -0.003], [0.009, 0.001, 0.004], [0.0, 0.02, 0.01]])
-BOX = fm.Body("block", "iron", fm.Box((0.01, 0.012, 0.008)), 0.003, 0.001)
+BOX = fm.Body("block", "iron", fm.Box((0.01, 0.012, 0.008)), 0.003, 0.002)
 # Two tetrahedra on one face, a third on it on the same side, and one that touches the first in an edge only.
 CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [0.1, 0.1, 0.5], [-1, 0, 0], [0, -1, 0]], float
@@ -51,6 +51,12 @@ def box():
     """The block as a shape, meshed as a whole: its mesh, and its field."""
     solved = fm.solve_linear(machine(BOX), symmetry="none")
     return solved.mesh, solved.field(POINTS, 1.0)
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    """The block of few tetrahedra, for what is refused before it is solved."""
+    return generate_mesh(machine(replace(BOX, mesh_size=0.01, edge_size=None)), symmetry="none")
 
 
 # ---- fields ----
@@ -146,24 +152,23 @@ def test_in_a_device_file(box, tmp_path):
 # ---- files ----
 
 
-def test_ten_nodes_are_taken_by_their_corners(tmp_path):
-    pytest.importorskip("meshio")
-    mesh = read_mesh(GMSH)
+@pytest.mark.usefixtures("read_at_once")
+def test_ten_nodes_are_taken_by_their_corners(coarse, tmp_path):
+    mesh, points = coarse, 1e3 * coarse.points
     pairs = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
-    middles = mesh.points[mesh.tets[:, pairs]].mean(axis=2) + 0.01
-    numbers = len(mesh.points) + np.arange(6 * len(mesh.tets)).reshape(-1, 6)
+    middles = points[mesh.tets[:, pairs]].mean(axis=2) + 0.01
+    numbers = len(points) + np.arange(6 * len(mesh.tets)).reshape(-1, 6)
     cells = np.column_stack([np.full(len(mesh.tets), 10), mesh.tets, numbers]).ravel()
     kinds = np.full(len(mesh.tets), pv.CellType.QUADRATIC_TETRA)
-    pv.UnstructuredGrid(cells, kinds, np.vstack([mesh.points, middles.reshape(-1, 3)])).save(
-        tmp_path / "q.vtu"
-    )
+    pv.UnstructuredGrid(cells, kinds, np.vstack([points, middles.reshape(-1, 3)])).save(tmp_path / "q.vtu")
     found = read_mesh(tmp_path / "q.vtu")
     assert found.higher_order == len(mesh.tets)
-    assert np.array_equal(found.points[found.tets], mesh.points[mesh.tets])
+    assert np.array_equal(found.points[found.tets], points[mesh.tets])
     notes = fm.solve_linear(machine(own(fm.MeshFile(tmp_path / "q.vtu")))).report.assumptions
     assert any(f"{len(mesh.tets)} tetrahedra" in note for note in notes)
 
 
+@pytest.mark.usefixtures("read_at_once")
 def test_regions_of_a_solved_state(box, tmp_path):
     """What write_vtu writes is read as a body, by its name too; nodes in one place become one."""
     from fieldmap.plot.vtu import write_vtu
@@ -239,6 +244,7 @@ def test_no_mesh_file(name, tmp_path):
     assert problem_of(lambda: read_mesh(tmp_path / "none.vtu")).where == str(tmp_path / "none.vtu")
 
 
+@pytest.mark.usefixtures("read_at_once")
 def test_what_is_no_tetrahedron(tmp_path):
     pv.examples.cells.Hexahedron().save(tmp_path / "cube.vtu")
     assert problem_of(lambda: read_mesh(tmp_path / "cube.vtu")).received == "1 hexahedron"
@@ -288,12 +294,11 @@ def test_what_fills_no_solid_is_told(tets, received):
     assert problem.where.startswith('Device "machine", body "block"')
 
 
-def test_pieces_that_overlap_are_told(box):
+def test_pieces_that_overlap_are_told(coarse):
     """A second block inside the first, and one that cuts it: no face is shared, the volumes tell."""
-    mesh, _ = box
     for shift, scale in (([0.0, 0.0, 0.002], 0.3), ([0.004, 0.003, 0.001], 1.0)):
-        points = np.vstack([mesh.points, scale * mesh.points + shift])
-        tets = np.vstack([mesh.tets, mesh.tets + len(mesh.points)])
+        points = np.vstack([coarse.points, scale * coarse.points + shift])
+        tets = np.vstack([coarse.tets, coarse.tets + len(coarse.points)])
         assert tetrahedra_fault(points, tets) is None
         with pytest.raises(GeometryError) as caught:
             check_geometry(machine(own(fm.VolumeMesh(points, tets))))
@@ -301,16 +306,17 @@ def test_pieces_that_overlap_are_told(box):
 
 
 def test_a_hollow_mesh_and_one_in_its_hole_are_sound():
-    """Shells within shells: a ball of tetrahedra without its middle, and a small one within."""
-    grid = np.stack(np.meshgrid(*[np.arange(6.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    cells = [c for c in np.ndindex(5, 5, 5) if max(abs(np.array(c) - 2)) != 1]
-    number = lambda c: int(c[0] * 36 + c[1] * 6 + c[2])  # noqa: E731
+    """Shells within shells: a block of cubes without the middle one, and half a cube, cut alike, in its place."""
+    grid = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = lambda c: int(c[0] * 16 + c[1] * 4 + c[2])  # noqa: E731
     kuhn = [np.cumsum(np.vstack([np.zeros(3, int), np.eye(3, dtype=int)[list(p)]]), axis=0) for p in PATHS]
-    tets = np.array([[number(np.array(c) + step) for step in path] for c in cells for path in kuhn])
-    shape = fm.VolumeMesh(1e-3 * (grid - [2.5, 2.5, 0]), tets)
-    check_geometry(machine(own(shape)))
+    cells = {c: [[number(c + step) for step in path] for path in kuhn] for c in np.ndindex(3, 3, 3)}
+    middle = np.array(cells.pop((1, 1, 1)))
+    points = np.vstack([grid, 0.5 * (grid - 1.5) + 1.5])
+    tets = np.array([tet for cell in cells.values() for tet in cell] + (middle + len(grid)).tolist())
+    shape = fm.VolumeMesh(1e-3 * (points - [1.5, 1.5, 0]), tets)
     (block,) = device_contents(machine(own(shape))).bodies
-    assert 1e9 * block.volume == pytest.approx(125 - 27 + 1)
+    assert 1e9 * block.volume == pytest.approx(27 - 1 + 1 / 8)
     assert block.mesh_size == pytest.approx(1e-3 * np.sqrt(3))
 
 
@@ -320,9 +326,8 @@ PATHS = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 # ---- bodies against each other, and options ----
 
 
-def test_contact_without_common_faces_is_told(box):
-    mesh, _ = box
-    block = own(fm.VolumeMesh(mesh.points, mesh.tets))
+def test_contact_without_common_faces_is_told(coarse):
+    block = own(fm.VolumeMesh(coarse.points, coarse.tets))
     cap = fm.Body("cap", "iron", fm.Box((0.01, 0.012, 0.004)), 0.003)
     beside = replace(block.moved([0, 0.003, 0.008]), name="cap")
     # Contacts of 10 by 12 mm, and by 9 mm.
@@ -338,9 +343,8 @@ def test_contact_without_common_faces_is_told(box):
     assert problem.received.startswith("240 mm^3")
 
 
-def test_options_for_shapes_are_refused(box):
-    mesh, _ = box
-    shape = fm.VolumeMesh(mesh.points, mesh.tets)
+def test_options_for_shapes_are_refused(coarse):
+    shape = fm.VolumeMesh(coarse.points, coarse.tets)
     device = machine(own(shape))
     for wrong in (0.5, 1.5, 3.0):
         assert "block" in problem_of(lambda wrong=wrong: fm.solve_linear(device, refinement=wrong)).where

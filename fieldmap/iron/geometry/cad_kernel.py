@@ -16,8 +16,10 @@ class _OnFirstUse:
             raise AttributeError(name)
         with needs("make", "bodies and windings as solids"):
             from netgen import occ
-        # Not kept: a lookup costs no more than a microsecond, beside a call of the kernel.
-        return getattr(occ, name)
+        value = getattr(occ, name)
+        # Kept: finding it again takes longer than many calls of the kernel.
+        setattr(self, name, value)
+        return value
 
 
 if not TYPE_CHECKING:
