@@ -36,7 +36,9 @@ def test_a_reader_that_does_not_end(path, monkeypatch):
 def test_a_reader_that_asks_for_memory(path):
     # Half of it, asked for and not written to.
     asked = f"mmap.mmap(-1, {trial.MEMORY_BYTES // 2})"
-    trial.try_to_read(path, f"import mmap\nlimit()\ntry:\n    {asked}\nexcept OSError:\n    raise MemoryError")
+    trial.try_to_read(
+        path, f"import mmap\nlimit()\ntry:\n    {asked}\nexcept OSError:\n    raise MemoryError"
+    )
     with pytest.raises(ValueError, match="memory"):
         trial.try_to_read(path, f"limit(); a = bytearray({2 * trial.MEMORY_BYTES})")
 
