@@ -1,5 +1,7 @@
 """Quadrature rules on triangles and tetrahedra, in barycentric coordinates; weights sum to 1. Plain numpy tables."""
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_jacobi
@@ -46,6 +48,7 @@ def tetrahedron_rule(degree: int) -> Rule:
     return np.column_stack([1 - a - b - c, a, b, c]), weights.ravel()
 
 
+@cache
 def _gauss_jacobi(n: int, exponent: int) -> Rule:
     """Nodes on (0, 1) and weights, sum 1, for the weight (1 - x)^exponent."""
     x, w = roots_jacobi(n, exponent, 0)

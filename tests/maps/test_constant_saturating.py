@@ -35,7 +35,14 @@ def solver(device):
 
 @pytest.fixture(scope="module")
 def path(device, tmp_path_factory):
-    return fm.generate(device, tmp_path_factory.mktemp("map") / "core.h5", spacing=2e-3, currents=(-3.0, 3.0))
+    target = tmp_path_factory.mktemp("map") / "core.h5"
+    currents = {"lower_A": -3.0, "upper_A": 3.0, "held_out": 4}
+    return fm.generate(device, target, spacing=2e-3, currents=currents)
+
+
+@pytest.fixture(scope="module")
+def linear(device):
+    return fm.solve_linear(device)
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +69,7 @@ def test_zero_currents_give_the_field_of_the_magnet(m, solver):
     assert m.fixed_sources == ("core", "background")
 
 
-def test_linear_iron_would_not_do(device, m):
-    linear = fm.solve_linear(device)
+def test_linear_iron_would_not_do(linear, m):
     far = np.abs(linear.field(POINTS, [3.0]) - m.field(POINTS, [3.0])).max()
     assert far > 20 * m.current_error.flux_density
 
@@ -88,10 +94,9 @@ def test_currents_for_compensates_the_magnet(m, solver, device):
     assert stated < 2e-6
 
 
-def test_lift_current_may_be_zero_or_negative(m, device):
+def test_lift_current_may_be_zero_or_negative(m, linear, device):
     at = [lift_current(m, device.payload, [0.0, 0.0, z]).current for z in (-38e-3, -41e-3, -44e-3)]
     assert at[0] < 0.0 < at[1] < at[2]
-    linear = fm.solve_linear(device)
     near = [lift_current(linear, device.payload, [0.0, 0.0, z]).current for z in (-38e-3, -41e-3, -44e-3)]
     assert near == pytest.approx(at, abs=0.1)
 
@@ -145,8 +150,8 @@ def test_simulation_floats_on_it(path, device):
     assert run.metrics.end_A[0] < 0.0
 
 
-def test_simulation_on_linear_iron(device):
-    run = fm.simulate("hold", {"start.depth_mm": 41.0}, field_map=fm.solve_linear(device), device=device)
+def test_simulation_on_linear_iron(linear, device):
+    run = fm.simulate("hold", {"start.depth_mm": 41.0}, field_map=linear, device=device)
     assert run.event is None
     assert run.metrics.end_mm[2] == pytest.approx(40.0, abs=0.1)
 
