@@ -33,7 +33,7 @@ def steel():
 
 @pytest.fixture(scope="module")
 def form():
-    body = Body("ball", "iron", (Part(Sphere(RADIUS)),), 0.007)
+    body = Body("ball", "iron", (Part(Sphere(RADIUS)),), 0.0105)
     return PotentialForm(
         assemble(generate_mesh(Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 1.0)})))
     )
