@@ -134,7 +134,7 @@ class SolvedState(BaseFieldAtCurrents):
         Bodies that touch have a force only together: name them all. Raises InputError otherwise and for unknown
         names.
         """
-        return force_and_torque(self._magnetised, name, np.zeros(3))[0]
+        return self._force_and_torque_on(name, np.zeros(3))[0]
 
     @property
     def pieces_of_iron(self) -> tuple[tuple[str, ...], ...]:
@@ -146,7 +146,11 @@ class SolvedState(BaseFieldAtCurrents):
 
     def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
         """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
-        return force_and_torque(self._magnetised, name, about)[1]
+        return self._force_and_torque_on(name, about)[1]
+
+    def _force_and_torque_on(self, name: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
+        """Both `force_on` and `torque_on`, in the time of one."""
+        return force_and_torque(self._magnetised, name, about)
 
     def flux_linkage(self) -> Array:
         """Flux linkages (c,) of the coils in Wb, all turns; the share of what no current drives included."""

@@ -101,7 +101,8 @@ def test_shell_shields():
 def test_coated_sphere_of_two_materials():
     """An inner sphere of mu_r 5 in a coat of mu_r 50, with flux through their common face."""
     inner, mu_i, mu_o = 0.03, 5.0, 50.0
-    solution = in_field([mu_i, mu_o], sphere("inner", inner), sphere("coat", cut=inner))
+    bodies = sphere("inner", inner, size=0.012), sphere("coat", cut=inner, size=0.012)
+    solution = in_field([mu_i, mu_o], *bodies)
     fill = (inner / RADIUS) ** 3
     factor = ((mu_o - 1) * (mu_i + 2 * mu_o) + fill * (mu_i - mu_o) * (1 + 2 * mu_o)) / (
         (mu_o + 2) * (mu_i + 2 * mu_o) + 2 * fill * (mu_i - mu_o) * (mu_o - 1)
@@ -342,14 +343,14 @@ def test_bubbles_are_projected_in_the_mean_square():
     assert (nodal[[1, 4, 6]] == 0).all()
 
 
-def window(mu_r, size=0.012):
+def window(mu_r, size=0.016):
     """A closed iron window about 80 mm long on each side, with a coil around one limb."""
     hole = Placement(np.array([0.0, 0.0, -0.01]), np.eye(3))
     parts = (Part(Box((0.1, 0.1, 0.02))), Part(Box((0.06, 0.06, 0.04)), hole, "cut"))
     along_y = np.column_stack([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).astype(float)
     at = Placement(np.array([0.04, 0.0, 0.01]), along_y)
     coil = CircularCoil("coil", 0.017, 0.022, 0.03, 100.0, placement=at)
-    body = Body("window", "iron", (Part(Box((0.1, 0.1, 0.02))), parts[1]), size, 0.003)
+    body = Body("window", "iron", (Part(Box((0.1, 0.1, 0.02))), parts[1]), size, 0.006)
     return Device("window", "", (coil,), (body,), {"iron": LinearMaterial("iron", mu_r)})
 
 

@@ -54,7 +54,7 @@ def test_the_closed_form_is_that_of_dipoles_far_away():
 
 @pytest.mark.parametrize("gap", [3e-4, 1e-5, 1e-6])
 def test_holding_force_is_that_of_the_magnet_and_its_image(gap):
-    state = fm.solve_linear(magnet_above_plate(gap, edge=1e-3)).at([])
+    state = fm.solve_linear(magnet_above_plate(gap, 0.005, 1e-3)).at([])
     on_magnet, on_plate = (state.force_on(name) for name in ("magnet", "plate"))
     expected = force_of_two_magnets(2 * gap)
     assert -on_magnet[2] == pytest.approx(expected, rel=1e-2)
