@@ -50,13 +50,13 @@ def cube_at_an_edge():
     return Device("cubes", "", (), bodies, IRON, background=Background(1e-2 * UP), workspace=space)
 
 
-def shell(factor=1.0):
+def shell(factor=1.0, size=4e-3):
     parts = (Part(Sphere(0.02)), Part(Sphere(0.016), operation="cut"))
     return Device(
         "shell",
         "",
         (),
-        [Body("shell", "iron", parts, 4e-3)],
+        [Body("shell", "iron", parts, size)],
         IRON,
         background=Background(factor * 1e-3 * UP),
         workspace=WorkspaceBox([-6e-3] * 3, [6e-3] * 3),
@@ -69,7 +69,7 @@ INSIDE = 9 * 1000.0 / (2001 * 1002 - 2 * 0.8**3 * 999**2) * 1e-3
 
 @pytest.fixture(scope="module")
 def shielded():
-    return fm.solve_to_tolerance(shell(), 0.01)
+    return fm.solve_to_tolerance(shell(size=8e-3), 0.01)
 
 
 def test_a_shielded_uniform_field_ends_within_the_tolerance(shielded):

@@ -94,7 +94,8 @@ def solve_to_tolerance(
     to be refined and what that would cost. Otherwise raises as `solve_linear`.
 
     >>> import fieldmap as fm
-    >>> solution = fm.solve_to_tolerance(fm.read_device("sphere_in_field"), 0.02)
+    >>> device = fm.read_device("sphere_in_field", {"body.sphere.mesh_size_mm": 3.0})
+    >>> solution = fm.solve_to_tolerance(device, 0.02)
     >>> solution.report.error.flux_density < 0.02, solution.report.tolerance.ended
     (True, 'reached')
     >>> print(solution.report.error.worst("B").source)
