@@ -17,7 +17,7 @@ def workspace_points():
 
 @pytest.fixture(scope="module")
 def coarse():
-    return fm.solve_linear("disk_six_cores", refinement=0.7)
+    return fm.solve_linear("disk_six_cores", refinement=0.5)
 
 
 def test_last_two_meshes_agree():
