@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -282,10 +283,8 @@ def solve_planar_state(
     check_planar_geometry(device)
     _check_materials(device)
     amperes = planar_currents(device, currents)
-    length = panel_size(device, size)
-    outline = make_outline(device, length, _GRADING)
-    iron = iron_triangles(outline, law_tables([device.materials[b.material] for b in device.bodies]), length)
-    balance = _balance(device, outline, iron, amperes)
+    outline, iron, air = _meshed(device, panel_size(device, size))
+    balance = _balance(device, outline, iron, air, amperes)
     potential, residuals = minimise(balance, tolerance)
     report = PlanarReport(
         iron_panels=sum(len(body) for body in outline.bodies),
@@ -297,6 +296,15 @@ def solve_planar_state(
     )
     reaction = np.concatenate([potential[: len(outline.nodes)] - balance.coil, balance.wall])
     return PlanarState(device, amperes, balance.air, reaction, iron, potential, report)
+
+
+# States of one device at several currents follow one another. A device never changes, and is known by its identity.
+@lru_cache(maxsize=1)
+def _meshed(device: PlanarDevice, size: float) -> tuple[Outline, IronTriangles, BoundaryOperator]:
+    """Outline, triangles of the iron, and operator of the air at a size, m."""
+    outline = make_outline(device, size, _GRADING)
+    tables = law_tables([device.materials[body.material] for body in device.bodies])
+    return outline, iron_triangles(outline, tables, size), air_operator(outline)
 
 
 def _check_materials(device: PlanarDevice) -> None:
@@ -330,10 +338,11 @@ def _material_assumptions(device: PlanarDevice) -> tuple[str, ...]:
     return tuple(sorted(notes))
 
 
-def _balance(device: PlanarDevice, outline: Outline, iron: IronTriangles, amperes: Array) -> Balance:
+def _balance(
+    device: PlanarDevice, outline: Outline, iron: IronTriangles, air: BoundaryOperator, amperes: Array
+) -> Balance:
     """Everything that does not change with the iron's state, at these currents."""
     count = len(outline.nodes)
-    air = air_operator(outline)
     coil, wall, load = np.zeros(count), np.zeros(len(outline.wall)), np.zeros(count)
     for ampere, conductor in zip(amperes, device.coils, strict=True):
         coil += ampere * coil_vector_potential(conductor, outline.nodes, outline.extent)

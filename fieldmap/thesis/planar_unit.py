@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.planar import (
+    PlanarDevice,
     PlanarSolution,
     PlanarState,
     StationaryPoint,
@@ -108,9 +109,14 @@ def _ratio_curves(inputs: dict[str, Any], z: float, nominal: float) -> tuple[Cur
 @cache
 def saturating(ratio: float, nominal: float) -> PlanarState:
     """The unit in its box with the B-H curve of Appendix A-3, at a ratio of the currents."""
+    return solve_planar_state(_with_curve(), currents(ratio, nominal))
+
+
+# One device for all states: its mesh is kept from one to the next.
+@cache
+def _with_curve() -> PlanarDevice:
     steel = read_device("drive_unit_a3").materials["steel"]
-    device = replace(read_planar_device("planar_drive_unit"), materials={"iron": steel})
-    return solve_planar_state(device, currents(ratio, nominal))
+    return replace(read_planar_device("planar_drive_unit"), materials={"iron": steel})
 
 
 def depth(inputs: dict[str, Any]) -> Answers:

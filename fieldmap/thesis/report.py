@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -247,6 +248,8 @@ def powers(unit: str) -> str:
     return re.sub(r"(?<=[A-Za-z])[23]\b", lambda found: "²³"[int(found[0]) - 2], unit)
 
 
+# Kept: it compiles the templates once, not for every writing of a growing page.
+@cache
 def _environment() -> "Environment":
     with needs("cli", "the pages of the thesis"):
         from jinja2 import Environment, PackageLoader, StrictUndefined

@@ -31,9 +31,14 @@ class AxisCurves(Record):
     force: Array
 
 
-@cache
 def solved(name: str, refinement: float = _REFINEMENT) -> LinearSolution:
     """The solved electromagnet with one of the two windings."""
+    return _solved(name, refinement)
+
+
+# A cache takes one refinement, said and left out, for two.
+@cache
+def _solved(name: str, refinement: float) -> LinearSolution:
     return solve_linear(read_device(name), refinement=refinement)
 
 

@@ -151,8 +151,16 @@ def test_json_has_the_fields_that_others_read(capsys):
 
 # Their own tests compute them (those of sharp numbers above, test_map_plants, test_force_rows, test_planar_rows,
 # test_identification_rows, test_joints, test_report): here ones stand for their numbers.
-COSTLY = {"S4_levitation", "S5_current_ratio", "S5_depth", "S9_constants", "S9_superposition", "S10"}
-COSTLY |= {"S14_x_joints", "S14_y_joints", "S16_map_plant", "S17_map_plant"}
+COSTLY = {"S4_levitation", "S5_current_ratio", "S5_depth", "S5_gradients", "S5_zeros"}
+COSTLY |= {
+    "S9_constants",
+    "S9_superposition",
+    "S10",
+    "S14_x_joints",
+    "S14_y_joints",
+    "S16_map_plant",
+    "S17_map_plant",
+}
 COSTLY |= {"S16_root_locus", "S16_recovery", "S16_times_in_minutes", "S17_recovery", *SHARP}
 
 

@@ -40,9 +40,9 @@ def test_remanent_loops_lead_and_the_lift_is_held(unit):
     assert found.lifts == pytest.approx(np.full(4, found.lifts[0]), rel=2e-3)
 
 
-def test_a_run_begins_at_nought(unit):
+def test_a_run_begins_at_nought():
     with pytest.raises(InputError) as error:
-        walk(unit, unit.demagnetised, [0.1], Protocol())
+        walk(None, None, [0.1], Protocol())
     assert error.value.problems[0].received == "0.1"
 
 

@@ -63,10 +63,12 @@ def root_locus(
             Problem("root_locus", "must be proper", "more zeros than poles", "add the controller's poles")
         )
     poles = [np.sort_complex(np.roots(np.polyadd(bottom, wanted[0] * top)))]
-    for start, end in pairwise(wanted):
+    between = [np.linspace(start, end, steps + 2)[1:] for start, end in pairwise(wanted)]
+    found = iter(_roots(bottom, top, np.concatenate([np.empty(0), *between])))
+    for each in between:
         branch = poles[-1]
-        for found in _roots(bottom, top, np.linspace(start, end, steps + 2)[1:]):
-            branch = _matched(branch, found)
+        for _ in each:
+            branch = _matched(branch, next(found))
         poles.append(branch)
     return RootLocus(wanted, np.array(poles, dtype=complex))
 
