@@ -10,9 +10,24 @@ from vtkmodules.vtkCommonCore import vtkLogger
 
 from fieldmap.errors import FieldmapError, Problem
 
-_PROGRAM = (
-    "import pyvista; p = pyvista.Plotter(off_screen=True); p.add_mesh(pyvista.Box()); p.screenshot(None)"
+# VTK's own classes: to load pyvista takes a second more.
+_PROGRAM = """
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkFiltersSources import vtkCubeSource
+from vtkmodules.vtkRenderingCore import (
+    vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter
 )
+box, mapper, actor = vtkCubeSource(), vtkPolyDataMapper(), vtkActor()
+mapper.SetInputConnection(box.GetOutputPort())
+actor.SetMapper(mapper)
+renderer, window, picture = vtkRenderer(), vtkRenderWindow(), vtkWindowToImageFilter()
+renderer.AddActor(actor)
+window.OffScreenRenderingOn()
+window.AddRenderer(renderer)
+window.Render()
+picture.SetInput(window)
+picture.Update()
+"""
 
 
 # What VTK draws with where there is no screen: by the graphics driver, or by Mesa in memory.

@@ -249,6 +249,7 @@ def test_the_summary_of_a_map_is_what_info_prints(capsys, machine):
     assert not list(Path(machine.map).parent.glob("*.png"))
 
 
+@pytest.mark.usefixtures("unsmoothed")
 @pytest.mark.parametrize("asked", [["--summary"], ["--json", "--pictures"]])
 def test_the_pictures_of_a_map_lie_beside_it(capsys, machine, tmp_path, asked):
     path = tmp_path / "loop.h5"

@@ -18,6 +18,7 @@ def best(tmp_path):
     return tmp_path / "best.toml"
 
 
+@pytest.mark.usefixtures("unsmoothed")
 def test_table_files_and_numbers(best, tmp_path, capsys):
     target = tmp_path / "best.nc"
     assert main(["optimise", str(best), "-o", str(target)]) == 0
