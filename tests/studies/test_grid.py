@@ -16,21 +16,18 @@ def run(grid, tmp_path_factory):
 
 
 def test_every_variant_is_a_device_file_of_its_own(run, devices):
-    """The same keys changed by hand, read and solved directly."""
+    """The same keys changed by hand, read and solved directly, at two opposite corners of the grid."""
     text = devices.sphere.read_text()
-    for turns in (100, 250):
-        for radius in (8.0, 10.0):
-            path = devices.folder / f"by_hand_{turns}_{radius}.toml"
-            path.write_text(
-                text.replace("turns = 100", f"turns = {turns}").replace(
-                    "radius_mm = 10.0", f"radius_mm = {radius}"
-                )
-            )
-            unit = fm.solve_linear(fm.read_device(path))
-            at = run.data.sel(turns=turns, radius=radius, currents="one")
-            points = [[0, 0, -0.014], [0.003, 0, -0.02]]
-            np.testing.assert_array_equal(at.flux_density, unit.field(points, [1.0]))
-            np.testing.assert_array_equal(at.gradient, unit.gradient(points, [1.0]))
+    for turns, radius in ((100, 10.0), (250, 8.0)):
+        path = devices.folder / f"by_hand_{turns}_{radius}.toml"
+        path.write_text(
+            text.replace("turns = 100", f"turns = {turns}").replace("radius_mm = 10.0", f"radius_mm = {radius}")
+        )
+        unit = fm.solve_linear(fm.read_device(path))
+        at = run.data.sel(turns=turns, radius=radius, currents="one")
+        points = [[0, 0, -0.014], [0.003, 0, -0.02]]
+        np.testing.assert_array_equal(at.flux_density, unit.field(points, [1.0]))
+        np.testing.assert_array_equal(at.gradient, unit.gradient(points, [1.0]))
 
 
 def test_the_field_is_that_of_the_closed_form(run, sphere_below_loop):

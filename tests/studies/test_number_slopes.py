@@ -82,7 +82,7 @@ def limits_of(numbers):
 
 
 # Both the derivatives and the differences are those of one mesh: a coarse one.
-MESH = 0.6
+MESH = 0.35
 
 
 def values_at(made, changes=None):
