@@ -71,7 +71,7 @@ def test_python_s_numbers_in_single_precision(ring, tmp_path, kind, fixed):
 
 
 def test_outside_and_what_is_no_number(ring, tmp_path):
-    m = cut(ring.data)
+    m = cut(ring.data, (3, 3, 3))
     points = np.array([[0.0, 0.0, 0.0], [np.nan, 0, 0], [0, np.inf, 0], [-0.01, -0.01, -0.11]])
     rows = (np.ones((4, 6)), points, np.ones((4, 3)))
     rows[0][3, 2] = np.inf

@@ -31,7 +31,7 @@ def build(target, *flags):
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    return build(tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O2")
+    return build(tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O1")
 
 
 def saturating(ring, coils, of, lower, upper, fixed=False, outside_currents="raise"):

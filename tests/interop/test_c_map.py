@@ -28,7 +28,7 @@ def build(source, target, *flags, compiler="gcc"):
 @pytest.fixture(scope="module")
 def programs(tmp_path_factory):
     """The program that asks, as users build it."""
-    return build("ask.c", tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O2")
+    return build("ask.c", tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O1")
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def programs(tmp_path_factory):
-    return build("ask.c", tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O2")
+    return build("ask.c", tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O1")
 
 
 @gcc

@@ -42,14 +42,25 @@ def magnet(moment=MOMENT):
 BODY = RigidBody(MASS, np.array([6.8e-7, 7.1e-7, 1.9e-7]), magnet(), magnet_at=np.array([1e-4, 0.0, 1e-3]))
 
 
+INSIDE = {"field": {"magnet": [0.1, -0.2, MOMENT]}, "body": {"body": BODY}}
+
+
+class Units(dict):
+    """Units by what is inside and by version of FMI, each written and compiled by the first test that asks."""
+
+    def __init__(self, field, folder):
+        self.field, self.folder = field, folder
+
+    def __missing__(self, key):
+        name, version = key
+        path = self.folder / f"{name} {version}.fmu"
+        self[key] = write_fmu(self.field, path, version=version, **INSIDE[name])
+        return self[key]
+
+
 @pytest.fixture(scope="module")
 def units(ring, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("units")
-    return {
-        (name, version): write_fmu(ring.map, folder / f"{name} {version}.fmu", version=version, **what)
-        for version in (2, 3)
-        for name, what in {"field": {"magnet": [0.1, -0.2, MOMENT]}, "body": {"body": BODY}}.items()
-    }
+    return Units(ring.map, tmp_path_factory.mktemp("units"))
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -293,8 +304,7 @@ def test_the_source_is_strict_and_a_unit_the_same_each_time(units, ring, tmp_pat
         archive.extractall(folder)
     command = ["gcc", *STRICT, folder / "sources" / "fmu.c", "-o", tmp_path / "strict.so", "-lm"]
     subprocess.run(command, check=True, capture_output=True)
-    what = {"magnet": [0.1, -0.2, MOMENT]} if name == "field" else {"body": BODY}
-    again = write_fmu(ring.map, tmp_path / units[name, version].name, version=version, **what)
+    again = write_fmu(ring.map, tmp_path / units[name, version].name, version=version, **INSIDE[name])
     assert again.read_bytes() == units[name, version].read_bytes()
     assert "python" not in (folder / "sources" / "fmu.c").read_text().lower()
 
