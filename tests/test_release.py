@@ -83,4 +83,4 @@ def test_there_are_workflows_for_three_systems():
     jobs = yaml.safe_load(read(".github/workflows/tests.yml"))["jobs"]
     systems = {"ubuntu-latest", "macos-latest", "windows-latest"}
     assert set(jobs["systems"]["strategy"]["matrix"]["os"]) == systems
-    assert len(WORKFLOWS) == 2
+    assert len(WORKFLOWS) == 3
