@@ -42,16 +42,21 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
         else:
             matrix[k, k] = self_inductance(coil)
         for j in range(k):
-            if is_lines(coil):
-                mutual = _along(coil, elements[j])
-            else:
-                mutual = (
-                    _along(coils[j], elements[k])
-                    if is_lines(coils[j])
-                    else _neumann(elements[k], elements[j])
-                )
-            matrix[k, j] = matrix[j, k] = mutual
+            matrix[k, j] = matrix[j, k] = _mutual(coil, elements[k], coils[j], elements[j])
     return matrix
+
+
+def mutual_inductance(one: Coil, other: Coil) -> float:
+    """What `bare_inductance` has for a pair, without the inductances of each."""
+    return _mutual(other, _elements(other), one, _elements(one))
+
+
+def _mutual(coil: Coil, elements: WindingRule, other: Coil, of_other: WindingRule) -> float:
+    if is_lines(coil):
+        return _along(coil, of_other)
+    if is_lines(other):
+        return _along(other, elements)
+    return _neumann(elements, of_other)
 
 
 def _elements(coil: Coil) -> WindingRule:

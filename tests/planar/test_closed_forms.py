@@ -86,8 +86,8 @@ def test_bars_without_permeability_are_walls(build, rectangle):
     iron = {"iron": rectangle(-0.1, 0.0, 0.1, 0.05)}
     wires = [([[0.05, 0.1]], [[-0.05, 0.1]])]
     materials = {"iron": LinearMaterial("iron", 500.0), "bar": FluxBarrier("bar")}
-    framed = solve_planar(build(iron | bars, wires, materials=materials), size=0.02)
-    walled = solve_planar(build(iron, wires, 500.0, walls=rectangle(-a, -a, a, a)), size=0.02)
+    framed = solve_planar(build(iron | bars, wires, materials=materials), size=0.03)
+    walled = solve_planar(build(iron, wires, 500.0, walls=rectangle(-a, -a, a, a)), size=0.03)
     points = np.array([[0.0, -0.1], [0.15, 0.1], [-0.2, -0.2], [0.1, -0.05]])
     one, other = framed.field(points, [100.0]), walled.field(points, [100.0])
     np.testing.assert_allclose(one, other, rtol=0, atol=2e-3 * np.abs(other).max())
@@ -233,7 +233,7 @@ def test_conductors_may_touch_the_iron(build, rectangle):
         fields = [
             solve_planar(
                 build({"bar": rectangle(-0.1, 0, 0.1, 0.05)}, [([[0.01, 0.06 + gap]], [])], wire=wire),
-                size=0.004,
+                size=0.008,
             ).field(POINTS, [1.0])
             for gap in (0.0, 1e-6)
         ]

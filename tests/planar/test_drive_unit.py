@@ -12,6 +12,11 @@ DEVICE = read_planar_device("planar_drive_unit")
 CURRENTS = [(900.0, 1100.0), (800.0, 1200.0), (500.0, 1500.0)]
 
 
+@pytest.fixture(scope="module")
+def unit():
+    return solve_planar(DEVICE)
+
+
 def numbers(unit):
     positions = [stationary_points(unit, pair, -0.1, 0.0, 0.16)[0].x for pair in CURRENTS]
     positions += [
@@ -32,17 +37,16 @@ def test_doubling_the_elements_moves_little_and_ever_less():
     assert np.abs(gradients[2] / gradients[1] - 1).max() < 3e-3 / 3
 
 
-def test_positions_and_gradients_of_finite_elements():
+def test_positions_and_gradients_of_finite_elements(unit):
     """Independent finite elements in the same box, their last digit: 41.6, 50.0, 61.0, 17.4, 6.0, -0.7 mm."""
-    positions, gradients = numbers(solve_planar(DEVICE))
+    positions, gradients = numbers(unit)
     np.testing.assert_allclose(1e3 * positions, [41.6, 50.0, 61.0, 17.4, 6.0, -0.7], rtol=0, atol=0.25)
     assert gradients[0] == pytest.approx(2.05e-3, rel=0.01)
     free = numbers(solve_planar(replace(DEVICE, walls=None)))[0]
     np.testing.assert_allclose(1e3 * free[:3], [86.8, 89.0, 93.6], rtol=0, atol=0.2)
 
 
-def test_mirrored_currents_mirror_the_points():
-    unit = solve_planar(DEVICE)
+def test_mirrored_currents_mirror_the_points(unit):
     one = stationary_points(unit, [800.0, 1200.0], -0.07, -0.165, 0.165)
     other = stationary_points(unit, [1200.0, 800.0], -0.07, -0.165, 0.165)
     assert len(one) == 3
@@ -50,9 +54,8 @@ def test_mirrored_currents_mirror_the_points():
     assert [p.stable for p in one] == [True, False, True]
 
 
-def test_a_pair_within_one_step_is_found():
+def test_a_pair_within_one_step_is_found(unit):
     """Just above the fold the two points on the weak side are 5 mm apart; steps of 33 mm find both."""
-    unit = solve_planar(DEVICE)
     fine = stationary_points(unit, [800.0, 1200.0], -0.0789, -0.165, 0.165, samples=2000)
     coarse = stationary_points(unit, [800.0, 1200.0], -0.0789, -0.165, 0.165, samples=10)
     assert len(fine) == len(coarse) == 3
@@ -60,8 +63,7 @@ def test_a_pair_within_one_step_is_found():
     np.testing.assert_allclose([p.x for p in coarse], [p.x for p in fine], atol=1e-8)
 
 
-def test_stiffness_is_that_of_differences():
-    unit = solve_planar(DEVICE)
+def test_stiffness_is_that_of_differences(unit):
     h = 1e-4
     for point in stationary_points(unit, [800.0, 1200.0], -0.07, -0.165, 0.165):
         places = [[point.x - h, -0.07], [point.x, -0.07], [point.x + h, -0.07]]

@@ -40,7 +40,7 @@ from fieldmap.iron.solution import SolvedState
 from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import bare_inductance, unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.inductance import background_linkage
+from fieldmap.sources.inductance import background_linkage, mutual_inductance
 from fieldmap.typing import Array
 
 _TOLERANCE = 1e-8
@@ -209,7 +209,7 @@ class _Direct:
             for j in range(len(above)):
                 if j == k or (j in moved and j < k):
                     continue
-                one, other = (bare_inductance((side[k], side[j]))[0, 1] for side in (above, below))
+                one, other = (mutual_inductance(side[k], side[j]) for side in (above, below))
                 out[k, j] = out[j, k] = (one - other) / change.width
         return out
 

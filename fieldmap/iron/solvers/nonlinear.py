@@ -311,7 +311,11 @@ class NonlinearSolver(BaseField):
                 Problem("differential_inductance, state", "must be a state of this solver", "another", remedy)
             )
         added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
-        return bare_inductance(self.device.coils) + added
+        return self._air_inductance + added
+
+    @cached_property
+    def _air_inductance(self) -> Array:
+        return bare_inductance(self.device.coils)
 
     def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
         """How far a state of this solver is from the truth in the workspace (`fieldmap.iron.error.estimate`).
