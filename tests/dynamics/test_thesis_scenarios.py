@@ -43,7 +43,9 @@ def answers(six, legible):
     return compute
 
 
-@pytest.mark.parametrize("part", ["S18_combined", "S18_spikes", "S18_sway", "S18_proportional", "S18_regulator", "S19"])
+@pytest.mark.parametrize(
+    "part", ["S18_combined", "S18_spikes", "S18_sway", "S18_proportional", "S18_regulator", "S19"]
+)
 def test_all_figures_are_legible(answers, part):
     answers(part, figures=None)
 

@@ -175,13 +175,6 @@ def test_figures_of_rows_without_a_map_are_legible(part, legible):
     legible(computed(part).curves)
 
 
-def test_the_sphere_is_marked_where_force_and_weight_cross():
-    force, weight, mark, _ = computed("S4_levitation").curves[2].series
-    assert np.interp(mark.x[0], force.x, force.y) == pytest.approx(mark.y[0], rel=1e-5)
-    assert weight.y[0] == mark.y[0]
-    assert 44 < mark.x[0] < 45
-
-
 def test_equilibria_are_marked_on_the_maxima():
     box = [one for one in computed("S5_current_ratio").curves[0].series if one.kind == "ours"]
     for curve, mark in list(zip(box[::2], box[1::2], strict=True))[1:]:

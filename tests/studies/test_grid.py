@@ -21,7 +21,9 @@ def test_every_variant_is_a_device_file_of_its_own(run, devices):
     for turns, radius in ((100, 10.0), (250, 8.0)):
         path = devices.folder / f"by_hand_{turns}_{radius}.toml"
         path.write_text(
-            text.replace("turns = 100", f"turns = {turns}").replace("radius_mm = 10.0", f"radius_mm = {radius}")
+            text.replace("turns = 100", f"turns = {turns}").replace(
+                "radius_mm = 10.0", f"radius_mm = {radius}"
+            )
         )
         unit = fm.solve_linear(fm.read_device(path))
         at = run.data.sel(turns=turns, radius=radius, currents="one")

@@ -9,7 +9,7 @@ from fieldmap.device import read_device
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.sources import unit_flux_densities
 from fieldmap.thesis.single_electromagnet import CURRENTS, EXACT, SIMPLIFIED, axis_curves, levitation_depth
-from tests.computed_parts import numbers
+from tests.computed_parts import computed, numbers
 
 
 @cache
@@ -26,6 +26,13 @@ def test_the_sphere_levitates_44_to_45_mm_below_the_core():
 def test_the_simplified_winding_levitates_it_within_a_third_of_a_millimetre():
     assert abs(row()["depth_exact"].ours - row()["depth_simplified"].ours) < 0.3
     assert row()["difference_of_the_windings"].ours < 1.0
+
+
+def test_the_sphere_is_marked_where_force_and_weight_cross():
+    force, weight, mark, _ = computed("S4_levitation").curves[2].series
+    assert np.interp(mark.x[0], force.x, force.y) == pytest.approx(mark.y[0], rel=1e-5)
+    assert weight.y[0] == mark.y[0]
+    assert 44 < mark.x[0] < 45
 
 
 def test_converged_to_a_tenth_of_a_millimetre():
