@@ -38,9 +38,10 @@ def test_commands_and_shipped_names_are_completed(line, offered):
 
 
 def test_quiet_leaves_the_result_alone(capsys):
-    assert main(["solve", "loop_and_sphere"]) == 0
+    words = ["solve", "loop_and_sphere", "--refinement", "0.4"]
+    assert main(words) == 0
     loud = capsys.readouterr()
-    assert main(["--quiet", "solve", "loop_and_sphere"]) == 0
+    assert main(["--quiet", *words]) == 0
     quiet = capsys.readouterr()
     assert "solving" in loud.err
     assert quiet.err == ""

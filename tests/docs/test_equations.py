@@ -38,7 +38,11 @@ def citations() -> list[tuple[Path, str, list[int]]]:
     """File, page, and the numbers of it that the file cites."""
     found = []
     for path in FILES:
-        text = re.sub(r"\s+", " ", path.read_text())
+        text = path.read_text()
+        # Most files cite none, and to go through their spaces takes most of the time.
+        if "theory/" not in text:
+            continue
+        text = re.sub(r"\s+", " ", text)
         found += [(path, page, cited(words)) for page, words in AFTER.findall(text)]
         found += [(path, page, cited(words)) for words, page in BEFORE.findall(text)]
     return found
