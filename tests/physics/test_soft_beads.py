@@ -17,7 +17,7 @@ def meshed(diameter, at):
 def test_a_bead_below_a_core():
     """What is left out, its gradient's answer and its image in the core, is of the order (radius / distance)^2."""
     coil = fm.CircularCoil("coil", 0.012, 0.02, 0.03, turns=800, placement=fm.placed([0.0, 0.0, 0.025]))
-    core = fm.Body("core", "steel", fm.Cylinder(0.01, 0.04), mesh_size=4e-3, edge_size=1e-3)
+    core = fm.Body("core", "steel", fm.Cylinder(0.01, 0.04), mesh_size=5e-3, edge_size=2e-3)
     core, at = core.moved([0.0, 0.0, 0.005]), np.array([0.004, 0.0, -0.012])
     alone = fm.solve(fm.Device("alone", "", (coil,), (core,), {"steel": STEEL}), [4.0])
     sizes, off = np.array([3e-3, 6e-3]), []
