@@ -48,8 +48,13 @@ def unit():
 
 
 @pytest.fixture(scope="module")
-def state():
-    return fm.solve(device(Froehlich("iron", 2000.0, 2.1)), [30.0])
+def solver():
+    return NonlinearSolver(device(Froehlich("iron", 2000.0, 2.1)))
+
+
+@pytest.fixture(scope="module")
+def state(solver):
+    return solver.solve([30.0])
 
 
 def relative(one, other):
@@ -69,9 +74,8 @@ def test_beside_another_source_and_on_sensors(unit):
         assert relative(sum_of_both, TURN.inv().apply(ours + theirs) if k else ours + theirs) < 1e-12
 
 
-def test_a_saturated_state_everywhere(state):
+def test_a_saturated_state_everywhere(solver, state):
     assert relative(state.as_magpylib().getB(EVERYWHERE), state.field(EVERYWHERE)) < 1e-12
-    solver = NonlinearSolver(device(Froehlich("iron", 2000.0, 2.1)))
     assert relative(solver.as_magpylib([30.0]).getB(AIR), state.field(AIR)) < 1e-6
 
 

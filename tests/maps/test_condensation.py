@@ -80,8 +80,10 @@ def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
     assert np.median(changes) < 0.5
 
 
-def test_a_choice_that_leaves_nothing_at_once_is_taken(free):
+def test_a_choice_that_leaves_nothing_at_once_is_taken(free, monkeypatch):
     """Four places, thirty points at each: once all four are there, what is left drops to rounding in one step."""
+    monkeypatch.setattr(condensation, "_STATES", 100)
+    monkeypatch.setattr(condensation, "_TRIED", 50)
     numbers = np.repeat([20, 90, 160, 250], 30)
     many = replace(free, model=free.model.sampled(numbers, np.full(120, 1.0 / 120.0)))
     found = many.condensed()

@@ -39,7 +39,7 @@ def cylinder_problem(form, radius, height, size, edge):
 def test_demagnetising_factor(slenderness, form):
     """Weakly magnetic: M = chi (B0/mu0 - N M), so <B>/B0 = 1 + chi (1 - N) to first order in chi."""
     radius, chi = 0.01, 1e-3
-    problem = cylinder_problem(form, radius, 2 * radius * slenderness, 0.003, 0.0005)
+    problem = cylinder_problem(form, radius, 2 * radius * slenderness, 0.004, 0.001)
     state = solved(problem, 1 + chi, UP, 0 * UP, 1e-9)
     volume = problem.elements.volume
     mean = (volume @ state.flux_density[0] / volume.sum())[2]
