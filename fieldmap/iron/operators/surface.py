@@ -74,10 +74,11 @@ class ChargedFaces(Record):
 
         symmetric: it is known that the block is; half of it is computed. out: where it goes, if not into new memory.
         """
-        one, other = self.kernel_geometry(), others.kernel_geometry()
+        one = (self.kernel_geometry(), self._far())
+        other = one if others is self else (others.kernel_geometry(), others._far())
         # NumPy asks for large pages, numba does not.
         block = np.empty((len(self.areas),) * 2) if out is None else out
-        given = (one, self._far(), other, others._far(), NEAR_RADII, symmetric, block)
+        given = (*one, *other, NEAR_RADII, symmetric, block)
         over_rows(mutual_potential, (len(block) + 1) // 2, *given, work=20.0 * len(block))
         if symmetric:
             over_rows(copy_lower, len(block), block, work=len(block))
