@@ -1,7 +1,6 @@
 """What other programs see: the openPMD validator, and openPMD-beamphysics' FieldMesh."""
 
 import re
-import subprocess
 import sys
 import time
 import warnings
@@ -12,9 +11,18 @@ import pytest
 
 from fieldmap.store import write_map
 
-VALIDATE = (
-    "import sys; from openpmd_validator.check_h5 import main; sys.argv = ['check', '-i', sys.argv[1]]; main()"
-)
+
+def validated(path, monkeypatch, capsys):
+    """Exit status of the validator, errors and warnings, and what it prints."""
+    with warnings.catch_warnings(), monkeypatch.context() as patch:
+        warnings.simplefilter("ignore")  # of its own, which are not ours to mend
+        from openpmd_validator.check_h5 import main
+
+        patch.setattr(sys, "argv", ["check", "-i", str(path)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    printed = capsys.readouterr().out
+    return ended.value.code, re.search(r"Result: (\d+) .* (\d+) ", printed).groups(), printed
 
 
 @pytest.fixture
@@ -24,22 +32,20 @@ def file(make_map, tmp_path):
         yield opened
 
 
-def test_validator_finds_no_error_and_no_warning(make_map, tmp_path):
+def test_validator_finds_no_error_and_no_warning(make_map, tmp_path, monkeypatch, capsys):
     path = write_map(tmp_path / "map.h5", make_map(coil_names=("1", "upper left", "Spule ø")))
-    command = [sys.executable, "-W", "ignore", "-c", VALIDATE, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert re.search(r"Result: (\d+) .* (\d+) ", done.stdout).groups() == ("0", "0"), (
-        done.stdout + done.stderr
-    )
-    assert done.returncode == 0
+    code, found, printed = validated(path, monkeypatch, capsys)
+    assert found == ("0", "0"), printed
+    assert code == 0
 
 
-def test_validator_would_find_an_error(data, tmp_path):
+def test_validator_would_find_an_error(data, tmp_path, monkeypatch, capsys):
     path = write_map(tmp_path / "map.h5", data)
     with h5py.File(path, "r+") as opened:
         del opened["/data/0/meshes/B_1"].attrs["unitDimension"]
-    command = [sys.executable, "-W", "ignore", "-c", VALIDATE, str(path)]
-    assert subprocess.run(command, capture_output=True, check=False).returncode == 1
+    code, found, _ = validated(path, monkeypatch, capsys)
+    assert code == 1
+    assert found[0] != "0"
 
 
 def test_fieldmesh_reads_every_coil_in_tesla(make_map, file):
