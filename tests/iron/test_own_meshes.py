@@ -237,7 +237,7 @@ def damaged(rng, data):
 
 @pytest.mark.parametrize("name", ["no.msh", "no.vtu", "no.vtk", "no.unknown"])
 def test_no_mesh_file(name, tmp_path, monkeypatch):
-    """The first of another process's reading too, which lets such files pass."""
+    """Another process reads the first as well, and lets it pass."""
     if not name.endswith(("vtu", "vtk")):
         pytest.importorskip("meshio")
     for data in (b"\0" * 90, b"", b"solid nothing"):
