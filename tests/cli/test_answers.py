@@ -171,7 +171,7 @@ def test_check_prints_the_machine_that_short_forms_make(capsys, tmp_path):
 
 def test_linear_iron_that_would_saturate_is_named(capsys):
     """At 80 A the core of mu_r = 4000 carries some 4 T."""
-    words = ["probe", "single_electromagnet", "--at-mm", "0,0,-40", "--currents"]
+    words = ["probe", "single_electromagnet", "--refinement", "0.5", "--at-mm", "0,0,-40", "--currents"]
     warned = [
         any("saturate" in text for text in answer(capsys, *words, i)["assumptions"]) for i in ("80", "1")
     ]
