@@ -1,5 +1,7 @@
 """Scenarios of machines with any number of coils: lift and signals by least power."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -74,14 +76,26 @@ kind = "constant"
 RING = [[0.04, 0.0], [0.0, 0.04], [-0.04, 0.0], [0.0, -0.04]]
 
 
+@pytest.fixture(scope="module")
+def map_of(dipole_map, tmp_path_factory):
+    """map_of(places, device): the bytes of a map of dipoles, of which several tests ask for the same."""
+
+    @cache
+    def written(places, device):
+        sources = np.column_stack([places, np.full(len(places), 0.026)])
+        return dipole_map(sources, tmp_path_factory.mktemp("maps") / "some.h5", device).read_bytes()
+
+    return written
+
+
 @pytest.fixture
-def some(dipole_map, tmp_path):
+def some(map_of, tmp_path):
     """Write map, device and scenario of dipoles in the place of coils, 8 A m^2 per ampere, above the workspace."""
 
     def write(places, text=SCENARIO, records=True):
         device = DEVICE.format(coils="".join(COIL.format(name=k, x=100 * k) for k in range(len(places))))
-        sources = np.column_stack([places, np.full(len(places), 0.026)])
-        dipole_map(sources, tmp_path / "some.h5", device if records else "")
+        of = tuple(map(tuple, np.asarray(places).tolist()))
+        (tmp_path / "some.h5").write_bytes(map_of(of, device if records else ""))
         (tmp_path / "some.toml").write_text(device)
         (tmp_path / "hold.toml").write_text(text)
         return tmp_path / "hold.toml"
