@@ -45,8 +45,8 @@ class Measured:
 def main() -> None:
     """Write the list."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=0.2, help="of a test that may be left out")
-    parser.add_argument("--case", type=float, default=0.5, help="of a case that stays for its function, s")
+    parser.add_argument("--seconds", type=float, default=0.1, help="of a test that may be left out")
+    parser.add_argument("--case", type=float, default=0.2, help="of a case that stays for its function, s")
     parser.add_argument("--tests", type=int, default=1, help="that still run each line, if so many did")
     parser.add_argument("--measured", type=Path, help="folder of a run; without it the tests are run")
     given = parser.parse_args()
