@@ -48,9 +48,9 @@ def pytest_collection_finish():
     gc.enable()
 
 
-# Begun together, one in each process: the first compiles for a minute what most tests call, the others what they call in
-# another order. Of what both reach at the same time, each would compile a copy.
-FIRST = ("tests/test_records.py", "tests/kernels/")
+# Begun together, one in each process: the first compiles for a minute what most tests call, the second the same in
+# another order, then the loop of simulations. Of what both reach at the same time, each would compile a copy.
+FIRST = ("tests/test_records.py", "tests/kernels/", "tests/dynamics/test_scenarios.py")
 SLOW = Path(__file__).parent / "slow.txt"
 COVERED = SLOW.with_name("slow_covered.txt")
 
