@@ -111,6 +111,13 @@ def test_newton_converges_quadratically_from_nothing(build, rectangle):
         solve_planar_state(bar, [3e4], 0.05, tolerance=0.0)
 
 
+def test_elements_have_the_size_that_is_asked_for(build, rectangle):
+    bar = build({"bar": rectangle(0, 0, 0.1, 0.05)}, [([[0.2, 0.2]], [])], materials={"iron": FROEHLICH})
+    coarse, fine, again = (solve_planar_state(bar, [3e4], size).report for size in (0.02, 0.01, 0.02))
+    assert 1.5 < fine.iron_panels / coarse.iron_panels < 2.5
+    assert again.iron_panels == coarse.iron_panels
+
+
 def test_energy_derivatives_by_taylor(build, rectangle):
     device = build({"bar": rectangle(0, 0, 0.1, 0.05)}, [([[0.2, 0.2]], [])])
     iron = iron_triangles(make_outline(device, 0.02, 2), law_tables([FROEHLICH]), 0.02)
