@@ -1,6 +1,7 @@
 """Controllers that are functions: Python, numba and C against the shipped PID, and loops written by hand."""
 
 import ctypes
+import pickle
 import shutil
 import subprocess
 import sys
@@ -196,7 +197,6 @@ def test_the_kernel_of_the_shipped_block_as_a_function_has_its_bits(plain):
 def test_equal_seeds_have_equal_bits_in_any_thread(plain):
     plan = schedule(100)
     for function in (python_pid, jitted_pid):
-        # Made once: of a function of numba each is compiled anew.
         controller = own(function)
         one, again, other = (run(plain, controller, seed, plan) for seed in (5, 5, 6))
         np.testing.assert_array_equal(one.rows, again.rows)
@@ -208,6 +208,14 @@ def test_equal_seeds_have_equal_bits_in_any_thread(plain):
         many = [simulate_many(3, one_of_many, seed=1, threads=threads) for threads in (1, 3)]
         for a, b in zip(*many, strict=True):
             np.testing.assert_array_equal(a.rows, b.rows)
+
+
+def test_a_function_is_compiled_once_for_all_controllers_of_it_and_their_copies():
+    """Those of a sweep, and those that another process gets."""
+    first = own(jitted_pid)
+    controllers = first, own(jitted_pid, state=START + 1.0), pickle.loads(pickle.dumps(first))
+    assert len({each.bound(["lift_V"]).address for each in controllers}) == 1
+    assert len({own(jitted_pid, state=n).bound(["lift_V"]).address for n in (3, 4)}) == 2
 
 
 @pytest.mark.parametrize("late", [0.0, 5e-4, PERIOD])
