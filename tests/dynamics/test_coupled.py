@@ -283,6 +283,12 @@ def test_what_cannot_be_is_refused(changes, where):
     assert where in error.value.problems[0].where
 
 
+def test_what_was_given_beside_a_controller_of_all_axes_is_named():
+    with pytest.raises(ScenarioError) as error:
+        read_scenario("coupled_regulator", {"control.x": {"kind": "constant"}})
+    assert error.value.problems[0].received == "x, coupled"
+
+
 def test_weights_that_do_not_fit_are_named(still):
     short = LqgWeights(*[(1.0,) * 3] * 2, (1.0,), *[(1.0,) * 3] * 3)
     with pytest.raises(InputError) as error:

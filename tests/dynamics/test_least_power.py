@@ -1,5 +1,6 @@
 """Scenarios of machines with any number of coils: lift and signals by least power."""
 
+import re
 from functools import cache
 
 import numpy as np
@@ -166,6 +167,15 @@ def test_what_cannot_be_held_is_told(some, places, changes, error, where):
     with pytest.raises(error) as caught:
         prepare(read_scenario(some(places), changes))
     assert caught.value.problems[0].where.endswith(f": {where}")
+
+
+def test_a_start_beside_the_map_is_told_with_its_corners(some):
+    path = some(RING)
+    opened = open_map(path.parent / "some.h5")
+    with pytest.raises(ScenarioError) as caught:
+        prepare(read_scenario(path, {"start.x_mm": 50.0}))
+    told = [float(v) for v in re.findall(r"-?\d+\.?\d*", caught.value.problems[0].must_hold)]
+    np.testing.assert_allclose(told, 1e3 * np.concatenate([opened.lower, opened.upper]), atol=1e-3)
 
 
 def test_coils_that_do_not_lift_are_told(some):

@@ -141,7 +141,7 @@ def test_a_payload_makes_a_body():
     np.testing.assert_allclose(body.seen_at, [0, 0, 13e-3])
     assert body.magnet.moments[0, 2] == -payload.moment
     np.testing.assert_allclose(np.unique(body.skin[:, 2].round(9)), [-7e-3, 13e-3])
-    assert any("inertia" in words for words in body.assumptions)
+    assert any("inertia" in words and "10 x 20 mm" in words for words in body.assumptions)
 
 
 def _points_of_a_ball(number: int) -> np.ndarray:

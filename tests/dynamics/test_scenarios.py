@@ -225,9 +225,14 @@ def test_a_reference_from_a_file(written, tmp_path):
     (tmp_path / "path.csv").write_text("t,x,y,depth\n0,0,0,10\n0.5,1,0,10\n1,1,1,11\n")
     path = wanted_by(written, '[[reference]]\nkind="csv"\nfile="path.csv"\n')
     np.testing.assert_allclose(path[125], [0.5, 0.0, 10.0])
-    (tmp_path / "path.csv").write_text("t,x,y,depth\n0,0,0,10\n0,1,0,10\n")
-    with pytest.raises(ScenarioError, match="time rising"):
-        wanted_by(written, '[[reference]]\nkind="csv"\nfile="path.csv"\n')
+    for rows, received in (
+        ("0,0,0,10\n0,1,0,10\n", "2 rows of 4 numbers"),
+        ("0,0,0,10,1\n1,1,0,10,1\n", "2 rows of 5 numbers"),
+    ):
+        (tmp_path / "path.csv").write_text("t,x,y,depth\n" + rows)
+        with pytest.raises(ScenarioError) as caught:
+            wanted_by(written, '[[reference]]\nkind="csv"\nfile="path.csv"\n')
+        assert caught.value.problems[0].received == received
 
 
 def test_open_loop_signals_and_disturbances_act(written):

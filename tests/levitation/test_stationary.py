@@ -3,6 +3,8 @@
 With g(x, y) = B_z at z = 0 and a vertical moment D, F = D grad g: the roots of a polynomial are the points.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -11,6 +13,7 @@ from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError, NotConverged
 from fieldmap.levitation import follow_equilibrium, magnet_balance, stationary_points
 from fieldmap.levitation.balance import MODELS, model_assumptions
+from fieldmap.levitation.stationary import to_equilibrium
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -64,6 +67,24 @@ def test_a_window_with_one_saddle_turns_the_other_way(nine_points):
 def test_a_window_without_points(nine_points):
     found = stationary_points(nine_points, [1.0, 1.0], PAYLOAD, 0.0, ([0.003, 0.0], [0.012, 0.008]))
     assert (found.points, found.boundary_index, found.complete) == ((), 0, True)
+
+
+@pytest.mark.parametrize("inside", [(-0.5, 0.9), (0.9, -0.5), (0.0, 0.0)])
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("beyond", [-1.2, None, 1.2])
+def test_newton_ends_at_the_zero_in_the_window_and_nowhere_beside_it(inside, axis, beyond):
+    zero = np.array([*inside, 0.0])
+    if beyond is not None:
+        zero[axis] = beyond
+    stiffness = np.array([[2.0, 0.3, 0.0], [0.3, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    balance = SimpleNamespace(
+        magnetic_force=lambda at: (zero - at) @ stiffness, stiffness=lambda point: stiffness
+    )
+    found = to_equilibrium(balance, np.array([0.1, -0.2, 0.0]), np.full(2, -1.0), np.full(2, 1.0))
+    if beyond is None:
+        np.testing.assert_allclose(found, zero, atol=1e-12)
+    else:
+        assert found is None
 
 
 def test_points_that_are_missing_are_noticed(nine_points):

@@ -145,6 +145,22 @@ def test_power_that_a_demand_costs_does_not_stand_in_its_way():
     np.testing.assert_allclose(search.run(np.zeros(1)), np.arctanh(0.9), rtol=1e-7)
 
 
+def test_what_a_search_leaves_of_a_demand_is_met_by_the_least_change():
+    """Of two coils that give 1 and 2: by the line from where they are to the nearest point that meets it."""
+    slope = np.array([[1.0, 2.0]])
+    demand = SimpleNamespace(names=("B",), values=np.array([3.0]))
+    goal = SimpleNamespace(
+        demand=demand, size=np.ones(1), given=lambda i: slope @ i, slope=lambda i: slope.copy()
+    )
+    limits = np.full(2, 10.0)
+    search = Search(goal, ("a", "b"), -limits, limits, np.ones(2), np.full(2, 0.1))
+    here = np.array([1.0, 0.9])
+    np.testing.assert_allclose(search._met(here), here + 0.2 / 5.0 * slope[0], rtol=1e-12)
+    met = np.array([1.0, 1.0])
+    assert search._met(met) is met
+    assert search._met(met + [1e-12, 0.0])[0] == 1.0 + 1e-12
+
+
 def over(model, parametrisation, lower, upper, known):
     """The same model over signals; known: signals whose currents it was trained on."""
     made = {"parametrisation": parametrisation, "lower": np.array(lower), "upper": np.array(upper)}

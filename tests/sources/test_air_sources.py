@@ -27,6 +27,8 @@ CORNERS = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.012, 0], [0, 0, 0.009]])
 ZIGZAG = np.array([[0, 0, 0], [0.01, 0, 0], [0.01, 0.01, 0.005], [0, 0.02, 0], [0, 0, 0]])
 STRIP = np.array([[0, 0, 0], [0, 0.01, 0], [0.01, 0, 0], [0.01, 0.01, 0.003], [0.02, 0, 0]])
 FACES = np.array([[0, 1, 2], [1, 2, 3]])
+OUTWARD = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+"""Faces of a tetrahedron of positive volume, seen from outside anticlockwise."""
 BALL = np.random.default_rng(1).normal(size=(40, 3))
 BALL = 0.006 * BALL / np.linalg.norm(BALL, axis=1, keepdims=True)
 magnet, current, misc = magpylib.magnet, magpylib.current, magpylib.misc
@@ -81,6 +83,25 @@ def test_flux_density_is_that_of_magpylib(thing, everywhere):
     ):
         error = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
         assert error.max() < 1e-9
+
+
+def test_inside_a_flat_and_oblique_magnet_is_what_its_corners_surround():
+    """B jumps by J there: points by their barycentric coordinates, most of them near an edge or a face."""
+    rng = np.random.default_rng(4)
+    corners = np.array([[0, 0, 0], [0.05, 0.002, 0], [0.045, 0.01, 0.001], [0.003, 0.004, 0.012]])
+    shares = rng.normal(size=(2000, 4)) ** 2 * rng.choice([1.0, -0.1], (2000, 4), p=[0.9, 0.1])
+    shares /= shares.sum(axis=1, keepdims=True)
+    points, within = shares @ corners, (shares > 0).all(axis=1)
+    assert 500 < within.sum() < 1500
+    found = flux_density(
+        background_of(magnet.Tetrahedron(polarization=J, vertices=corners)).sources[0], points
+    )
+    normals = np.array([np.cross(corners[b] - corners[a], corners[c] - corners[a]) for a, b, c in OUTWARD])
+    charged = sum(
+        misc.Triangle(polarization=J, vertices=corners[list(face)]).getB(points) for face in OUTWARD
+    )
+    assert (np.einsum("fk,fk->f", normals, corners[[f[0] for f in OUTWARD]] - corners.mean(axis=0)) > 0).all()
+    np.testing.assert_allclose(found - charged, within[:, None] * J, atol=1e-6)
 
 
 @pytest.mark.parametrize("thing", OBJECTS, ids=IDS)

@@ -188,7 +188,8 @@ def test_a_soft_sphere_in_the_field_of_a_loop_far_away():
     loop = current.Circle(current=1000.0, diameter=2.0)
     ball = magnet.Sphere(polarization=(0, 0, 0), diameter=0.02)
     ball.susceptibility = 999.0
-    device = fm.Device.from_magpylib([loop, ball], mesh_size=0.004)
+    device = fm.Device.from_magpylib([loop, ball])
+    assert device.bodies[0].mesh_size == pytest.approx(0.02 / 5)
     solved = fm.solve_linear(device)
     points = np.array([[0.0, 0.0, 0.02], [0.015, 0.01, 0.0]])
     applied = loop.getB([0.0, 0.0, 0.0])
@@ -214,7 +215,8 @@ def test_materials_by_label_curves_and_saturation():
         [loop, core, plate], materials={"core": steel}, mesh_size={"core": 0.003}
     )
     assert device.materials[device.bodies[0].material].initial_mu_r == 1000.0
-    assert device.bodies[0].mesh_size == 0.003
+    # The plate's is its thickness, less than a fifth of its side.
+    assert [body.mesh_size for body in device.bodies] == [0.003, 0.002]
     table = device.materials[device.bodies[1].material]
     assert table.h.tolist() == [200.0, 1000.0, 10000.0]
     assert table.initial_mu_r == pytest.approx(0.5 / (magpylib.mu_0 * 200.0))
