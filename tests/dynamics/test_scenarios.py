@@ -122,7 +122,10 @@ def test_a_run_has_its_metrics_and_is_repeatable(written):
     assert one.scenario.contents.title in told[0]
     assert told[1].startswith(f"its end at {one.time[-1]:.4g} s")
     assert f"depth {true[-1]:.3f} mm" in told[1]
-    assert f"{depth.rms_error_mm:.4f}" in next(line for line in told if line.startswith("depth"))
+    of_depth = next(line for line in told if line.startswith("depth"))
+    assert f"{depth.rms_error_mm:.4f}" in of_depth
+    assert depth.step.overshoot > 0.0
+    assert f" {100.0 * depth.step.overshoot:.1f} %" in of_depth
 
 
 def test_a_reading_counts_from_the_axes_and_the_zero_of_the_sensor(written):

@@ -48,6 +48,8 @@ def test_all_nine_points_with_their_kinds(nine_points):
     assert found.complete
     assert found.boundary_index == 1
     assert [len(found.of(kind)) for kind in ("stable", "saddle", "unstable")] == [4, 4, 1]
+    away = [np.hypot(*(p.position[:2] - 0.5 * (found.lower + found.upper)[:2])) for p in found.points]
+    assert away == sorted(away)
     known = {(x, y): (x == ROOTS_X[1]) + (y == ROOTS_Y[1]) for x in ROOTS_X for y in ROOTS_Y}
     for point in found.points:
         nearest = min(known, key=lambda root: np.hypot(*(point.position[:2] - root)))

@@ -52,6 +52,11 @@ def test_delays_of_other_structures(orders, numerator, denominator):
     np.testing.assert_allclose(found.model.denominator[: orders.poles + 1], denominator, rtol=1e-9)
     np.testing.assert_allclose(found.simulate(u), y, atol=1e-9)
     assert found.fit(u, y) == pytest.approx(1.0)
+    # Off by 1 everywhere: the share of it in the spread about the mean is left.
+    off = np.where(np.arange(300) % 2, 1.0, -1.0)
+    measured = y + off
+    assert found.fit(u, measured) == pytest.approx(1.0 - 1.0 / np.std(measured))
+    assert found.fit(u, y + 100.0 * off) == pytest.approx(0.0, abs=1e-2)
 
 
 def first_order_runs(sigma, runs=40, samples=8000):
