@@ -15,7 +15,6 @@ import inspect
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -97,6 +96,7 @@ class FunctionController(Record):
         for low, high in np.broadcast(self.lower, self.upper):
             check_ordered("FunctionController", float(low), float(high))
         object.__setattr__(self, "form", _form(self.function))
+        object.__setattr__(self, "_compiled", {})
 
     @property
     def memory(self) -> Array:
@@ -141,7 +141,12 @@ class FunctionController(Record):
         if self.form == "python":
             return _PythonFunction(self.function, len(names), len(self.memory))
         if self.form == "numba":
-            return _JittedFunction(*_compiled(self.function, tuple(names), len(self.memory)))
+            key = len(names)
+            if key not in self._compiled:  # type: ignore[attr-defined]
+                checked = with_checked_indices(self.function)
+                found = checked, _compiled(checked, names, len(self.memory))
+                self._compiled[key] = found  # type: ignore[attr-defined]
+            return _JittedFunction(*self._compiled[key])  # type: ignore[attr-defined]
         return _ForeignFunction(self.function)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -195,13 +200,10 @@ def _check_ctypes(function: Any) -> None:
         raise InputError(Problem(_WHERE, f"must be {C_CALL}", ", ".join(names), remedy))
 
 
-# A sweep makes a controller of the same function for each run, and processes get copies of one.
-@lru_cache(maxsize=32)
-def _compiled(function: Any, names: tuple[str, ...], states: int) -> tuple[Any, Any]:
-    """A jitted function with checked indices, and as a C function."""
-    checked = with_checked_indices(function)
+def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
+    """A jitted function as a C function."""
     try:
-        returned = returned_type(checked)
+        returned = returned_type(function)
     except (NumbaError, RuntimeError) as error:
         must = f"must compile as {CALL}: a float and three arrays of float64"
         remedy = "mend what numba says there, or give the function without numba; decorate it with @numba.njit alone"
@@ -209,7 +211,7 @@ def _compiled(function: Any, names: tuple[str, ...], states: int) -> tuple[Any, 
     number = number_of(returned)
     if number is not None and number != len(names):
         raise InputError(wrong_outputs(_WHERE, names, f"{returned}"))
-    return checked, compiled_function(checked, len(names), states)
+    return compiled_function(function, len(names), states)
 
 
 class _PythonFunction:

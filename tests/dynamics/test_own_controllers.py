@@ -1,7 +1,6 @@
 """Controllers that are functions: Python, numba and C against the shipped PID, and loops written by hand."""
 
 import ctypes
-import pickle
 import shutil
 import subprocess
 import sys
@@ -53,6 +52,7 @@ SLOPE, CURVE = MASS * 9.80665 / MOMENT / 2.0, 1.2
 KC, TI, TD, OUTPUT, LOWER, UPPER = 2.0, 0.4, 0.06, 2.0 / GAIN, 4.0, 6.0
 KP, KI, KD = KC, KC * PERIOD / TI, KC * TD / PERIOD
 START = np.array([OUTPUT, 0.0, 0.0])
+SEEN, POINTER = np.array([0.1, 0.2, 0.3]), ctypes.POINTER(ctypes.c_double)
 NOISE = {"deviations": (5e-6, 8e-6, 2e-5), "voltage_noise": 0.0}
 
 
@@ -197,6 +197,7 @@ def test_the_kernel_of_the_shipped_block_as_a_function_has_its_bits(plain):
 def test_equal_seeds_have_equal_bits_in_any_thread(plain):
     plan = schedule(100)
     for function in (python_pid, jitted_pid):
+        # Made once: of a function of numba each is compiled anew.
         controller = own(function)
         one, again, other = (run(plain, controller, seed, plan) for seed in (5, 5, 6))
         np.testing.assert_array_equal(one.rows, again.rows)
@@ -210,12 +211,24 @@ def test_equal_seeds_have_equal_bits_in_any_thread(plain):
             np.testing.assert_array_equal(a.rows, b.rows)
 
 
-def test_a_function_is_compiled_once_for_all_controllers_of_it_and_their_copies():
-    """Those of a sweep, and those that another process gets."""
-    first = own(jitted_pid)
-    controllers = first, own(jitted_pid, state=START + 1.0), pickle.loads(pickle.dumps(first))
-    assert len({each.bound(["lift_V"]).address for each in controllers}) == 1
-    assert len({own(jitted_pid, state=n).bound(["lift_V"]).address for n in (3, 4)}) == 2
+GAIN_IN_USE = 3.0
+
+
+def test_each_controller_takes_the_globals_of_its_function_as_they_are(monkeypatch):
+    """numba compiles them in as constants: who changes one between two runs means the new value."""
+
+    @numba.njit
+    def proportional(time, measured, reference, state):
+        return GAIN_IN_USE * measured[2]
+
+    out = np.zeros(1)
+    for gain in (3.0, 4.0):
+        monkeypatch.setitem(globals(), "GAIN_IN_USE", gain)
+        bound = own(proportional).bound(["lift_V"])
+        ControlFunction(bound.address)(
+            0.0, *(v.ctypes.data_as(POINTER) for v in (SEEN, SEEN, START.copy(), out))
+        )
+        assert out[0] == gain * SEEN[2]
 
 
 @pytest.mark.parametrize("late", [0.0, 5e-4, PERIOD])
